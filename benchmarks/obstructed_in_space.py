@@ -162,24 +162,27 @@ def links_to_keep_apart(drawn: Drawn, guess: SpatialSegments) -> fp.SelfClearanc
 
 
 def obstructed(count: int) -> Iterator[fp.Problem]:
-    """Problems past one to three obstacles; every fourth is about links that keep apart. h is that of the drawn motion."""
+    """Problems of all fliers in turns, past one to three obstacles, or about links that keep apart; h is that drawn."""
     made, seed = 0, -1
     while made < count:
         seed += 1
         rng = np.random.default_rng([17, seed])
-        drawn = draw(rng, fliers()[made % len(fliers())])
+        try:
+            drawn = draw(rng, fliers()[seed % len(fliers())])
+        except fp.InputError:  # it leads half a turn away, by which way is then left open
+            continue
         guess = fp.plan(drawn.problem)
         if not guess.ok:
             continue
         segments = guess.whole.segments(drawn.times)
         assert isinstance(segments, SpatialSegments), "it flies in space"
-        if made // len(fliers()) % 4 == 3:
+        wanted = seed // len(fliers()) % 4
+        if wanted == 0:
             pair = links_to_keep_apart(drawn, segments)
             if pair is None:
                 continue
             problem = replace(drawn.problem, self_clearances=(pair,))
         else:
-            wanted = 1 + made // len(fliers()) % 3
             obstacles = [obstacle_between(rng, drawn, segments) for _ in range(wanted)]
             if None in obstacles:
                 continue

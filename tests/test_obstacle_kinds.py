@@ -15,9 +15,11 @@ from floatplan.certificate.planar.obstacles import SEPARATIONS
 from floatplan.inflight.prediction import distance_rows
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.motion.planar.flight import planar_flight
+from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES
 from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, SumRows
-from floatplan.plans.record import OBSTACLES
+from floatplan.plans.record import OBSTACLES, OBSTACLES_IN_SPACE
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, SpatialObstacle
 from floatplan.view.outlines import OUTLINES
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "problems" / "new_configuration.toml"
@@ -78,7 +80,8 @@ def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():
 
 
 def test_every_class_is_a_kind():
-    assert set(OBSTACLE_KINDS.values()) == set(Obstacle.__subclasses__())
+    assert {*OBSTACLE_KINDS.values(), SpatialObstacle} == set(Obstacle.__subclasses__())
+    assert set(SPATIAL_OBSTACLE_KINDS.values()) == set(SpatialObstacle.__subclasses__())
 
 
 @pytest.mark.parametrize("kind", OBSTACLE_KINDS)
@@ -87,7 +90,19 @@ def test_plan_files_hold_every_field_of_its_own(kind):
     assert OBSTACLES[kind].keys() == own
 
 
+def test_every_room_knows_every_kind_in_space():
+    assert SPATIAL_DISTANCES.keys() == OBSTACLES_IN_SPACE.keys() == SPATIAL_OBSTACLE_KINDS.keys()
+    for kind, known in SPATIAL_OBSTACLE_KINDS.items():
+        assert OBSTACLES_IN_SPACE[kind].keys() == known.keys.keys() - SpatialObstacle.keys.keys()
+
+
 @pytest.mark.parametrize("other", [Obstacle(), "circle"])
 def test_a_problem_refuses_other_kinds(other):
-    with pytest.raises(fp.InputError, match=r"obstacles\[0\].*is not a Circle, HalfPlane or Bar"):
+    kinds = "Circle, HalfPlane, Bar, Sphere, Capsule, HalfSpace or Box"
+    with pytest.raises(fp.InputError, match=rf"obstacles\[0\].*is not a {kinds}"):
         replace(fp.load_problem(EXAMPLE), obstacles=(other,))
+
+
+def test_a_problem_in_a_plane_refuses_kinds_of_space():
+    with pytest.raises(fp.InputError, match=r"obstacles\[0\].*a Sphere is for flights in space.*Circle, HalfPlane or Bar"):
+        replace(fp.load_problem(EXAMPLE), obstacles=(fp.Sphere(center=(0, 0, 3), radius=0.2),))
