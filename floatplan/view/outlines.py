@@ -18,12 +18,13 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.problem.spatial_obstacles import HalfSpace, SpatialObstacle
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
 from floatplan.view.jumps import moments
 from floatplan.view.sampled import flies_in_space
-from floatplan.view.solids import CAMERA, face_normals, rendered_solids
+from floatplan.view.solids import CAMERA, face_normals, obstacle_corners, rendered_solids
 from floatplan.view.style import round_below
 
 if TYPE_CHECKING:
@@ -226,12 +227,42 @@ def turns(plan: Plan, times: Array) -> Array:
 
 
 def ball(plan: Plan) -> tuple[Array, float]:
-    """Return centre (3,) and radius, m, of a ball that contains a flight in space."""
+    """Return centre (3,) and radius, m, of a ball that contains a flight in space, and its bounded obstacles."""
     state = plan.at(np.linspace(0.0, plan.duration, 33))
     size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
     low = state.com_position.min(axis=0) - size
     high = state.com_position.max(axis=0) + size
+    for obstacle in plan.problem.obstacles:
+        for time in obstacle_times(obstacle, plan.duration) if obstacle.bounded else ():
+            corners = obstacle_corners(obstacle) + time * np.array(obstacle.velocity)
+            low = np.minimum(low, corners.min(axis=0))
+            high = np.maximum(high, corners.max(axis=0))
     return (low + high) / 2, float((high - low).max()) / 2
+
+
+def grids(plan: Plan) -> list[Array]:
+    """Lines (2, 3), m, of grids on the ground of a flight in space, and on its half-spaces at takeoff."""
+    lines = floor(plan)
+    for obstacle in plan.problem.obstacles:
+        if isinstance(obstacle, HalfSpace):
+            lines += _wall(plan, obstacle)
+    return lines
+
+
+def _wall(plan: Plan, obstacle: HalfSpace) -> list[Array]:
+    """Lines (2, 3), m, of a grid on a half-space, nearest to the flight."""
+    centre, radius = ball(plan)
+    normal = np.array(obstacle.unit_normal)
+    middle = centre - normal * ((centre - obstacle.point) @ normal)
+    along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    along /= np.linalg.norm(along)
+    across = np.cross(normal, along)
+    step = round_below(radius / 3)
+    lines = []
+    for position in step * np.arange(-np.floor(radius / step), np.floor(radius / step) + 1):
+        for one, other in ((along, across), (across, along)):
+            lines.append(middle + position * one + np.outer((-radius, radius), other))
+    return lines
 
 
 def floor(plan: Plan) -> list[Array]:
@@ -390,7 +421,10 @@ def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
 
 
 def obstacle_outlines(obstacle: Obstacle, time: float, margin: float) -> list[ComplexArray]:
-    """Outlines (points,) of an obstacle's pieces grown by a margin, at a time, m."""
+    """Outlines (points,) of an obstacle's pieces grown by a margin, at a time, m; in space as the camera sees it."""
+    if isinstance(obstacle, SpatialObstacle):
+        corners = obstacle_corners(obstacle, margin) + time * np.array(obstacle.velocity)
+        return [convex_hull(CAMERA(corners))] if len(corners) else []
     shift = complex(*obstacle.velocity) * time
     outlines = []
     for start, end, radius in obstacle_capsules(obstacle):

@@ -1,4 +1,4 @@
-"""Robots in space in pictures: convex polyhedra, seen from one side without perspective."""
+"""Robots and obstacles in space in pictures: convex polyhedra, seen from one side without perspective."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ import numpy as np
 import trimesh
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.problem.parts import Obstacle
+from floatplan.problem.spatial_obstacles import Box, Capsule, Sphere
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.collisions import CUBE
 from floatplan.robot.shapes.links import LINE_RADIUS
 from floatplan.robot.shapes.solids import evenly
 
@@ -88,6 +91,27 @@ def rendered_solids(robot: Robot) -> tuple[RenderedSolid, ...]:
         segment = int(segments[solid.body])
         rendered.append(RenderedSolid(solid.link, solid.body, segment, np.array(hull.vertices), np.array(hull.faces)))
     return tuple(rendered)
+
+
+def obstacle_corners(obstacle: Obstacle, margin: float = 0.0) -> Array:
+    """Corners (k, 3), m, of a polyhedron that is drawn for an obstacle at takeoff, grown by a margin.
+
+    None of a half-space, which has no end.
+    """
+    if isinstance(obstacle, Sphere):
+        return np.asarray(obstacle.center + (obstacle.radius + margin) * evenly(200))
+    if isinstance(obstacle, Capsule):
+        around = (obstacle.radius + margin) * evenly(200)
+        return np.concatenate((obstacle.start + around, obstacle.end + around))
+    if isinstance(obstacle, Box):
+        return np.asarray(obstacle.center + CUBE * (np.array(obstacle.size) + 2 * margin))
+    return np.empty((0, 3))
+
+
+def obstacle_solid(obstacle: Obstacle) -> tuple[Array, IntArray]:
+    """Corners (k, 3), m, and triangles (f, 3) of a bounded obstacle at takeoff."""
+    hull = trimesh.convex.convex_hull(obstacle_corners(obstacle))
+    return np.array(hull.vertices), np.array(hull.faces)
 
 
 def face_normals(points: Array, faces: IntArray) -> Array:

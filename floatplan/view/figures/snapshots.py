@@ -85,7 +85,7 @@ def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant
 def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
     if isinstance(plan, Plan) and placed.depth is not None:
-        floor = [outlines.pairs(CAMERA(line)) for line in outlines.floor(plan)]
+        floor = [outlines.pairs(CAMERA(line)) for line in outlines.grids(plan)]
         axes.add_collection(LineCollection(floor, colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False)
     lines = outlines.ground_lines(placed)
     for height, low, high in lines:

@@ -21,6 +21,7 @@ from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, 
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import TONES, Tone
 from floatplan.problem.jump import JumpRequest
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_place
@@ -28,7 +29,7 @@ from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, largest
 from floatplan.view.jumps import CheckedJump, footing
 from floatplan.view.sampled import SampledPlan, flies_in_space
-from floatplan.view.solids import rendered_solids
+from floatplan.view.solids import obstacle_corners, obstacle_solid, rendered_solids
 from floatplan.view.style import OBSTACLES, TRAILS, palette
 
 FEWEST_SAMPLES = 601  # [-] samples of a flight; odd, so that its middle is one
@@ -89,9 +90,11 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
         "robot": _robot_in_space(robot),
         "frames": frames,
         "trail": TRAILS[0],
-        "obstacles": [],
+        "obstacles": [
+            _obstacle_in_space(index, obstacle) for index, obstacle in enumerate(problem.obstacles) if obstacle.bounded
+        ],
         "ground": [],
-        "floor": list(map(rounded, outlines.floor(plan))),
+        "floor": list(map(rounded, outlines.grids(plan))),
         "ghosts": rounded(outlines.snapshot_times(plan)),
         "goal": {
             "base": rounded([*goal.places[0, 1], *plan.whole.orientation_at_ends["goal"]["quaternion_xyzw"]]),
@@ -101,6 +104,21 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
         "ball": {"centre": rounded(centre), "radius": radius},
         "vector": vector,
         "scale": f"angular momentum, {size_of_h:.4g} kg m²/s",
+    }
+
+
+def _obstacle_in_space(index: int, obstacle: Obstacle) -> dict[str, Any]:
+    """An obstacle's corners, triangles between them, corners with its margin, how it moves, and when it exists."""
+    points, faces = obstacle_solid(obstacle)
+    grown = obstacle_corners(obstacle, obstacle.margin) if obstacle.margin > 0 else np.empty((0, 3))
+    return {
+        "colour": OBSTACLES[index % len(OBSTACLES)],
+        "points": rounded(points),
+        "faces": faces.tolist(),
+        "grown": rounded(grown),
+        "margin": obstacle.margin,
+        "velocity": list(obstacle.velocity),
+        "window": None if obstacle.window is None else list(obstacle.window),
     }
 
 

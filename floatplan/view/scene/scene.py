@@ -36,7 +36,7 @@ from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space
 from floatplan.view.scene import meshes
-from floatplan.view.solids import CAMERA, rendered_solids
+from floatplan.view.solids import CAMERA, obstacle_solid, rendered_solids
 from floatplan.view.style import INK, TRAILS, palette, rgb_bytes
 
 if TYPE_CHECKING:
@@ -81,10 +81,13 @@ def scene(plan: Trajectory) -> str:
         bodies = RobotNodes(server, "/robot", plan.robot)
         if not bodies.add_meshes():
             bodies.add_solids()
-        obstacles: list[tuple[Any, Plane, Obstacle]] = []
+        obstacles: list[tuple[Any, Plane | None, Obstacle]] = []
         momentum = None
         if flies_in_space(plan):
             momentum = _add_space(server, plan)
+            for index, obstacle in enumerate(plan.problem.obstacles):
+                if obstacle.bounded:
+                    obstacles.append((add_obstacle(server, index, obstacle, obstacle_solid(obstacle)), None, obstacle))
         else:
             obstacles = _add_plane(server, plan)
         forces = ForceNodes(server, plan, times) if isinstance(plan, JumpMotion) else None
@@ -105,12 +108,12 @@ def scene(plan: Trajectory) -> str:
             server.stop()
 
 
-def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane, Obstacle]]:
+def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane | None, Obstacle]]:
     """Add the surroundings of a flight in a plane; return nodes of obstacles."""
     plane = plan.robot.plane
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
     low, high = outlines.picture_box(plan, placed)
-    obstacles = []
+    obstacles: list[tuple[Any, Plane | None, Obstacle]] = []
     for index, obstacle in enumerate(plan.whole_problem.obstacles):
         slab = obstacle_slab(plan, obstacle, low, high)
         obstacles.append((add_obstacle(server, index, obstacle, slab), plane, obstacle))
@@ -128,7 +131,7 @@ def _add_space(server: Any, plan: Plan) -> Any:
     com = plan.at(times).com_position
     centre, radius = outlines.ball(plan)
     _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
-    for index, line in enumerate(outlines.floor(plan)):
+    for index, line in enumerate(outlines.grids(plan)):
         server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
     takeoff = poses.frame(plan.robot, plan.problem.takeoff.frame)
     landing = poses.frame(plan.robot, plan.problem.landing.frame)
@@ -188,18 +191,21 @@ def add_grounds(
 
 
 def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: meshes.Mesh) -> Any:
-    """Add an obstacle as the solid of :func:`obstacle_slab`; return its node."""
+    """Add an obstacle as a solid: that of :func:`obstacle_slab`, or in space its own; return its node."""
     flat = not obstacle.bounded
     colour = (226, 222, 212) if flat else (150, 150, 150)  # sand and stone
     look: dict[str, Any] = {"color": colour, "opacity": 0.85, "flat_shading": True}
     return server.scene.add_mesh_simple(f"/obstacles/{index}", *slab, cast_shadow=not flat, **look)
 
 
-def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -> None:
-    """Put an obstacle that moves, comes or goes where it is at an instant of the flight, s."""
+def move_obstacle(node: Any, plane: Plane | None, obstacle: Obstacle, instant: float) -> None:
+    """Put an obstacle that moves, comes or goes where it is at an instant of the flight, s; no plane is in space."""
     if obstacle.window is not None or any(obstacle.velocity):
         low, high = obstacle.window or (-np.inf, np.inf)
-        node.position = world_points(plane, complex(*obstacle.velocity) * instant)
+        if plane is None:
+            node.position = instant * np.array(obstacle.velocity)
+        else:
+            node.position = world_points(plane, complex(*obstacle.velocity) * instant)
         node.visible = bool(low <= instant <= high)
 
 

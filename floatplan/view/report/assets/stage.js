@@ -39,7 +39,9 @@ class Stage {
     this.drawGrid(behind);
     this.floor = (data.floor || []).map((ends) => [ends, add(behind, "polyline", { class: "floor" })]);
     for (const line of data.ground) drawGround(behind, data.ground.length === 1, ...line);
-    for (const obstacle of data.obstacles) if (!moves(obstacle)) drawObstacle(behind, obstacle);
+    const [solids, flat] = [true, false].map((solid) => data.obstacles.filter(({ points }) => solid === Boolean(points)));
+    for (const obstacle of flat) if (!moves(obstacle)) drawObstacle(behind, obstacle);
+    this.solids = solids.map((obstacle) => [obstacle, drawSolid(behind)]);
     const trails = [...data.frames, { colour: data.trail }];
     const drawn = (parent, name) => trails.map(({ colour }) => dyed(add(parent, "polyline", { class: name }), colour));
     this.trails = trails.map((trail) => motion.path(trail));
@@ -51,9 +53,10 @@ class Stage {
       ghost.group.style.setProperty("--strength", strength);
       this.stays.push([ghost, motion.posture(time)]);
     });
-    this.moving = data.obstacles.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
+    this.moving = flat.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
     this.flown = drawn(front, "trail flown");
     this.drawPushes(front);
+    for (const solid of this.solids) solid.push(drawSolid(front));
     this.choose(this.segment);
     this.time = 0;
     this.turn();
@@ -175,6 +178,22 @@ class Stage {
     });
   }
 
+  /* Put an obstacle in space where it is at a time: behind the robot, or before it where it is nearer than its CM. */
+  putSolid(time, com, { points, faces, grown, velocity, window }, ...elements) {
+    const seen = (places) => places.map((at) => this.camera.see(at.map((part, axis) => part + velocity[axis] * time)));
+    const corners = seen(points);
+    const depth = corners.reduce((sum, corner) => sum + corner[2], 0) / corners.length;
+    const nearer = depth > this.camera.see(com)[2];
+    const [from, to] = window || [-Infinity, Infinity];
+    elements.forEach(([group, whole, tones, margin], place) => {
+      group.classList.toggle("absent", nearer !== (place === 1));
+      group.classList.toggle("away", time < from || time > to);
+      whole.setAttribute("d", path(hull(corners)));
+      lit(faces, corners).forEach((d, tone) => tones[tone].setAttribute("d", d));
+      margin.setAttribute("d", grown.length ? path(hull(seen(grown))) : "");
+    });
+  }
+
   /* What moves, at a time. */
   draw(time) {
     this.time = time;
@@ -188,6 +207,7 @@ class Stage {
     const posture = this.motion.posture(time);
     this.frame(posture.com);
     this.put(this.robot, posture);
+    for (const solid of this.solids) this.putSolid(time, posture.com, ...solid);
     for (const [point, element] of this.marks) {
       element.setAttribute("transform", `translate(${this.flat(this.motion.place(posture, point))})`);
     }
@@ -276,6 +296,13 @@ function drawObstacle(parent, { bounded, colour, capsules, margin }) {
   for (const capsule of capsules) drawCapsule(group, "body", capsule, 0);
   if (margin > 0) for (const capsule of capsules) drawCapsule(group, "margin", capsule, margin);
   return group;
+}
+
+/* An obstacle in space, to be put where it is seen: its outline, what light falls on, and its margin. */
+function drawSolid(parent) {
+  const group = add(parent, "g", { class: "obstacle solid" });
+  const drawn = (name) => add(group, "path", { class: name });
+  return [group, drawn("tone0"), Array.from({ length: TONES }, (_, tone) => drawn(`tone${tone + 1}`)), drawn("margin")];
 }
 
 /* All points within a distance of a capsule: two ends and a radius. */
