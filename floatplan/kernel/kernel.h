@@ -89,6 +89,11 @@ typedef struct {
     const double *ends_real, *ends_imaginary;        // (capsules, 2, bodies): weights of start and end, in a plane
     const Index *body;                               // (capsules), of the tree, in space
     const double *ends;                              // (capsules, 2, 3): start and end in that body's axes, in space
+    // The last of the capsules are hulls in space: both of their ends are the lowest point of points, from hull_first[i] to
+    // hull_first[i+1], grown by an ellipsoid.
+    Index hulls;
+    const Index *hull_first;                         // (hulls + 1)
+    const double *hull_points, *hull_axes;           // (points, 3), (hulls, 3, 3): semi-axes
     const double *radius;                            // (capsules)
     const double *path;                              // of the CM: place, velocity, gravity
     const double *obstacles;                         // (obstacles, 7 or 10): place, end or normal, velocity, radius

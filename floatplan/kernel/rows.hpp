@@ -113,7 +113,7 @@ template <typename P> INLINED P end_of(const Motion &m, Index end, Index k) {
 template <typename P> static inline double longest_way_of_ends(const Constraints &constraints, const Motion &m, Index instants) {
     const double *const coordinates[] = {m.end_x, m.end_y, m.end_z};
     double most = 0;
-    for (Index end = 0; end < 2 * constraints.capsules; ++end) {
+    for (Index end = 0; end < 2 * (constraints.capsules - constraints.hulls); ++end) {
         double way = 0;
         for (Index k = 1; k < instants; ++k) {
             const auto moved = [&](Index axis) {

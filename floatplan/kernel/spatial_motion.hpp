@@ -133,19 +133,47 @@ static inline Threes com_at(const Constraints &constraints, const SpatialAt &at,
     return everywhere<Threes>(path) + t * everywhere<Threes>(path + 3) - fallen;
 }
 
+// The point of a hull that is farthest along a unit vector, in its body's axes.
+static inline Threes lowest_of_hull(const Constraints &constraints, Index hull, Threes down) {
+    Threes farthest = nothing(), grown = nothing();
+    Vector reach = all(-HUGE_VAL), squared = all(0);
+    for (Index point = constraints.hull_first[hull]; point < constraints.hull_first[hull + 1]; ++point) {
+        const Threes at = everywhere<Threes>(constraints.hull_points + 3 * point);
+        const Vector along = dot(at, down);
+        const Bits is_farther = along > reach;
+        reach = select(is_farther, along, reach);
+        farthest = select(is_farther, at, farthest);
+    }
+    for (Index i = 0; i < 3; ++i) {
+        const Threes axis = everywhere<Threes>(constraints.hull_axes + 9 * hull + 3 * i);
+        const Vector along = dot(axis, down);
+        grown = grown + along * axis;
+        squared += along * along;
+    }
+    return farthest + 1 / square_root(larger(squared, all(1e-300))) * grown;
+}
+
 // Ends of the capsules in the world at the instants computed at once, from bodies and attitude there.
 static inline void place_capsules(const Constraints &constraints, SpatialAt &at, Index k) {
     const Motion &m = at.motion;
     const Threes com_W = com_at(constraints, at, k), com_B = MomentumMaps(at.bodies).center;
     const Nines R_WB = nines(at.attitude, at.stride, k);
-    for (Index end = 0; end < 2 * constraints.capsules; ++end) {
+    const auto place = [&](Index end, Threes own) {
         const Index body = constraints.body[end / 2];
-        const Threes own = everywhere<Threes>(constraints.ends + 3 * end);
         const Threes place_B = at.bodies.place[body] + at.bodies.turned[body] * own;
         const Threes place_W = com_W + R_WB * (place_B - com_B);
         store(m.end_x + end * at.stride + k, place_W.x);
         store(m.end_y + end * at.stride + k, place_W.y);
         store(m.end_z + end * at.stride + k, place_W.z);
+    };
+    const Index capsules = constraints.capsules - constraints.hulls;
+    for (Index end = 0; end < 2 * capsules; ++end) place(end, everywhere<Threes>(constraints.ends + 3 * end));
+    for (Index hull = 0; hull < constraints.hulls; ++hull) {
+        const Index end = 2 * (capsules + hull);
+        const Threes down = -(R_WB.row[2] * at.bodies.turned[constraints.body[end / 2]]);
+        const Threes lowest = lowest_of_hull(constraints, hull, down);
+        place(end, lowest);
+        place(end + 1, lowest);
     }
 }
 

@@ -21,7 +21,7 @@ from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
 from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
-from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, LevelGround
 from floatplan.robot.leak import refuse_leak
 from floatplan.robot.planar.inertia import inertia_extremes, momentum_intervals
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
@@ -217,9 +217,8 @@ class Problem(Checked):
 
     def _errors_in_space(self) -> Iterator[InputError]:
         """What is asked that flights in space have not yet; and a turn whose direction is left open."""
-        for element, asked in (("ground", self.ground), ("jump", self.jump)):
-            if asked:
-                yield InputError(resolution.NOT_IN_SPACE, element=element, advice="leave it out")
+        if self.jump:
+            yield InputError(resolution.NOT_IN_SPACE, element="jump", advice="leave it out")
         if hasattr(self, "initial") and hasattr(self, "final"):
             yield from resolution.attitude_errors(self.initial, self.final)
 
@@ -315,15 +314,17 @@ class Problem(Checked):
 
     @cached_property
     @one_thread
-    def ground_plane(self) -> parts.Ground:
-        """The half-plane below the ground's line, asked for or not.
+    def ground_plane(self) -> parts.Ground | LevelGround:
+        """The half-plane below the ground's line, in space the half-space, asked for or not.
 
         Raises
         ------
         InputError
             The collision geometry of the takeoff link is wrong.
         """
-        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.place_in_plane, self.initial)
+        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
+        if self.robot.in_plane is None:
+            return LevelGround(point=(0.0, 0.0, height))
         return parts.Ground(point=(0.0, height), normal=(0.0, 1.0))
 
     @cached_property

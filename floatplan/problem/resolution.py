@@ -9,12 +9,14 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from floatplan.arguments import either
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
 from floatplan.problem.attitude import STEEPEST, Attitude, tilt
+from floatplan.problem.ballistics import frame_from_com
 from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
@@ -149,13 +151,13 @@ def landing_of(
     robot: Robot, flight: parts.Flight, start: parts.Posture, goal: parts.Posture, ground: bool
 ) -> parts.Landing:
     """Return the landing with its defaults filled in: on the ground where there is one."""
-    takeoff, ground = takeoff_of(robot, flight), ground and robot.in_plane is not None
+    takeoff = takeoff_of(robot, flight)
     landing = flight.landing or parts.Landing.unchecked(
         frame=takeoff.frame, height=None if ground else takeoff.position[-1]
     )
     _check_frame(robot, landing.frame, "flight.landing.frame")
     if landing.height is None and ground:
-        line = ground_height(robot, takeoff.frame, takeoff.place_in_plane, joint_state(robot, start, "start"))
+        line = ground_height(robot, takeoff.frame, takeoff.position, joint_state(robot, start, "start"))
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
         return parts.Landing(landing.frame, height)
     return parts.Landing.unchecked(frame=landing.frame, height=landing.height or 0.0)
@@ -421,16 +423,37 @@ def lowest_point(robot: Robot, link: str, state: JointState) -> float:
     return float((_heights(robot, bodies, places, state) - radii).min())
 
 
-def ground_height(robot: Robot, takeoff: str, position: tuple[float, float], initial: JointState) -> float:
+def ground_height(robot: Robot, takeoff: str, position: Sequence[float], initial: JointState) -> float:
     """Height of the ground, m, where the takeoff frame is at ``position`` in the initial state; errors as above."""
+    if initial.attitude is not None:
+        height = _lowest_in_space(robot, takeoff, initial, initial.attitude)
+        return float(position[-1] + height - frame_from_com(robot, takeoff, initial)[2])
     frame = robot.frames[takeoff]
     return position[1] + lowest_point(robot, frame.link, initial) - frame_height(robot, frame, initial)
 
 
 def resting_height(robot: Robot, landing: str, ground: float, final: JointState) -> float:
     """Height of the landing frame, m, at which its link rests on the ground in the final state; errors as above."""
+    if final.attitude is not None:
+        height = _lowest_in_space(robot, landing, final, final.attitude)
+        return float(ground - height + frame_from_com(robot, landing, final)[2])
     frame = robot.frames[landing]
     return ground - lowest_point(robot, frame.link, final) + frame_height(robot, frame, final)
+
+
+def _lowest_in_space(robot: Robot, frame: str, state: JointState, attitude: Attitude) -> float:
+    """Height over the centre of mass, m, of the lowest point of what a frame stands with; of the frame without a shape."""
+    joint = robot.joint_tree.joint.get(frame)
+    standing = robot.contact_link(frame if joint is None else joint.child)
+    data = robot.model.createData()
+    com = pin.centerOfMass(robot.model, data, robot.configuration(state.positions))
+    up = attitude.matrix[2]  # the world's, in the base's axes
+    heights = []
+    for solid in robot.solids:
+        if solid.link == standing:
+            placed = data.oMi[solid.body]
+            heights.append(up @ (placed.translation - com) - solid.reach(-up @ placed.rotation[None])[0])
+    return float(min(heights, default=frame_from_com(robot, frame, state)[2]))
 
 
 def _heights(robot: Robot, bodies: Sequence[int], local: Sequence[complex], state: JointState) -> Array:

@@ -109,6 +109,11 @@ class HalfSpace(SpatialObstacle):
 
 
 @dataclass(frozen=True, kw_only=True)
+class LevelGround(HalfSpace):
+    """The ground, on which links stand: heights over it are those of their solids, not of the capsules around them."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Box(SpatialObstacle):
     """A box whose edges are along the world's axes: middle and edges, m.
 

@@ -16,9 +16,9 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, Sphere
+from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, LevelGround, Sphere
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import SolidCapsule
+from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule
 
 PARALLEL = 1e-12  # [-] squared sine of the angle between segments, below which they are nearest at an end
 
@@ -47,30 +47,36 @@ class SpatialShapes:
 
     Attributes
     ----------
-    links : link (S,) of each
+    links : link of each, but for the hulls
     body : (S,) joint of the robot's model that carries it
     ends : (S, 2, 3) m, in that joint's frame
     radius : (S,) m
+    hulls : the links' solids, where their height over the ground counts
+        The last of the S are theirs, of no size: they are at the lowest point.
     """
 
     links: tuple[str, ...]
     body: IntArray
     ends: Array
     radius: Array
+    hulls: tuple[LinkSolid, ...]
 
     @classmethod
-    def of(cls, capsules: tuple[SolidCapsule, ...]) -> SpatialShapes:
-        """Gather capsules."""
+    def of(cls, capsules: tuple[SolidCapsule, ...], hulls: tuple[LinkSolid, ...]) -> SpatialShapes:
+        """Gather capsules, and solids where these are wanted."""
+        ends = [(each.start, each.end) for each in capsules] + [(np.zeros(3), np.zeros(3))] * len(hulls)
         return cls(
             links=tuple(each.link for each in capsules),
-            body=np.array([each.body for each in capsules], np.int64),
-            ends=np.array([(each.start, each.end) for each in capsules]).reshape(-1, 2, 3),
-            radius=np.array([each.radius for each in capsules]),
+            body=np.array([each.body for each in (*capsules, *hulls)], np.int64),
+            ends=np.array(ends).reshape(-1, 2, 3),
+            radius=np.array([each.radius for each in capsules] + [0.0] * len(hulls)),
+            hulls=hulls,
         )
 
     def facing(self, obstacle: Obstacle) -> range:
-        """Indices of the capsules whose distances to an obstacle count."""
-        return range(len(self.radius))
+        """Indices of the shapes whose distances to an obstacle count: the hulls' where it is the ground."""
+        first = len(self.links)
+        return range(first, len(self.radius)) if self.hulls and isinstance(obstacle, LevelGround) else range(first)
 
     def place(self, poses: BodyPoses) -> SpatialSegments:
         """Place the capsules where the bodies are."""
@@ -80,9 +86,9 @@ class SpatialShapes:
 
 
 @lru_cache(maxsize=64)
-def shapes_in_space(robot: Robot) -> SpatialShapes:
-    """Return a robot's capsules, ready to be placed."""
-    return SpatialShapes.of(robot.solid_capsules)
+def shapes_in_space(robot: Robot, over_ground: bool = False) -> SpatialShapes:
+    """Return a robot's capsules, ready to be placed, and its solids where their height over the ground counts."""
+    return SpatialShapes.of(robot.solid_capsules, robot.solids if over_ground else ())
 
 
 def _sphere(segments: SpatialSegments, obstacle: Sphere, shift: Array) -> Array:

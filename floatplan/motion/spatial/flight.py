@@ -17,12 +17,14 @@ from floatplan.motion.spatial.attitude import LEVELS
 from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES, SpatialShapes, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dynamics
 from floatplan.motion.spatial.goal import angle_changes, attitude_of
+from floatplan.motion.spatial.ground import motion_into_ground
 from floatplan.motion.spatial.momentum import spatial_momentum_set
 from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.problem.spatial_obstacles import LevelGround
 
 WORK_OF_A_BODY = 10  # [instants of one body of a plane]: what an instant of one in space costs
 SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved relative to themselves
@@ -34,7 +36,7 @@ class SpatialFlight:
 
     Dynamics, attitudes (3, 3) at takeoff and as asked for at landing, by how much (3,) rad the goal's angles differ
     from those at takeoff, and the duration, s. What the other members are,
-    :class:`~floatplan.motion.dynamics.FlightDynamics` says; what is not known yet in space is empty.
+    :class:`~floatplan.motion.dynamics.FlightDynamics` says.
     """
 
     problem: Problem
@@ -62,8 +64,8 @@ class SpatialFlight:
         return lambda h: given
 
     def motion_into_ground(self, angular_momentum: Array) -> Sequence[InputError]:
-        """Nothing is known of the ground."""
-        return ()
+        """What on the ground moves down at takeoff, or up at landing, for h (3,)."""
+        return motion_into_ground(self.problem, angular_momentum) if self.problem.ground else ()
 
     def difficulties(self) -> list[str]:
         """None are known."""
@@ -80,7 +82,7 @@ class SpatialFlight:
     @property
     def link_shapes(self) -> SpatialShapes:
         """The links' capsules, made when first asked for: a mesh that cannot be read stops nothing that needs none."""
-        return shapes_in_space(self.problem.robot)
+        return shapes_in_space(self.problem.robot, self.problem.ground)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -88,7 +90,9 @@ class SpatialFlight:
         return self.link_shapes.links
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
-        """Return each capsule's link; for a half-space each twice, since it is measured to both ends."""
+        """Return each capsule's link; for a half-space each twice, since it is measured to both ends; or each hull's."""
+        if isinstance(obstacle, LevelGround):
+            return tuple(hull.link for hull in self.link_shapes.hulls)
         return self.links * SPATIAL_DISTANCES[obstacle.kind][1]
 
 

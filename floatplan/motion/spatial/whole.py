@@ -141,17 +141,7 @@ class SpatialMotion:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses, solids = self.bodies(instants), self.problem.robot.solids
         heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
-        return heights - self.ground, tuple(solid.link for solid in solids)
-
-    @cached_property
-    def ground(self) -> float:
-        """Height, m, of the lowest point with which the takeoff link stands, or of its frame where it has no shape."""
-        robot, frame = self.problem.robot, self.problem.takeoff.frame
-        joint = robot.joint_tree.joint.get(frame)
-        standing = robot.contact_link(frame if joint is None else joint.child)
-        start = self.posture(self.problem.initial, 0.0)
-        lowest = [start.lowest(solid)[0] for solid in robot.solids if solid.link == standing]
-        return float(min(lowest, default=start.frame(robot, frame)[0, 2]))
+        return heights - self.problem.ground_plane.point[-1], tuple(solid.link for solid in solids)
 
     @property
     def orientation_at_ends(self) -> Mapping[str, Any]:

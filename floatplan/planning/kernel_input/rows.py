@@ -25,7 +25,7 @@ from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.planning.kernel_input.bodies import unscaled_bodies
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
-from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, Sphere
+from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, LevelGround, Sphere
 from floatplan.robot.planar.tree import PlanarTree
 
 SUM, SHARE, BALL, BAR, WALL_START, WALL_END, BOX, PAIR = map(int, enumeration("RowKind"))
@@ -233,8 +233,8 @@ class PlanarRows(KernelRows):
             "capsules": len(ends),
             "ends_real": doubles(ends.real),
             "ends_imaginary": doubles(ends.imag),
-            "body": None,
-            "ends": None,
+            **dict.fromkeys(("body", "ends", "hull_first", "hull_points", "hull_axes")),
+            "hulls": 0,
             "radius": doubles(radius),
             "turn": tree.turn,
             "path": self.path,
@@ -302,7 +302,8 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
     if isinstance(obstacle, Bar | Capsule):
         return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
     if isinstance(obstacle, HalfSpace):
-        return (WALL_START, WALL_END), [*obstacle.point, *obstacle.unit_normal, *obstacle.velocity, 0.0]
+        both_ends = (WALL_START,) if isinstance(obstacle, LevelGround) else (WALL_START, WALL_END)
+        return both_ends, [*obstacle.point, *obstacle.unit_normal, *obstacle.velocity, 0.0]
     if isinstance(obstacle, Box):
         return (BOX,), [*obstacle.center, *(edge / 2 for edge in obstacle.size), *obstacle.velocity, 0.0]
     assert isinstance(obstacle, HalfPlane), f"the kernel knows no obstacles of kind {obstacle.kind!r}"

@@ -39,6 +39,12 @@ class SpatialRows(KernelRows):
         places = {
             "needs_places": needs_places,
             "capsules": len(shapes.radius) if shapes else 0,
+            "hulls": len(shapes.hulls) if shapes else 0,
+            "hull_first": integers(np.cumsum([0, *(len(hull.points) for hull in shapes.hulls)])) if shapes else None,
+            "hull_points": doubles(np.concatenate([np.empty((0, 3)), *(hull.points for hull in shapes.hulls)]))
+            if shapes
+            else None,
+            "hull_axes": doubles([hull.axes.T for hull in shapes.hulls]) if shapes else None,
             "ends_real": None,
             "ends_imaginary": None,
             "body": integers(shapes.body - 1) if shapes else None,  # the base is the model's first joint
