@@ -199,7 +199,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
 
         by_name = {joint.name: joint for joint in urdf.joints}
         motors = (*record.joints, *(name for name in record.coupled if not is_geared(by_name, record, name)))
-        ratios = _ratios(record, motors)
+        ratios = joint_ratios(record, motors)
         bodies = [_Body(-1, [flint.arb(0)] * len(record.joints), [flint.arb(0)] * len(motors), flint.acb(0))]
         body_of = {urdf.root: 0}
         for joint in urdf.joints:
@@ -277,7 +277,7 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
     return placed, signs
 
 
-def _ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
+def joint_ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
     """Derivatives of the positions of the joints to be moved by those of the planned joints, and of the motors."""
     ratios = {}
     for name in (*record.joints, *record.coupled):
