@@ -194,7 +194,8 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     computed E is judged by its residual: for any polynomial E,
     ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup |E' - i d' E|``, because ``E exp(-i d)`` has the derivative
     ``(E' - i d' E) exp(-i d)``. The residual consists of rounding in the degrees below K - 1, and of the product's
-    tail. A radius of the angle moves cosine and sine by no more than itself.
+    tail. Coefficient k is a sum of k products, rounded k + 3 times in each part, and ``k <= j (k - j + 1)`` for the product
+    of the rates' power j - 1 with E's power k - j. A radius of the angle moves cosine and sine by no more than itself.
     """
     order = angle.order
     rates = angle.c * np.arange(order).reshape(-1, *(1,) * angle.e.ndim)
@@ -205,7 +206,9 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
         np.multiply(np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0), 1.0 / k, out=e[k])
     size_rates = np.abs(rates)
     size_e = np.abs(e)
-    rounding = (2 * order + 16) * ROUND * np.add.reduce(size_rates, axis=0) * np.add.reduce(size_e, axis=0)
+    weights = np.arange(order).reshape(-1, *(1,) * angle.e.ndim)
+    weighed = np.add.reduce(size_rates * weights, axis=0) * np.add.reduce(size_e * (weights + 1), axis=0)
+    rounding = ROUND * (weighed + 4.0 * np.add.reduce(size_rates, axis=0) * np.add.reduce(size_e, axis=0))
     residual = rounding + _tail(size_rates, size_e)
     radius = up(angle.e + radius + up(residual))
     return Taylor(e.real.copy(), radius), Taylor(e.imag.copy(), radius)
@@ -271,5 +274,5 @@ def _unit_circle(angles: Array) -> tuple[Array, Array, Array]:
         parts = [part for angle in angles.ravel().tolist() for part in flint.arb(angle).sin_cos()]
         widest = float(sum(parts, flint.arb(0)).rad())  # of a sum, which is wider than each part
     sines, cosines = np.array([float(part) for part in parts]).reshape(-1, 2).T
-    radius = up(np.full(angles.shape, 4.0 * ROUND + 2.0 * widest))
+    radius = up(np.full(angles.shape, 2.0 * ROUND + 2.0 * widest))
     return cosines.reshape(angles.shape), sines.reshape(angles.shape), radius

@@ -13,7 +13,9 @@ a power series too. Quaternions are x, y, z, w.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
@@ -22,8 +24,10 @@ from floatplan.certificate.cells import ORDER, TimeCells
 from floatplan.certificate.spatial.bodies import BodyMotion
 from floatplan.certificate.spatial.models import cross_matrices
 
+Quaternion: TypeAlias = tuple[float, float, float, float]
+
 SIGNS = (-1.0) ** np.arange(ORDER)
-STEPS = 8  # of Runge and Kutta's method in a cell, from whose result Newton's method begins
+STEPS = 4  # of Runge and Kutta's method in a cell, from whose result Newton's method begins
 SWEEPS = 8  # of Newton's method at most
 CLOSED = 2e-15  # [rad] of a gap between cells that is rounding
 
@@ -119,25 +123,50 @@ def _integrated(inverse: Array, relative: Array, half: Array, momentum: Array, s
     powers = np.linspace(-1.0, 1.0, 2 * STEPS + 1)[:, None] ** np.arange(ORDER)
     mobility = np.einsum("mk,ckab->cmab", powers, inverse)
     drift = np.einsum("cmab,cmb->cma", mobility, np.einsum("mk,cka->cma", powers, relative))
-    middles = np.empty((len(half), 4))
-    q = start / np.linalg.norm(start)
-
-    def rate(q: Array, cell: int, m: int) -> Array:
-        omega = mobility[cell, m] @ (momentum @ rotation(q)) - drift[cell, m]
-        return half[cell] * product(q, np.append(omega, 0.0)) / 2
-
+    mobility *= half[:, None, None, None]
+    drift *= half[:, None, None]
+    h = tuple(momentum.tolist())
+    q = tuple((start / np.linalg.norm(start)).tolist())
+    middles = []
     du = 2.0 / STEPS
-    for cell in range(len(half)):
+    for matrices, drifts in zip(mobility.tolist(), drift.tolist(), strict=True):
         for step in range(STEPS):
             if 2 * step == STEPS:
-                middles[cell] = q
-            first = rate(q, cell, 2 * step)
-            second = rate(q + du / 2 * first, cell, 2 * step + 1)
-            third = rate(q + du / 2 * second, cell, 2 * step + 1)
-            fourth = rate(q + du * third, cell, 2 * step + 2)
-            q = q + du / 6 * (first + 2 * second + 2 * third + fourth)
-            q = q / np.linalg.norm(q)
-    return middles
+                middles.append(q)
+            instants = [(matrices[2 * step + m], drifts[2 * step + m]) for m in range(3)]
+            first = _rate(q, h, *instants[0])
+            second = _rate(_moved(q, first, du / 2), h, *instants[1])
+            third = _rate(_moved(q, second, du / 2), h, *instants[1])
+            fourth = _rate(_moved(q, third, du), h, *instants[2])
+            rates = zip(first, second, third, fourth, strict=True)
+            q = _moved(q, [(a + 2 * b + 2 * c + d) / 6 for a, b, c, d in rates], du)
+    return np.array(middles)
+
+
+def _rate(
+    q: Sequence[float], h: Sequence[float], mobility: Sequence[Sequence[float]], drift: Sequence[float]
+) -> Quaternion:
+    """``Q o omega / 2`` of a unit quaternion, with ``omega = mobility R^T h - drift``: plain numbers, as one at a time."""
+    x, y, z, w = q
+    hx, hy, hz = h
+    cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx
+    mx = hx + 2 * (y * cz - z * cy - w * cx)
+    my = hy + 2 * (z * cx - x * cz - w * cy)
+    mz = hz + 2 * (x * cy - y * cx - w * cz)
+    ox, oy, oz = (a * mx + b * my + c * mz - d for (a, b, c), d in zip(mobility, drift, strict=True))
+    return (
+        (w * ox + y * oz - z * oy) / 2,
+        (w * oy + z * ox - x * oz) / 2,
+        (w * oz + x * oy - y * ox) / 2,
+        -(x * ox + y * oy + z * oz) / 2,
+    )
+
+
+def _moved(q: Sequence[float], rate: Sequence[float], step: float) -> Quaternion:
+    """The unit quaternion nearest to ``q + step rate``."""
+    x, y, z, w = (a + step * b for a, b in zip(q, rate, strict=True))
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    return x / length, y / length, z / length, w / length
 
 
 def product(a: Array, b: Array) -> Array:

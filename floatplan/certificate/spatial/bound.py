@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array
 from floatplan.certificate.cells import ORDER, TimeCells
 from floatplan.certificate.enclosure import ROUND, Balls, up
 from floatplan.certificate.spatial.attitude import Approximation, product
