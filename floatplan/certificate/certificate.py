@@ -22,16 +22,11 @@ from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
 from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, at_most
 from floatplan.certificate.enclosure import Balls
+from floatplan.certificate.limits import at_ends, boundary_findings, limit_findings
 from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
 from floatplan.certificate.planar.flight import fly
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
-from floatplan.certificate.planar.limits import (
-    at_ends,
-    boundary_findings,
-    flight_findings,
-    limit_findings,
-    orientation_findings,
-)
+from floatplan.certificate.planar.limits import flight_findings, orientation_findings
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.certificate.planar.taken import NotReadError
 from floatplan.errors import InputError, naming
@@ -166,7 +161,7 @@ def _proved(
     within = [(max(float(first), 0.0), min(float(last), record.duration)) for first, last in windows]
     flight = fly(robot, record, [(first, last) for first, last in within if first <= last], budget)
     orientation, last = orientation_findings(record, flight)
-    limits, peaks = limit_findings(robot, record, flight)
+    limits, peaks = limit_findings(robot, record, flight.joints, flight.cells)
     states = at_ends(record)
     ends = [*boundary_findings(record, states), *flight_findings(robot, record, flight, states)]
     clear: list[Finding] = []

@@ -22,6 +22,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.cells import ORDER, TimeCells, Vectors
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, products, reciprocal, up
 from floatplan.certificate.joints import joint_motion
+from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
@@ -45,6 +46,10 @@ class Joints:
     rate: Taylor
     cos: Taylor
     sin: Taylor
+
+    def limited_rate(self, limit: float) -> LimitedQuantity:
+        """The orientation's rate, and its limit, rad/s."""
+        return LimitedQuantity("orientation_rate", (), self.rate, limit)
 
     @classmethod
     def joined(cls, parts: Sequence[Joints]) -> Joints:
