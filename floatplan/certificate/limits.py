@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 """What holds of the joints: limits for all times, both ends, (13), and numbers that the file gives twice."""
 
 from __future__ import annotations
@@ -103,9 +101,9 @@ class LimitedQuantity:
             return 0.0
         return RANGE if self.kind == "position" else RELATIVE * self.limit
 
-    def root(self, value: float) -> float:
-        """The magnitude that belongs to one of the models, which is not negative."""
-        return value if self.power == 1 else math.sqrt(max(0.0, value))
+    def root(self, value: float, towards: float) -> float:
+        """The magnitude that belongs to one of the models, rounded towards infinity or 0."""
+        return value if self.power == 1 else math.nextafter(math.sqrt(max(0.0, value)), towards)
 
 
 class Actuated(Protocol):
@@ -154,9 +152,17 @@ def limit_findings(
     findings, beyond = _range_findings(record)
     limited, claimed = _limited(robot, record, joints)
     limited += [_beyond_range(record, joints.positions, joint) for joint in beyond]
-    least = _least(limited, cells)
+    least = least_of(limited, cells)
     findings += [
-        at_most(q.kind, q.subject, q.root(-peak.bound), q.root(-peak.attained), q.limit, q.tolerance, peak.instant)
+        at_most(
+            kind=q.kind,
+            subject=q.subject,
+            upper=q.root(-peak.bound, math.inf),
+            attained=q.root(-peak.attained, 0.0),
+            limit=q.limit,
+            tolerance=q.tolerance,
+            instant=peak.instant,
+        )
         for q, peak in zip(limited, least, strict=True)
         if q.limit != math.inf
     ]
@@ -251,7 +257,7 @@ def _motor(robot: Actuated, name: str, key: str) -> int:
     return robot.motors.index(name)
 
 
-def _least(limited: Sequence[LimitedQuantity], cells: TimeCells) -> tuple[Minimum, ...]:
+def least_of(limited: Sequence[LimitedQuantity], cells: TimeCells) -> tuple[Minimum, ...]:
     """The least value of minus the magnitude of each quantity."""
     counts = [q.models.e.shape[1] for q in limited]
     models = stack([q.models for q in limited])

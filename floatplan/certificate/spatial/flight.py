@@ -8,18 +8,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
+import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
 from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.enclosure import Taylor
+from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.spatial.attitude import Approximation, approximate
 from floatplan.certificate.spatial.bodies import BodyMotion, body_motion
 from floatplan.certificate.spatial.bound import AttitudeBound, attitude_bound
 from floatplan.certificate.spatial.models import Matrices
 from floatplan.certificate.spatial.robot import SpatialRobot
-from floatplan.certificate.spatial.torques import forces
+from floatplan.certificate.spatial.torques import forces, squared
 from floatplan.plans.record import PlanRecord
 
 FIRST_CELLS = 24  # [-] before any is halved
@@ -40,6 +43,8 @@ class SpatialEnclosure:
     motion : BodyMotion
         Relative to the base.
     attitude : AttitudeBound
+    quaternions : (cells, K, 4)
+        The approximation that this bound is about.
     rate : Matrices
         Of the base, in its own axes: one vector, rad/s.
     motor_torques : (K, cells, motors) N m
@@ -49,6 +54,7 @@ class SpatialEnclosure:
     cells: TimeCells
     motion: BodyMotion
     attitude: AttitudeBound
+    quaternions: Array
     rate: Matrices
     motor_torques: Taylor
 
@@ -66,6 +72,17 @@ class SpatialEnclosure:
     def accelerations(self) -> Taylor:
         """Their accelerations (K, cells, n), rad/s^2."""
         return self.motion.accelerations
+
+    @property
+    def last_quaternion(self) -> list[Any]:
+        """The approximation at the end of the flight, (4) in Arb, whose precision is to be set."""
+        return [
+            sum((flint.arb(part) for part in column), start=flint.arb(0)) for column in self.quaternions[-1].T.tolist()
+        ]
+
+    def limited_rate(self, limit: float) -> LimitedQuantity:
+        """The base's rate, whose square is what is compared, and its limit, rad/s."""
+        return LimitedQuantity("orientation_rate", (), squared(self.rate), limit, power=2)
 
 
 def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosure:
@@ -94,10 +111,10 @@ def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosur
             sizes[1] = _relative_radii(found.motor_torques)
         coarse = _worth_halving(sizes, before, sought, cells)
         if found is not None and (not coarse.any() or len(cells) + coarse.sum() > budget):
-            return SpatialEnclosure(cells, motion, attitude, found.rate, found.motor_torques)
+            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
         if len(cells) + coarse.sum() > budget:
             found = forces(robot, motion, attitude.seen)
-            return SpatialEnclosure(cells, motion, attitude, found.rate, found.motor_torques)
+            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
         fine = np.flatnonzero(~coarse)
         middle = 0.5 * (cells.low + cells.high)
         low = np.concatenate([cells.low[fine], cells.low[coarse], middle[coarse]])

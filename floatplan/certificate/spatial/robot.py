@@ -16,12 +16,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.certificate import kept
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.planar.columns import cross, diagonal
 from floatplan.certificate.planar.inertia import joint_ratios
@@ -93,6 +95,11 @@ class SpatialRobot:
         for k in range(3):
             row[3 * point.body + k] += point.local[k, 0]
         return row
+
+
+def kept_robot(content: bytes, path: Path, record: RobotRecord) -> SpatialRobot:
+    """Return the robot of a record in space, see :func:`~floatplan.certificate.kept.kept_robot`."""
+    return kept.kept_robot(content, path, record, spatial_robot)
 
 
 @dataclass
