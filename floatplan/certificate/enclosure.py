@@ -191,11 +191,12 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     """Cosine and sine of a model.
 
     With d the polynomial part, ``E' = i d' E`` gives the coefficients of ``E = exp(i d)`` one after the other. The
-    computed E is judged by its residual: for any polynomial E,
-    ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup |E' - i d' E|``, because ``E exp(-i d)`` has the derivative
-    ``(E' - i d' E) exp(-i d)``. The residual consists of rounding in the degrees below K - 1, and of the product's
-    tail. Coefficient k is a sum of k products, rounded k + 3 times in each part, and ``k <= j (k - j + 1)`` for the product
-    of the rates' power j - 1 with E's power k - j. A radius of the angle moves cosine and sine by no more than itself.
+    computed E is judged by its residual: for any polynomial E, ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup
+    |E' - i d' E|``, because ``E exp(-i d)`` has the derivative ``(E' - i d' E) exp(-i d)``. The residual consists of
+    rounding in the degrees below K - 1, and of the product's tail. Coefficient k of E is a sum of k products, each
+    part of which is rounded k + 3 times at most; k is no more than j times i + 1 for the product of the rates'
+    coefficient j with E's coefficient i, where i + j = k. A radius of the angle moves cosine and sine by no more than
+    itself.
     """
     order = angle.order
     rates = angle.c * np.arange(order).reshape(-1, *(1,) * angle.e.ndim)

@@ -119,7 +119,7 @@ class Actuated(Protocol):
 
 
 class Moved(Protocol):
-    """Models (K, cells, n) of the planned joints' positions and their derivatives, and (K, cells, motors) of torques."""
+    """Models (K, cells, n) of the planned joints' motion, and (K, cells, motors) of their motors' torques."""
 
     @property
     def positions(self) -> Taylor:

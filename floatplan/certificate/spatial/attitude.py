@@ -1,13 +1,13 @@
 """An attitude that is close to the true one: polynomials of a quaternion on each cell, by doubles and without a proof.
 
-What is proved in :mod:`~floatplan.certificate.spatial.bound` holds for any approximation. This one is a power series about
-the middle of each cell: from the attitude there, ``mu = R^T h`` and the quaternion Q follow from
+What is proved in :mod:`~floatplan.certificate.spatial.bound` holds for any approximation. This one is a power series
+about the middle of each cell: from the attitude there, ``mu = R^T h`` and the quaternion Q follow from
 
     omega = I^-1 (mu - A q'),    mu' = mu x omega,    Q' = Q o omega / 2,                                          (S1)
 
-coefficient by coefficient, so that even the last ones have small relative errors, and so has the residual. The attitudes in
-the middles are unknowns: Newton's method closes the gaps between cells, and how much a turn of one's middle turns its ends is
-a power series too. Quaternions are x, y, z, w.
+coefficient by coefficient, so that even the last ones have small relative errors, and so has the residual. The
+attitudes in the middles are unknowns: Newton's method closes the gaps between cells, and how much a turn of a middle
+turns both ends is a power series too. Quaternions are x, y, z, w.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ORDER, TimeCells
 from floatplan.certificate.spatial.bodies import BodyMotion
-from floatplan.certificate.spatial.models import cross_matrices
+from floatplan.certificate.spatial.models import cross_matrices, inverted
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
@@ -77,7 +77,7 @@ def _closed(quaternions: Array, transitions: Array, gaps: Array) -> Array:
         @ in_middle.swapaxes(1, 2)
         for sign in (SIGNS, np.ones(ORDER))
     )
-    back = np.linalg.inv(backward)
+    back = inverted(backward)
     turns = np.empty_like(gaps)
     carried = np.zeros(3)
     for cell, gap in enumerate(gaps):
@@ -146,7 +146,7 @@ def _integrated(inverse: Array, relative: Array, half: Array, momentum: Array, s
 def _rate(
     q: Sequence[float], h: Sequence[float], mobility: Sequence[Sequence[float]], drift: Sequence[float]
 ) -> Quaternion:
-    """``Q o omega / 2`` of a unit quaternion, with ``omega = mobility R^T h - drift``: plain numbers, as one at a time."""
+    """``Q o omega / 2`` of a unit quaternion, with ``omega = mobility R^T h - drift``, in plain numbers."""
     x, y, z, w = q
     hx, hy, hz = h
     cx, cy, cz = y * hz - z * hy, z * hx - x * hz, x * hy - y * hx

@@ -1,7 +1,7 @@
-"""What the joints' motion alone makes of the robot: rotations, inertia and momentum in the base's axes, on cells of time.
+"""What the joints alone make of the robot: rotations, inertia and momentum in the base's axes, on cells of time.
 
-With ``U = R C`` of :mod:`~floatplan.certificate.spatial.robot` and ``W_b = U_b R_b^T``, the second moment about the centre
-of mass is ``S = sum_b W_b``, and the angular momentum of bodies that turn at ``omega_b`` in the base's axes is
+With ``U = R C`` of :mod:`~floatplan.certificate.spatial.robot` and ``W_b = U_b R_b^T``, the second moment about the
+centre of mass is ``S = sum_b W_b``, and the angular momentum of bodies that turn at ``omega_b`` in the base's axes is
 ``sum_k u_k x (omega_b x r_k) = L_b omega_b`` over all columns u of U and r of R, with
 
     L_b = tr(W_b) 1 - W_b^T,    I = sum_b L_b,    A q' = sum_b L_b omega_b.
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from floatplan.certificate.spatial.models import (
     Matrices,
     beside,
     frobenius,
+    inverted,
     moments,
     one_after_another,
 )
@@ -66,23 +68,25 @@ class BodyMotion:
     @classmethod
     def joined(cls, parts: Sequence[BodyMotion]) -> BodyMotion:
         """The models of several batches of cells."""
-        joined = {}
+        models = {}
         for name in cls.__dataclass_fields__:
-            models = [getattr(part, name) for part in parts]
-            if isinstance(models[0], Matrices):
-                joined[name] = one_after_another(models)
-            else:
-                c = np.concatenate([model.c for model in models], axis=1)
-                joined[name] = Taylor(c, np.concatenate([model.e for model in models]))
-        return cls(**joined)
+            models[name] = [getattr(part, name) for part in parts]
+        return cls(**{name: _one_after_another(of_parts) for name, of_parts in models.items()})
 
     def on_cells(self, cells: IntArray) -> BodyMotion:
         """The models of some cells, or in another order."""
-        chosen = {}
+        chosen: dict[str, Any] = {}
         for name in self.__dataclass_fields__:
             model = getattr(self, name)
             chosen[name] = model.on_cells(cells) if isinstance(model, Matrices) else model[cells]
         return BodyMotion(**chosen)
+
+
+def _one_after_another(models: Sequence[Any]) -> Any:
+    """The cells of all, of matrices or of scalars."""
+    if isinstance(models[0], Matrices):
+        return one_after_another(models)
+    return Taylor(np.concatenate([model.c for model in models], axis=1), np.concatenate([model.e for model in models]))
 
 
 def body_motion(robot: SpatialRobot, record: PlanRecord, cells: TimeCells) -> BodyMotion:
@@ -118,11 +122,11 @@ def _rotations(robot: SpatialRobot, cosine: Taylor, sine: Taylor) -> Matrices:
     still, by_sine, by_cosine = (np.abs(part.mid) for part in parts)
     of_still, of_sine, of_cosine = (part.rad for part in parts)
     sines, cosines, radius = (each[..., None, None] for each in (sine.size, cosine.size, cosine.e))
-    entries = radius * (by_sine + by_cosine) + 4.0 * UNIT * (still + by_sine * sines + by_cosine * cosines)
-    entries = entries + of_still + of_sine * (sines + radius) + of_cosine * (cosines + radius)
-    rounded = frobenius(entries - radius * (by_sine + by_cosine))
-    e = up(cosine.e + np.maximum(rounded, 0.0) + 16.0 * UNIT * cosine.e)
-    turns = Matrices.of(np.ascontiguousarray(c.transpose(1, 2, 0, 3, 4)), up(entries), e, np.ones_like(e))
+    rounded = 4.0 * UNIT * (still + by_sine * sines + by_cosine * cosines)
+    rounded = rounded + of_still + of_sine * (sines + radius) + of_cosine * (cosines + radius)
+    entries = up(radius * (by_sine + by_cosine) + rounded)
+    e = up(cosine.e + frobenius(rounded))
+    turns = Matrices.of(np.ascontiguousarray(c.transpose(1, 2, 0, 3, 4)), entries, e, np.ones_like(e))
     count = len(robot.parent)
     cells = len(e)
     base = Matrices.constant(Balls.exact(np.eye(3)[None]), cells)
@@ -142,12 +146,12 @@ def _rotations(robot: SpatialRobot, cosine: Taylor, sine: Taylor) -> Matrices:
 def _inverse(inertia: Matrices) -> Matrices:
     """The inverse of the inertia; an infinite radius where it is not shown to have one.
 
-    For the computed polynomial V and ``D = 1 - I V`` with ``|D| <= r < 1``, ``I^-1 - V = V (D + D^2 + ..)`` has a norm of
-    at most ``|V| r / (1 - r)``, and entries within ``|V| (|D| + r^2 / (1 - r))``.
+    For the computed polynomial V and ``D = 1 - I V`` with ``|D| <= r < 1``, ``I^-1 - V = V (D + D^2 + ..)`` has a norm
+    of at most ``|V| r / (1 - r)``, and entries within ``|V| (|D| + r^2 / (1 - r))``.
     """
     c = inertia.c[:, 0]
     v = np.zeros_like(c)
-    first = np.linalg.inv(c[:, 0]) if np.isfinite(c).all() else np.full_like(c[:, 0], np.nan)
+    first = inverted(c[:, 0])
     v[:, 0] = first
     for k in range(1, ORDER):
         v[:, k] = -first @ np.einsum("ciab,cibd->cad", c[:, 1 : k + 1], v[:, k - 1 :: -1])

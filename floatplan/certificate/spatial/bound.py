@@ -1,13 +1,14 @@
 """How far the true attitude is from the approximation, for every instant: the theorem (S3), with enclosed constants.
 
-``docs/theory/space.md`` has the proof. With Q the polynomial quaternion of a cell and ``N = |Q|^2``, the approximation is
-``R^ = R(Q)``, which turns at ``w^ = 2 vec(Q* Q') / N``. Its residual is ``rho = w^ - omega(t, R^)``, so that
+``docs/theory/space.md`` has the proof. With Q the polynomial quaternion of a cell and ``N = |Q|^2``, the approximation
+is ``R^ = R(Q)``, which turns at ``w^ = 2 vec(Q* Q') / N``. Its residual is ``rho = w^ - omega(t, R^)``, so that
 
     N I rho = I 2 vec(Q* Q') - N R^^T h + N A q',
 
-of which all but N are polynomials of Q and of what :class:`~floatplan.certificate.spatial.bodies.BodyMotion` encloses. Then
-``r`` bounds the sum of all steps between cells, the first one from the attitude at takeoff, and of the integral of ``|rho|``;
-``s`` bounds the transitions of ``zeta' = M^ [h]x zeta``, and c the integral of ``1.003 |h| / lambda_min(I)``:
+of which all but N are polynomials of Q and of what :class:`~floatplan.certificate.spatial.bodies.BodyMotion` encloses.
+Then ``r`` bounds the sum of all steps between cells, the first one from the attitude at takeoff, and of the integral
+of ``|rho|``; ``s`` bounds the transitions of ``zeta' = M^ [h]x zeta``, and c the integral of ``1.003 |h| /
+lambda_min(I)``:
 
     where 2 s r <= 1/2 and 4 s^2 r c + 1.006 s r < 1, the true attitude is within 2 s r of the approximation.
 """
@@ -24,13 +25,14 @@ from floatplan.certificate.cells import ORDER, TimeCells
 from floatplan.certificate.enclosure import ROUND, Balls, up
 from floatplan.certificate.spatial.attitude import Approximation, product
 from floatplan.certificate.spatial.bodies import BodyMotion
-from floatplan.certificate.spatial.models import DEGREES, UNIT, Matrices, cross_matrices, crossed, frobenius
+from floatplan.certificate.spatial.models import DEGREES, UNIT, Matrices, cross_matrices, crossed, frobenius, inverted
 
 QUADRATIC = 1.003  # [-] |N| <= 1.003 |h| / lambda_min eps^2 + 0.503 eps |rho| for eps <= 1/2
 LINEAR = 1.006  # [-] twice 0.503
 LARGEST = 0.5  # [rad] up to which these hold
 FINE = 0.1  # [-] growth sought within one step between the instants at which transitions are compared
-MOST_STEPS = 400  # [-] of them in a flight: pairs of them are compared
+MOST_STEPS = 400  # [-] of them in a flight sought: pairs of them are compared
+MOST_COMPARED = 1000  # [-] whose transitions' spectral norms are looked at
 SQUARINGS = 4  # [-] of a matrix, after which its Frobenius norm is the spectral norm but for a factor of 3^(1/32)
 
 
@@ -78,18 +80,18 @@ def attitude_bound(
 ) -> AttitudeBound:
     """Bound how far the attitude is from the approximation, on all cells, which follow each other from t = 0."""
     length = up(2.0 * (cells.half.mid + cells.half.rad))
-    size = float(up(np.linalg.norm(momentum)))
+    size = _up(float(np.linalg.norm(momentum)))
     approximated = _approximated(approximation, cells, momentum)
     residuals = _residuals(motion, approximated)
     steps = _steps(approximation, start)
-    r = float(up(steps.sum() + residuals @ length))
+    r = _up(steps.sum() + residuals @ length)
     mobility = (
         _spectral(motion.inverse.c[:, 0, 0]) + motion.inverse.sizes[:, 0, 1:].sum(axis=1) + motion.inverse.e[:, 0]
     )
-    c = float(up(QUADRATIC * size * (up(mobility) @ length)))
+    c = _up(QUADRATIC * size * float(up(mobility) @ length))
     s = _amplification(motion, approximated, approximation, cells, size, steps)
-    condition = float(up(4.0 * s * s * r * c + LINEAR * s * r))
-    bound = float(up(2.0 * s * r))
+    condition = _up(4.0 * s * s * r * c + LINEAR * s * r)
+    bound = _up(2.0 * s * r)
     if not (bound <= LARGEST and condition < 1.0):
         bound = math.inf
     # |E - 1| <= eps for a rotation E by eps
@@ -158,10 +160,13 @@ def _residuals(motion: BodyMotion, approximated: _Approximated) -> Array:
 def _steps(approximation: Approximation, start: Array) -> Array:
     """Bounds (cells,) on the angles, rad, by which cells begin beside where the one before ended, or beside ``start``.
 
-    ``math.fsum`` rounds the exact sum of the coefficients once. With ``|a| |b| sin(angle / 2) = |vec(a b*)|``, and a sine
-    that is below 0.1, the angle is below 2.01 times the sine.
+    ``math.fsum`` rounds the exact sum of the coefficients once, and each part of ``vec(a b*)`` is a sum of four
+    products: its length is off by less than ``sqrt(3) 6 UNIT |a| |b|``. With ``|a| |b| sin(angle / 2) = |vec(a b*)|``,
+    and a sine that is below 0.1, the angle is below 2.01 times the sine.
     """
     q = approximation.quaternions
+    if not np.isfinite(q).all():
+        return np.full(len(q), np.inf)
     signs = (-1.0) ** np.arange(ORDER)
     first, last = (
         np.array([[math.fsum(parts) for parts in cell] for cell in (q * sign[:, None]).swapaxes(1, 2).tolist()])
@@ -170,7 +175,7 @@ def _steps(approximation: Approximation, start: Array) -> Array:
     before = np.concatenate([start[None], last[:-1]])
     vector = np.linalg.norm(product(first, before * [-1.0, -1.0, -1.0, 1.0])[:, :3], axis=1)
     sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(before, axis=1)
-    sine = up(vector / sizes + 8.0 * UNIT)
+    sine = up(vector / sizes + 12.0 * UNIT)
     return np.where(sine < 0.1, up(2.01 * sine), np.inf)
 
 
@@ -184,10 +189,10 @@ def _amplification(
 ) -> float:
     """A bound on ``|Phi(t) Phi(tau)^-1|`` over all pairs tau <= t, where ``Phi' = M^ [h]x Phi``.
 
-    In the base's axes the turn ``y = R^^T zeta`` is as long, and ``y' = (I^-1 [R^^T h]x - [w^]x) y``; the length of any
-    solution grows at kappa at most, half of h times the spread of the eigenvalues of ``I^-1``. Transitions between
-    instants are enclosed, and products of them, not of their radii: with ``T^_k`` a computed transition, off by d_k with
-    the rounding of its products, ``C^`` the largest computed product and s the largest true one,
+    In the base's axes the turn ``y = R^^T zeta`` is as long, and ``y' = (I^-1 [R^^T h]x - [w^]x) y``; the length of
+    any solution grows at kappa at most, half of h times the spread of the eigenvalues of ``I^-1``. Transitions between
+    instants are enclosed, and products of them, not of their radii: with ``T^_k`` a computed transition, off by d_k
+    with the rounding of its products, ``C^`` the largest computed product and s the largest true one,
 
         |C - C^| = |sum_k (T_n .. T_k+1) (T_k - T^_k) (T^_k-1 .. T^_m)| <= s |C^| sum_k d_k,
 
@@ -212,7 +217,7 @@ def _amplification(
     found = [transitions.at(u) for u in instants.tolist()]
     values = np.concatenate([value for value, _ in found], axis=1)
     radii = np.concatenate([radius for _, radius in found], axis=1) + off[:, None]
-    back = np.linalg.inv(values[:, :-1]) if np.isfinite(values).all() else np.full_like(values[:, :-1], np.nan)
+    back = inverted(values[:, :-1])
     one = frobenius(values[:, :-1] @ back - np.eye(3)) + 4.0 * UNIT * frobenius(values[:, :-1]) * frobenius(back)
     missed = up(one + radii[:, :-1] * frobenius(back))
     missed = np.where(missed < 0.5, missed, np.nan)
@@ -222,12 +227,17 @@ def _amplification(
     d += 4.0 * UNIT * frobenius(values[:, 1:]) * frobenius(back)
     d[:, 0] += steps * frobenius(ahead[:, 0])  # between cells the base's axes are turned by a step
     sequence = ahead.reshape(-1, 3, 3)
-    total = float(up(d.sum() + 4.0 * UNIT * frobenius(sequence).sum()))
+    total = _up(d.sum() + 4.0 * UNIT * frobenius(sequence).sum())
     largest, size_of_all = _largest_product(sequence)
     if not size_of_all * total < 0.5:
         return math.inf
-    within = float(up(np.exp(growth.max() / parts) * (1.0 + 1e-12)))
-    return float(up(max(1.0, largest) / (1.0 - size_of_all * total) * within))
+    within = _up(np.exp(growth.max() / parts) * (1.0 + 1e-12))
+    return _up(max(1.0, largest) / (1.0 - size_of_all * total) * within)
+
+
+def _up(value: float) -> float:
+    """A number rounded up as radii are."""
+    return float(up(np.array(float(value))))
 
 
 def _spread(inverse: Matrices) -> Array:
@@ -245,20 +255,26 @@ def _spread(inverse: Matrices) -> Array:
 
 
 def _largest_product(sequence: Array) -> tuple[float, float]:
-    """Bounds on the spectral and the Frobenius norm of all products of neighbours in a sequence (L, 3, 3)."""
+    """Bounds on the spectral and the Frobenius norm of all products of neighbours in a sequence (L, 3, 3).
+
+    The spectral norm is at least the Frobenius norm over sqrt(3), so that products whose Frobenius norm is less than
+    0.57 of the largest one have a smaller one. Of very many products the Frobenius norm has to do.
+    """
     products = sequence
     largest = 0.0
-    norms = [frobenius(products)]
-    kept = [products]
-    for count in range(2, len(sequence) + 1):
-        products = sequence[count - 1 :] @ products[:-1]
-        norms.append(frobenius(products))
-        kept.append(products)
-    sizes = np.concatenate(norms)
-    largest = float(sizes.max())
-    # The spectral norm of the others is below the largest of these: it is at least a Frobenius norm over sqrt(3).
-    candidates = np.concatenate(kept)[sizes >= 0.57 * largest]
-    return float(_spectral(candidates).max()), float(up(largest))
+    candidates = []
+    for count in range(1, len(sequence) + 1):
+        if count > 1:
+            products = sequence[count - 1 :] @ products[:-1]
+        sizes = frobenius(products)
+        largest = max(largest, float(sizes.max()))
+        if len(sequence) <= MOST_COMPARED:
+            candidates.append(products[sizes >= 0.57 * largest])
+    length = _up(largest)
+    if not candidates or not math.isfinite(length):
+        return length, length
+    found = np.concatenate(candidates)
+    return float(_spectral(found[frobenius(found) >= 0.57 * largest]).max()), length
 
 
 def _spectral(matrices: Array) -> Array:
@@ -268,6 +284,6 @@ def _spectral(matrices: Array) -> Array:
     power = scaled.swapaxes(-1, -2) @ scaled
     for _ in range(SQUARINGS):
         power = power @ power
-    # Each product is rounded by less than 4 UNIT of norms that are at most 1, and is squared after that.
-    rounded = frobenius(power) + 4.0 * 2.0**SQUARINGS * 2.0 * UNIT
+    # Norms are at most 1: the first product is off by less than 6 UNIT, each squaring doubles that and adds 4 UNIT.
+    rounded = frobenius(power) + 12.0 * 2.0**SQUARINGS * UNIT
     return up(size * rounded ** (0.5 / 2.0**SQUARINGS) * (1.0 + 1e-12))

@@ -1,7 +1,8 @@
 """Findings on a flight in space: attitude, turns, takeoff and landing, and what the file says of them.
 
-The true attitude is within a proved bound of the approximation, which at both ends of the flight is a quaternion whose parts
-are sums of doubles: all that is said of the ends is computed from these in Arb. Quaternions are lists x, y, z, w.
+The true attitude is within a proved bound of the approximation, which at both ends of the flight is a quaternion whose
+parts are sums of doubles: all that is said of the ends is computed from these in Arb. Quaternions are lists x, y, z,
+w.
 """
 
 from __future__ import annotations
@@ -109,7 +110,8 @@ def _turn_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Finding
     (least,) = least_of([LimitedQuantity("goal", ("tilt",), entry, math.sin(STEEPEST + TILT))], flight.cells)
     sine, attained = -least.bound, -least.attained
     tilt = math.asin(min(1.0, sine)) + SEEN if sine >= 0.0 else math.inf
-    tilts = at_most("goal", ("tilt",), tilt, math.asin(min(1.0, attained)) - SEEN, STEEPEST, TILT, least.instant)
+    seen = math.asin(max(0.0, min(1.0, attained))) - SEEN
+    tilts = at_most("goal", ("tilt",), tilt, seen, STEEPEST, TILT, least.instant)
     cosine = math.sqrt(max(0.0, 1.0 - sine * sine))
     turns: Finding = Finding("goal", ("turns",), "undecided", math.inf, record.duration, 0.0, math.inf)
     if math.isfinite(flight.attitude.bound) and cosine > NEAR_A_QUARTER:

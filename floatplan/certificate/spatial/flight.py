@@ -1,7 +1,7 @@
 """The whole flight in space, on cells that are as fine as its proof needs.
 
-What the joints alone do is enclosed cell by cell; the attitude, which is bounded for the flight as a whole, follows each
-time that cells have been halved.
+What the joints alone do is enclosed cell by cell; the attitude, which is bounded for the flight as a whole, follows
+each time that cells have been halved.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosur
     duration = record.duration
     momentum = np.array(record.angular_momentum)
     start = np.array(record.orientation["start"]["quaternion_xyzw"])
-    grid = np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS)
+    grid = np.asarray(np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS), dtype=np.float64)
     grid[-1] = duration
     cells = TimeCells.between(grid[:-1], grid[1:])
     motion = body_motion(robot, record, cells)

@@ -1,13 +1,15 @@
 """Taylor models of matrices with two radii side by side, one of each entry and one in the Euclidean norm.
 
-The spectral norm of a rotation is 1, so that in this norm the radii of a product of rotations add up, where radii of entries
-grow by up to sqrt(3) with each factor: 700 times after the twelve joints of a chain. Entries know instead that a slender
-body has little inertia about its long axis, and little error in it. Every operation carries both, and of each the smaller
-one counts. Vectors are matrices of one column, for which the norm is the length, and scalars are matrices (1, 1).
+The spectral norm of a rotation is 1, so that in this norm the radii of a product of rotations add up, where radii of
+entries grow by up to sqrt(3) with each factor: 700 times after the twelve joints of a chain. Entries know instead that
+a slender body has little inertia about its long axis, and little error in it. Every operation carries both, and of
+each the smaller one counts. Vectors are matrices of one column, for which the norm is the length, and scalars are
+matrices (1, 1).
 
 As in :mod:`~floatplan.certificate.enclosure`, every operation returns a model that contains the exact result for all
-functions that its operands stand for. Two facts serve throughout: the Frobenius norm, which is computed, is no less than
-the spectral norm; and ``| |A| |B| |_F <= |A|_F |B|_F`` for the matrices of magnitudes, by which rounding is bounded.
+functions that its operands stand for. Two facts serve throughout: the Frobenius norm, which is computed, is no less
+than the spectral norm; and ``| |A| |B| |_F <= |A|_F |B|_F`` for the matrices of magnitudes, by which rounding is
+bounded.
 """
 
 from __future__ import annotations
@@ -228,6 +230,14 @@ def frobenius(matrices: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("...pq,...pq->...", matrices, matrices)))
 
 
+def inverted(matrices: Array) -> Array:
+    """Inverses (..., 3, 3) as doubles give them, not numbers where they give none."""
+    try:
+        return np.asarray(np.linalg.inv(matrices))
+    except np.linalg.LinAlgError:
+        return np.full_like(matrices, np.nan)
+
+
 def beside(models: Sequence[Matrices]) -> Matrices:
     """The items of all."""
     names = ("c", "e", "entries", "norm")
@@ -270,8 +280,8 @@ def axial(matrices: Matrices) -> Matrices:
 def moments(matrices: Matrices) -> Matrices:
     """``tr(Z) 1 - Z^T`` of matrices Z (3, 3).
 
-    Each number on the diagonal is the sum of the two others there. The trace is at most three times the spectral norm, so
-    that a radius grows by four at most.
+    Each number on the diagonal is the sum of the two others there. The trace is at most three times the spectral norm,
+    so that a radius grows by four at most.
     """
     z, radii = matrices.c, matrices.entries
     others = np.ones((3, 3)) - np.eye(3)

@@ -7,8 +7,8 @@ turns about the axis of the joint that carries it: with ``R_b`` from the body's 
 
     C_ij = sum m w_i w_j^T + delta_ij S_i,    S = R C R^T = sum_ij R_i C_ij R_j^T,    R = (R_0, R_1, ..),
 
-is all that momentum and torques need to know of the masses: S is the second moment about the centre of mass, and ``S_i``
-that of a body's links about their own centres. In a plane these are the ``C_ij`` of
+is all that momentum and torques need to know of the masses: S is the second moment about the centre of mass, and
+``S_i`` that of a body's links about their own centres. In a plane these are the ``C_ij`` of
 :mod:`~floatplan.certificate.planar.inertia`.
 """
 

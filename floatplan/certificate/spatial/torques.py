@@ -1,13 +1,13 @@
 """How fast the base turns, and the joints' torques, on cells of time, in the base's axes.
 
-With ``omega_b`` and ``alpha_b`` of all bodies, ``R_b'' = ([alpha_b]x + [omega_b]x^2) R_b``, and the moment on body b, by
-which a virtual turn of it alone would do work, is
+With ``omega_b`` and ``alpha_b`` of all bodies, ``R_b'' = ([alpha_b]x + [omega_b]x^2) R_b``, and the moment on body b,
+by which a virtual turn of it alone would do work, is
 
     Q_b = sum_k r_k x v_k  over its columns r of R_b and v of ``(R'' C)_b``.
 
-The base's own acceleration alpha turns all bodies alike and adds ``L_b^T alpha``; in free flight all moments together are
-zero, so that ``I alpha = -sum_b Q_b`` of the rest. The torque of a joint is the moment on what it carries about its axis,
-and what turns its rotor. Gravity has no part in it: C is about the centre of mass.
+The base's own acceleration alpha turns all bodies alike and adds ``L_b^T alpha``; in free flight all moments together
+are zero, so that ``I alpha = -sum_b Q_b`` of the rest. The torque of a joint is the moment on what it carries about
+its axis, and what turns its rotor. Gravity has no part in it: C is about the centre of mass.
 """
 
 from __future__ import annotations
