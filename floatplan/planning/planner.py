@@ -61,7 +61,7 @@ def plan(
         Told in a few words what the search is doing, about once a second.
     prove : bool
         Whether to prove the plan too, at every instant: where the best motion found is not proved, it is corrected, or
-        the next best is tried. Flights in space are not proved yet.
+        the next best is tried.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def plan(
     """
     found = planned(given_problem(problem), SearchOptions(seed, starts, budget, progress))
     plan = found.plan
-    if flag(prove, "prove") and plan.robot.in_plane:
+    if flag(prove, "prove"):
         from floatplan.planning.repair import proved_plan  # here, because most plans do without
 
         plan = proved_plan(found)

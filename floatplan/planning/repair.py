@@ -76,7 +76,8 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
         corrected = None
         if missing is not None:
             LOG.info("proof: %s, tightened by the shortfalls of %d constraints", certificate.verdict, len(missing))
-            tighter = tightened(tighter, missing, asked.final.orientation - sum(certificate.orientation_end) / 2)
+            ends = certificate.orientation_end
+            tighter = tightened(tighter, missing, asked.final.orientation - sum(ends) / 2 if ends else 0.0)
             corrected = polished(found, tighter)
         if corrected is None:
             break
@@ -135,7 +136,8 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
     for finding in certificate.unproved:
         if finding.kind in CONSEQUENCES:
             continue
-        correctable = finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
+        is_goal = (finding.kind, finding.subject) == ORIENTATION
+        correctable = finding.kind in CORRECTABLE or (is_goal and certificate.orientation_end is not None)
         if finding.bound is None or finding.limit is None or not correctable:
             return None
         shortfall = abs(finding.bound - finding.limit)
@@ -166,7 +168,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     rate = limits.orientation_rate
     return replace(
         problem,
-        goal=replace(problem.goal, orientation=problem.goal.angle + (turn if ORIENTATION in missing else 0.0)),
+        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if ORIENTATION in missing else problem.goal,
         limits=replace(
             limits,
             **of_joints,
@@ -189,12 +191,13 @@ def _claims_proved(plan: Plan, certificate: Certificate) -> tuple[Plan, Certific
     if {finding.kind for finding in certificate.unproved} != {"recorded"}:
         return plan, certificate
     record = plan.record
+    ends = certificate.orientation_end
     claims = replace(
         record,
         torque_peak=read_only(certificate.torque_peak),
         velocity_peak=read_only(certificate.velocity_peak),
         clearance_min=certificate.clearance_min,
-        orientation={**record.orientation, "end": sum(certificate.orientation_end) / 2},
+        orientation={**record.orientation, "end": sum(ends) / 2} if ends else record.orientation,
     )
     if not np.isfinite([*claims.torque_peak, *claims.velocity_peak, claims.clearance_min or 0.0]).all():
         return plan, certificate

@@ -361,6 +361,33 @@ FILES = {  # by their format
     FORMAT_IN_SPACE: PlanRecord.in_files({"format", "problem_file"}, others=IN_SPACE),
 }
 
+
+def attitude(value: Any, element: str) -> None:
+    """Check an attitude of a problem in space: a quaternion of any length but zero, or three angles about axes."""
+    ATTITUDE_KEYS(value, element)
+    if ("quaternion_xyzw" in value) == ("angles" in value) or ("angles" in value) != ("axes" in value):
+        raise InputError("must have either quaternion_xyzw, or angles and axes", element=element)
+    if "quaternion_xyzw" in value and not any(value["quaternion_xyzw"]):
+        raise InputError("has length zero", element=f"{element}.quaternion_xyzw")
+    axes = value.get("axes", "xyz")
+    if len(axes) != 3 or not set(axes) <= set("xyz") or axes[0] == axes[1] or axes[1] == axes[2]:
+        raise InputError("must be three of the letters x, y, z with neighbours that differ", element=f"{element}.axes")
+
+
+def momentum_in_space(value: Any, element: str) -> None:
+    """Check the angular momentum of a problem in space: a word, three numbers, or 0 for all of them."""
+    if isinstance(value, list | tuple):
+        TRIPLE(value, element)
+    else:
+        one_of("midpoint", "free", "suggested", or_number=number)(value, element)
+
+
+def speed_in_space(value: Any, element: str) -> None:
+    """Check the horizontal velocity of a problem in space: two numbers, or 0 for both."""
+    (POINT if isinstance(value, list | tuple) else number)(value, element)
+
+
+ATTITUDE_KEYS = KeyedTable({}, {"quaternion_xyzw": pair(number, count=4), "angles": TRIPLE, "axes": text})
 JOINTS_AT_ENDS = ("positions", "velocities", "accelerations")
 DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
@@ -386,17 +413,17 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
     limits = many(optional(number), "numbers", n)
     postures = {
         end: KeyedTable(
-            {"orientation": table if in_space else number, **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
+            {"orientation": attitude if in_space else number, **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
         )
         for end, rest in REST.items()
     }
     flight: dict[str, Check] = {
         "duration": positive(),
-        "angular_momentum": anything if in_space else one_of("midpoint", "free", or_number=number),
+        "angular_momentum": momentum_in_space if in_space else one_of("midpoint", "free", or_number=number),
         "takeoff": KeyedTable({"frame": text, "position": TRIPLE if in_space else POINT}),
         "landing": KeyedTable({"frame": text, "height": number}),
-        "horizontal_velocity": anything if in_space else number,
+        "horizontal_velocity": speed_in_space if in_space else number,
         "gravity": number,
     }
     kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}

@@ -16,7 +16,6 @@ from floatplan.keys import ANGLE, Key, Keyed
 Triple: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 LEAST_LENGTH = 1e-6  # [-] of a quaternion as written
-STEEPEST = math.radians(70)  # of the second angle; near 90 degrees the first and the third are not defined
 
 
 @dataclass(frozen=True)

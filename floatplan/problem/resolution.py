@@ -15,12 +15,12 @@ from floatplan.arguments import either
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
-from floatplan.problem.attitude import STEEPEST, Attitude, tilt
+from floatplan.problem.attitude import Attitude, tilt
 from floatplan.problem.ballistics import frame_from_com
 from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
+from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, STEEPEST, LimitRow
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60

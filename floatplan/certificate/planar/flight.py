@@ -1,7 +1,7 @@
 """The motion in Taylor models: joints (12), angular momentum (4), orientation (18) and torques, on cells of time.
 
-All models have the shape (K, cells, items). Joint motions come from the polynomials of the plan file, recentred in
-Arb; what follows from them uses the constants of :class:`~floatplan.certificate.planar.inertia.PlanarRobot`. With
+All models have the shape (K, cells, items). What follows from the joints' motion uses the constants of
+:class:`~floatplan.certificate.planar.inertia.PlanarRobot`. With
 ``zeta_b = exp(i sum_k turns_bk q_k)`` and ``phi_b' = theta' + sum_k turns_bk q_k'``:
 
 - ``m_j - i n_j = sum_i C_ij conj(zeta_i) zeta_j``; ``D_0 = sum_j m_j`` and ``D_k = sum_j m_j turns_jk`` in (4);
@@ -16,16 +16,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
-import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.cells import ORDER, TimeCells, Vectors, recentred
+from floatplan.certificate.cells import ORDER, TimeCells, Vectors
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, products, reciprocal, up
+from floatplan.certificate.joints import joint_motion
+from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
-SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
 FIRST_CELLS = 24  # [-] before any is halved
 ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
 TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
@@ -46,6 +46,10 @@ class Joints:
     rate: Taylor
     cos: Taylor
     sin: Taylor
+
+    def limited_rate(self, limit: float) -> LimitedQuantity:
+        """The orientation's rate, and its limit, rad/s."""
+        return LimitedQuantity("orientation_rate", (), self.rate, limit)
 
     @classmethod
     def joined(cls, parts: Sequence[Joints]) -> Joints:
@@ -78,13 +82,7 @@ class FlightEnclosure:
 
 def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Joints:
     """Enclose joints, orientation rate and torques on cells."""
-    p, dp, ddp = _polynomials(record, cells)
-    amplitude = Balls.exact(record.amplitude)
-    cosine, sine = cos_sin(p)
-    q = sine.times(amplitude) + Taylor.constant(Balls.exact(record.centre).broadcast(p.e.shape), ORDER)
-    swing, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
-    dq = swing.times(amplitude)
-    ddq = (push - sine * speed).times(amplitude)
+    q, dq, ddq = joint_motion(record, cells)
     cos, sin = cos_sin(q.linear(robot.turns))
     shares, twists = _momentum_shares(robot, cos, sin)
     turned = dq.linear(robot.turns)
@@ -118,33 +116,6 @@ def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Ta
     driven = robot.inertia.times(along - inwards, outwards + across)
     of_cos, of_sin = products([(cos, driven.x), (sin, driven.y)])
     return of_cos + of_sin
-
-
-def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, Taylor]:
-    """p, p' and p'' of (12) on the cells, recentred in Arb."""
-    polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
-    length = record.coefficients.shape[1]
-    balls = recentred(polynomials, cells, length)
-    c = balls.mid
-    e = balls.rad
-    p = Taylor.polynomial(c, e, ORDER)
-    if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
-        rates = [polynomial.derivative() for polynomial in polynomials]
-        both = (recentred(of_time, cells, length) for of_time in (rates, [rate.derivative() for rate in rates]))
-        dp, ddp = (Taylor.polynomial(balls.mid, balls.rad, ORDER) for balls in both)
-        return p, dp, ddp
-    inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
-    first = _derivative(c, e)
-    dp, ddp = (Taylor.polynomial(*by_u, ORDER).times(inverse[:, None]) for by_u in (first, _derivative(*first)))
-    return p, dp, ddp.times(inverse[:, None])
-
-
-def _derivative(c: Array, e: Array) -> tuple[Array, Array]:
-    """Coefficients and radii of the derivative by u; one coefficient at least."""
-    if len(c) == 1:
-        return np.zeros_like(c), np.zeros_like(e)
-    degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
-    return c[1:] * degrees, up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
 
 
 def assemble(record: PlanRecord, cells: TimeCells, joints: Joints) -> FlightEnclosure:

@@ -6,10 +6,9 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.spatial.rotations import unwrapped_angles
-from floatplan.problem.attitude import STEEPEST, Attitude, tilt
+from floatplan.problem.attitude import Attitude, tilt
 from floatplan.problem.parts import JointState
-
-A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
+from floatplan.tables import A_TURN_OFF, STEEPEST
 
 
 def attitude_of(state: JointState) -> Attitude:

@@ -15,9 +15,8 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
 from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
-from floatplan.motion.spatial.goal import A_TURN_OFF
 from floatplan.planning.kernel_input.rows import Block, DistanceRows, KernelRows, Sums
-from floatplan.problem.attitude import STEEPEST
+from floatplan.tables import A_TURN_OFF, STEEPEST
 
 
 class SpatialRows(KernelRows):
