@@ -155,7 +155,7 @@ class Body:
                 if word in joint:
                     joints[column] = angle
         feet = {self.model.frames[frame].parentJoint for frame in self.frames}
-        poses = body_poses(self.model, np.zeros((1, 3)), np.eye(3)[None], joints[None])
+        poses = body_poses(self.robot, np.zeros((1, 3)), np.eye(3)[None], joints[None])
         solids = [solid for solid in self.robot.solids if solid.body in feet]
         lowest = min(lowest_point(poses, [solid for solid in solids if solid.body == body])[0, 2] for body in feet)
         configuration = np.concatenate(([0.0, 0.0, -lowest, 0.0, 0.0, 0.0, 1.0], joints))

@@ -173,7 +173,7 @@ def _misfit(robot: Robot, recording: Recording, positions: Array) -> float:
     assert bodies is not None, "the file has bodies"
     frames = np.unique(np.linspace(0, len(positions) - 1, FRAMES_FOR_ORDER).astype(np.int64))
     attitudes = of_quaternions(_xyzw(recording.quaternion[frames], recording.quaternion_order))
-    poses = body_poses(robot.model, recording.place[frames], attitudes, positions[frames])
+    poses = body_poses(robot, recording.place[frames], attitudes, positions[frames])
     apart = np.linalg.norm(bodies[frames][:, :, None] - poses.places[:, None, 1:], axis=3)
     return float(np.sqrt((apart.min(axis=1) ** 2).mean()))
 
