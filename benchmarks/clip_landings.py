@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from drawn_hops import HOPPERS, Hop, draw_hop, stretched
+from drawn_hops import HOPPERS, Hop, draw_hops, stretched
 from measuring import Counts, heading, table
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -40,7 +40,7 @@ LOW = 0.6  # [-] of the clip's height: no less is upright
 DISTURBED = {"mass": 0.03, "inertia": 0.03}
 PUSHED = (0.02, 0.05, 0.02)  # [m/s, rad/s, rad] standard deviations of takeoff: of speed, of turning, of attitude
 STRETCH = 1.45  # [-] in time: what retargeted jumps have
-SWING = 20.0  # [degree] by which the base turns on from the takeoff, and back
+SWING = 15.0  # [degree] by which the base turns on from the takeoff, and back
 RUNS = 20  # [-] of a hop
 FEW, MANY = 2, 18  # [-] runs upright of these: of a clip that does not fly, of one that does
 ROBOTS = ("g1", "go2")
@@ -160,7 +160,7 @@ def clip_landings(counts: Counts) -> None:
     rows = []
     hard = good = 0
     for name in ROBOTS:
-        for number, hop in enumerate(_hops(name, counts.clip_landings)):
+        for number, hop in enumerate(draw_hops(name, counts.clip_landings)):
             angle = 2.0 * np.pi * number / counts.clip_landings
             clip = swung(hop, 50.0, STRETCH, SWING, np.array([np.cos(angle), np.sin(angle), 0.0]))
             repaired, told = repair_clip(clip, rate=RATE)
@@ -177,13 +177,3 @@ def clip_landings(counts: Counts) -> None:
     table(["robot", "hop", "spoiled", "repaired", "choice"], rows)
     print(f"of {hard} hops of which at most {FEW} runs are upright as spoiled, {good} are in {MANY} at least, repaired")
     print()
-
-
-def _hops(name: str, count: int) -> list[Hop]:
-    rng = np.random.default_rng(0)
-    hops: list[Hop] = []
-    while len(hops) < count:
-        hop = draw_hop(name, rng)
-        if hop is not None:
-            hops.append(hop)
-    return hops

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 from clip_section import drawn
-from drawn_hops import Hop, clip_of, draw_hop, drifted, in_a_row, noisy, shifted, stretched
+from drawn_hops import Hop, clip_of, draw_hops, drifted, in_a_row, noisy, shifted, stretched
 from drawn_twists import draw_twist, slowly
 from measuring import Counts, heading, table
+from scipy.spatial.transform import Rotation
 
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
+from floatplan.clips.curve import body_poses, centre_of_mass
+from floatplan.clips.fall import fit_fall
 from floatplan.clips.repair import ClipRepair, FlightRepair, repair_clip
+from floatplan.clips.repaired_flight import repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion
 
 GRAVITY = 9.81  # [m/s^2]
@@ -62,6 +67,7 @@ def clip_repair(counts: Counts) -> None:
     heading("Recorded motions: repaired")
     figures: dict[str, list[float]] = {name: [] for name in BOUNDS}
     by_kind: dict[str, list[str]] = {}
+    verdicts: Counter[str] = Counter()
     lines = []
     unchanged = 0
     for number, (name, hop, fps, rng) in enumerate(drawn(counts.repairs)):
@@ -75,6 +81,7 @@ def clip_repair(counts: Counts) -> None:
         by_kind.setdefault(case.kind, []).append(outcome)
         if outcome == "solved":
             figures["whole call, CPU s"].append(seconds)
+            verdicts.update(judged.verdict for judged in check_clip(new).flights)
             for key, value in measures(case, new, told):
                 figures[key].append(value)
         else:
@@ -85,21 +92,25 @@ def clip_repair(counts: Counts) -> None:
         [[kind, len(found), found.count("solved")] for kind, found in by_kind.items()],
     )
     _print_figures(figures)
+    print(f"judged again: {', '.join(f'{count} {verdict}' for verdict, count in verdicts.items())}")
     print(f"true hops that come back as they are: {unchanged} of {counts.repairs}")
     for line in lines:
         print(line)
     _twists(counts.repairs // 5)
-    _long_clip(40 if counts.repairs > 40 else 4)
+    for name in ("go2", "g1"):
+        _long_clip(name, min(counts.repairs, 40))
+    print()
 
 
 def measures(case: Spoiled, new: Clip, told: ClipRepair) -> Iterator[tuple[str, float]]:
     """What is measured of a clip that was repaired, flight by flight."""
-    for judged in check_clip(new).flights:
-        yield "fall - g, m/s^2", abs(judged.fall.fall - GRAVITY)
-    for each in told.flights:
+    for number, each in enumerate(told.flights):
         if each.repaired is None or each.repaired.plan is None:
             continue
         plan = each.repaired.plan
+        motion = RepairedMotion(case.clip, {number: plan})
+        begin = motion.begins[number]
+        yield "fall - g, m/s^2", abs(fall_of_frames(new, begin, begin + plan.duration) - GRAVITY)
         yield "h, relative", momentum_spread(case.clip, each)
         if case.factor > 1 and each.repaired.choice == "retime":
             expected = each.flight.duration / case.factor
@@ -109,12 +120,18 @@ def measures(case: Spoiled, new: Clip, told: ClipRepair) -> Iterator[tuple[str, 
             if share is not None:
                 yield "share of a limit", share[0]
         yield "feet, mm", 1e3 * each.seam_foot
-        number = told.flights.index(each)
-        motion = RepairedMotion(case.clip, {number: plan})
-        for instant in (motion.begins[number], motion.begins[number] + plan.duration):
+        for instant in (begin, begin + plan.duration):
             before, after = motion.configurations(instant + np.array([-NEAR, NEAR]))
             yield "jump of q at a seam", float(np.abs(before - after).max())
         yield "one plan, CPU s", plan_seconds(case.clip, each)
+
+
+def fall_of_frames(clip: Clip, begin: float, end: float) -> float:
+    """At which acceleration, m/s^2, the centre of mass falls in the frames from one time to another."""
+    frames = slice(int(np.ceil(begin * clip.fps)), int(end * clip.fps) + 1)
+    attitudes = Rotation.from_quat(clip.base_quaternion[frames]).as_matrix()
+    poses = body_poses(clip.robot, clip.base_position[frames], attitudes, clip.positions[frames])
+    return fit_fall(clip.times[frames], centre_of_mass(clip.robot, poses)).fall
 
 
 def momentum_spread(clip: Clip, each: FlightRepair) -> float:
@@ -138,8 +155,6 @@ def momentum_spread(clip: Clip, each: FlightRepair) -> float:
 
 def plan_seconds(clip: Clip, each: FlightRepair) -> float:
     """Processor time, s, of planning one flight again, with whatever is prepared once for a clip."""
-    from floatplan.clips.repaired_flight import repair_flight
-
     begin = time.process_time()
     repair_flight(clip, each.flight)
     return time.process_time() - begin
@@ -177,15 +192,9 @@ def _twists(count: int) -> None:
         print(line)
 
 
-def _long_clip(count: int) -> None:
-    """A clip of many hops of a G1 in a row, its flights stretched."""
-    rng = np.random.default_rng(0)
-    hops: list[Hop] = []
-    while len(hops) < count:
-        hop = draw_hop("g1", rng)
-        if hop is not None:
-            hops.append(hop)
-    clip = in_a_row(hops, 30.0, 1.2, stance=0.12, between=0.1)
+def _long_clip(name: str, count: int) -> None:
+    """A clip of many hops of a robot in a row, its flights stretched."""
+    clip = in_a_row(draw_hops(name, count), 30.0, 1.2, stance=0.12, between=0.1)
     begin = time.process_time()
     new, told = repair_clip(clip)
     seconds = time.process_time() - begin
@@ -194,7 +203,7 @@ def _long_clip(count: int) -> None:
     at_200 = [judged.verdict for judged in check_clip(fine).flights]
     repaired = sum(each.repaired is not None and each.repaired.repairable for each in told.flights)
     print(
-        f"a clip of {clip.frames} frames with {len(told.flights)} flights: {repaired} repaired in {seconds:.1f} s of "
+        f"{name}, a clip of {clip.frames} frames with {len(told.flights)} flights: {repaired} repaired in {seconds:.1f} s of "
         f"processor time; then physical {verdicts.count('physical')} of {len(verdicts)} at 30 Hz, "
         f"{at_200.count('physical')} of {len(at_200)} at 200 Hz"
     )
@@ -203,4 +212,3 @@ def _long_clip(count: int) -> None:
     for each in told.flights:
         if each.repaired is not None and each.repaired.reason:
             print(f"  {each.flight.begin:.2f} s: {each.repaired.reason}")
-    print()

@@ -290,6 +290,17 @@ def draw_hop(name: str, rng: np.random.Generator) -> Hop | None:
     return Hop(body.robot, takeoff, landing, landing + stance + STANDING, parts)
 
 
+def draw_hops(name: str, count: int) -> list[Hop]:
+    """So many hops of a robot, with the seed 0."""
+    rng = np.random.default_rng(0)
+    hops: list[Hop] = []
+    while len(hops) < count:
+        hop = draw_hop(name, rng)
+        if hop is not None:
+            hops.append(hop)
+    return hops
+
+
 def _part(begin: float, end: float, configurations: Array) -> tuple[float, float, CubicSpline]:
     """The curve through configurations (K, 7 + J) at equal steps of time."""
     smooth = configurations.copy()

@@ -85,6 +85,7 @@ def clip_repair(
     degree: Annotated[
         int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
     ] = None,
+    report: Annotated[bool, flag("Write runs/<name>_repaired/report.html too: it plays both side by side.")] = False,
     rate: Annotated[float | None, option("HZ", "Frames a second of the output; the clip's own if left out.")] = None,
     problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
     form: Format = None,
@@ -117,15 +118,20 @@ def clip_repair(
     with progress("repairing", quiet):
         repaired, told = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate)
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
+    shown = _page([target]) if report else None
     if repaired is not clip:
         write_clip(repaired, target)
     else:
         write_atomically(target, read_regular(file, LARGEST_CLIP, "a recorded motion"))
+    if shown is not None:
+        from floatplan.clips.repair_page import write_repair_page
+
+        write_repair_page(repaired, told, shown)
     facts = {**told.to_dict(), "output": str(target)}
     common.finish(
         facts,
         json_output,
-        lambda summary: summary.repair_summary(told, target),
+        lambda summary: summary.repair_summary(told, target, shown),
         told.ok,
         told=not quiet and not json_output,
     )
