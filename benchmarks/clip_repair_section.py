@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -203,7 +203,7 @@ def _long_clip(name: str, count: int) -> None:
     at_200 = [judged.verdict for judged in check_clip(fine).flights]
     repaired = sum(each.repaired is not None and each.repaired.repairable for each in told.flights)
     print(
-        f"{name}, a clip of {clip.frames} frames with {len(told.flights)} flights: {repaired} repaired in {seconds:.1f} s of "
+        f"{name}, {clip.frames} frames with {len(told.flights)} flights: {repaired} repaired in {seconds:.1f} s of "
         f"processor time; then physical {verdicts.count('physical')} of {len(verdicts)} at 30 Hz, "
         f"{at_200.count('physical')} of {len(at_200)} at 200 Hz"
     )

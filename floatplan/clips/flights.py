@@ -33,6 +33,7 @@ FOOT_REACH = 0.2  # [-] of the robot's height: a limb that often ends so near to
 OFTEN = 20.0  # [%] of the time
 FRAMES_FOR_FEET = 100  # [-] instants at which limbs are compared
 CHUNK = 4096  # [-] instants that are evaluated at once
+BASE_BODY = 1  # the model's joint that carries the base
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -287,18 +288,25 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    The robot is held upright for it, its base at the identity: in the air it may be upside down for most of a clip.
+    The robot is held upright for it, its base at the identity: in the air it may be upside down for most of a clip. A
+    base that ends a limb is a foot or a hand; it is held as the clip begins.
     """
     times = np.linspace(0.0, curve.duration, FRAMES_FOR_FEET)
-    level = np.broadcast_to(np.eye(3), (len(times), 3, 3))
-    poses = body_poses(curve.robot, np.zeros((len(times), 3)), level, curve.positions(times))
+    upright = curve.attitudes(times[:1])[0] if _base_ends_a_limb(curve.robot) else np.eye(3)
+    held = np.broadcast_to(upright, (len(times), 3, 3))
+    poses = body_poses(curve.robot, np.zeros((len(times), 3)), held, curve.positions(times))
     heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     return np.percentile(over_lowest, OFTEN, axis=0), float(np.median(over_lowest.max(axis=1)))
 
 
+def _base_ends_a_limb(robot: Robot) -> bool:
+    """Whether a single joint carries all of the robot but its base."""
+    return list(robot.model.parents).count(BASE_BODY) == 1
+
+
 def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array, extent: float) -> list[int]:
-    """Bodies that end a limb and are often near the robot's lowest point as it stands upright.
+    """Bodies that end a limb, the base too where it ends one, and are often near the robot's lowest point.
 
     Raises
     ------
@@ -306,6 +314,8 @@ def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array,
         There is none.
     """
     carries = {int(robot.model.parents[body]) for body in by_body}
+    if _base_ends_a_limb(robot):
+        carries.discard(BASE_BODY)
     low = usual <= FOOT_REACH * extent
     feet = [body for body, is_low in zip(by_body, low, strict=True) if is_low and body not in carries]
     if not feet:
