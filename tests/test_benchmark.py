@@ -57,6 +57,8 @@ EXPECTED = {
     "contact": "on feet alone",
     "space": "drawn motions",
     "clips": "false alarms: 0 in 9",
+    "clip-repair": "true hops that come back as they are: 4 of 4",
+    "clip-landings": "in 18 at least, repaired",
     "guard": "most worse",
 }
 LONG = {
@@ -71,6 +73,8 @@ LONG = {
     "launch",
     "contact",
     "space",
+    "clip-repair",
+    "clip-landings",
     "guard",
 }
 
@@ -104,6 +108,8 @@ def test_section_runs(
         in_space=1,
         peers_in_space=0,
         clips=3,
+        repairs=4,
+        clip_landings=1,
         guarded=1,
         chains=(3,),
         long_chains=(3, 4),

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.clips.curve import ClipCurve, body_poses
 from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
@@ -23,7 +23,8 @@ FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
 BODY_CLEARANCE = 0.10  # [m] the same of other bodies, whose shapes are coarser, at most: ankles are always lower
 SHORTEST = 0.1  # [s] of a flight
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
-SPEED_SPAN = 0.04  # [s] over which speeds are taken: over less, noise of a millimetre looks like motion
+SPEED_STEPS = 4  # [-] instants to either side, 0.04 s in all, between which speeds are taken: over less, noise of a
+# millimetre looks like motion
 GROUND_WINDOW = 1.5  # [s] to either side, in which the ground is taken to be level
 LONG_STAND = 0.25  # [s] in which a foot on one level is not at the top of a flight: it would fall by 8 cm
 LEVEL = 0.01  # [m] of a foot's heights on one level
@@ -32,6 +33,7 @@ FOOT_REACH = 0.2  # [-] of the robot's height: a limb that often ends so near to
 OFTEN = 20.0  # [%] of the time
 FRAMES_FOR_FEET = 100  # [-] instants at which limbs are compared
 CHUNK = 4096  # [-] instants that are evaluated at once
+BASE_BODY = 1  # the model's joint that carries the base
 DOWN = np.array([0.0, 0.0, -1.0])
 
 
@@ -87,6 +89,8 @@ class Scene:
         Joints of the model that carry the feet.
     foot_names : (F,)
         A link of each.
+    foot_solids : (F,)
+        The shapes of each.
     foot_heights : (K, F) m
         Of each foot's lowest point, in the world.
     foot_velocities : (K, F, 3) m/s
@@ -103,6 +107,7 @@ class Scene:
     times: Array
     foot_bodies: tuple[int, ...]
     foot_names: tuple[str, ...]
+    foot_solids: tuple[Sequence[LinkSolid], ...]
     foot_heights: Array
     foot_velocities: Array
     other_heights: Array
@@ -134,26 +139,31 @@ class Scene:
         count = max(int(np.floor(curve.duration * LOOK)) + 1, 2)
         times = np.linspace(0.0, curve.duration, count)
         by_body = _solids_by_body(curve.robot)
-        lowest = _lowest_points(curve, times, by_body)
         bodies = list(by_body)
         usual, extent = _usual_heights(curve, by_body)
         found = _named_feet(feet, by_body) if feet else _found_feet(curve.robot, by_body, usual, extent)
         columns = [bodies.index(body) for body in found]
         others = [column for column in range(len(bodies)) if column not in columns]
-        foot_heights = lowest[:, columns, 2]
-        foot_velocities = _velocities(curve, times, found, lowest[:, columns])
+        heights, foot_velocities = _watched(curve, times, by_body, found)
+        foot_heights = heights[:, columns]
         return cls(
             curve=curve,
             contacts=contacts,
             times=times,
             foot_bodies=tuple(found),
             foot_names=tuple(by_body[body][0].link for body in found),
+            foot_solids=tuple(by_body[body] for body in found),
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
-            other_heights=lowest[:, others, 2],
+            other_heights=heights[:, others],
             other_clearances=np.clip(usual[others], FOOT_CLEARANCE, BODY_CLEARANCE),
             ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
+
+    def foot_clearances(self, times: Array) -> Array:
+        """Heights (K, F) of the feet's lowest points over the ground at times (K,), s, of the clip, m."""
+        over_ground = self.foot_heights - self.ground.heights[:, None]
+        return np.stack([np.interp(times, self.times, column) for column in over_ground.T], axis=1)
 
     def in_the_air(self) -> BoolArray:
         """Whether nothing touches the ground, (K,); the file's own labels decide where it has any."""
@@ -203,15 +213,33 @@ def _solids_by_body(robot: Robot) -> dict[int, list[LinkSolid]]:
     return found
 
 
-def _lowest_points(curve: ClipCurve, times: Array, by_body: dict[int, list[LinkSolid]]) -> Array:
-    """Lowest points (K, B, 3) of B bodies, m, in the world."""
-    found = np.empty((len(times), len(by_body), 3))
-    for begin in range(0, len(times), CHUNK):
-        chunk = slice(begin, begin + CHUNK)
-        poses = curve.poses(times[chunk])
-        for column, solids in enumerate(by_body.values()):
-            found[chunk, column] = lowest_point(poses, solids)
-    return found
+def _watched(
+    curve: ClipCurve, times: Array, by_body: dict[int, list[LinkSolid]], feet: Sequence[int]
+) -> tuple[Array, Array]:
+    """Heights (K, B) of the lowest points of B bodies, m, and velocities (K, F, 3), m/s, of the feet there.
+
+    A velocity is that of the material point which is lowest, over the span of some instants to either side.
+    """
+    count = len(times)
+    heights = np.empty((count, len(by_body)))
+    velocities = np.empty((count, len(feet), 3))
+    for begin in range(0, count, CHUNK):
+        end = min(begin + CHUNK, count)
+        first = max(begin - SPEED_STEPS, 0)  # the instants beside the chunk are needed for velocities
+        poses = curve.poses(times[first : min(end + SPEED_STEPS, count)])
+        own = np.arange(begin, end)
+        before = np.maximum(own - SPEED_STEPS, 0)
+        after = np.minimum(own + SPEED_STEPS, count - 1)
+        inside = _some(poses, own - first)
+        for column, (body, solids) in enumerate(by_body.items()):
+            lowest = lowest_point(inside, solids)
+            heights[own, column] = lowest[:, 2]
+            if body in feet:
+                local = in_body(inside, body, lowest)
+                moved = on_body(_some(poses, after - first), body, local)
+                moved -= on_body(_some(poses, before - first), body, local)
+                velocities[own, feet.index(body)] = moved / (times[after] - times[before])[:, None]
+    return heights, velocities
 
 
 def lowest_point(poses: BodyPoses, solids: Sequence[LinkSolid]) -> Array:
@@ -233,26 +261,17 @@ def _lowest_of_solid(poses: BodyPoses, solid: LinkSolid) -> Array:
     return np.asarray(poses.places[:, solid.body] + np.einsum("kab,kb->ka", rotations, local))
 
 
-def _velocities(curve: ClipCurve, times: Array, feet: Sequence[int], lowest: Array) -> Array:
-    """Velocities (K, F, 3), m/s, of the material points of F feet that are lowest (K, F, 3) at each instant."""
-    found = np.empty_like(lowest)
-    for begin in range(0, len(times), CHUNK):
-        chunk = slice(begin, begin + CHUNK)
-        first = np.maximum(times[chunk] - 0.5 * SPEED_SPAN, 0.0)
-        last = np.minimum(times[chunk] + 0.5 * SPEED_SPAN, curve.duration)
-        before = curve.poses(first)
-        now = curve.poses(times[chunk])
-        after = curve.poses(last)
-        for column, body in enumerate(feet):
-            offset = lowest[chunk, column] - now.places[:, body]
-            local = np.einsum("kba,kb->ka", now.rotations[:, body], offset)
-            moved = _carried(after, body, local) - _carried(before, body, local)
-            found[chunk, column] = moved / (last - first)[:, None]
-    return found
+def _some(poses: BodyPoses, instants: IntArray) -> BodyPoses:
+    return BodyPoses(poses.places[instants], poses.rotations[instants])
 
 
-def _carried(poses: BodyPoses, body: int, local: Array) -> Array:
-    """Places (K, 3) of points (K, 3) in a body's frame, one at each instant, m."""
+def in_body(poses: BodyPoses, body: int, points: Array) -> Array:
+    """Points (K, 3) of the world, one at each instant, in a body's frame, m."""
+    return np.asarray(np.einsum("kba,kb->ka", poses.rotations[:, body], points - poses.places[:, body]))
+
+
+def on_body(poses: BodyPoses, body: int, local: Array) -> Array:
+    """Places (K, 3) in the world, m, of points (K, 3) in a body's frame, one at each instant."""
     return np.asarray(poses.places[:, body] + np.einsum("kab,kb->ka", poses.rotations[:, body], local))
 
 
@@ -269,18 +288,25 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    The robot is held upright for it, its base at the identity: in the air it may be upside down for most of a clip.
+    The robot is held upright for it, its base at the identity: in the air it may be upside down for most of a clip. A
+    base that ends a limb is a foot or a hand; it is held as the clip begins.
     """
     times = np.linspace(0.0, curve.duration, FRAMES_FOR_FEET)
-    level = np.broadcast_to(np.eye(3), (len(times), 3, 3))
-    poses = body_poses(curve.robot.model, np.zeros((len(times), 3)), level, curve.positions(times))
+    upright = curve.attitudes(times[:1])[0] if _base_ends_a_limb(curve.robot) else np.eye(3)
+    held = np.broadcast_to(upright, (len(times), 3, 3))
+    poses = body_poses(curve.robot, np.zeros((len(times), 3)), held, curve.positions(times))
     heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     return np.percentile(over_lowest, OFTEN, axis=0), float(np.median(over_lowest.max(axis=1)))
 
 
+def _base_ends_a_limb(robot: Robot) -> bool:
+    """Whether a single joint carries all of the robot but its base."""
+    return list(robot.model.parents).count(BASE_BODY) == 1
+
+
 def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array, extent: float) -> list[int]:
-    """Bodies that end a limb and are often near the robot's lowest point as it stands upright.
+    """Bodies that end a limb, the base too where it ends one, and are often near the robot's lowest point.
 
     Raises
     ------
@@ -288,6 +314,8 @@ def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array,
         There is none.
     """
     carries = {int(robot.model.parents[body]) for body in by_body}
+    if _base_ends_a_limb(robot):
+        carries.discard(BASE_BODY)
     low = usual <= FOOT_REACH * extent
     feet = [body for body, is_low in zip(by_body, low, strict=True) if is_low and body not in carries]
     if not feet:

@@ -345,11 +345,11 @@ def _check(recording: Recording) -> None:
         check_rate(recording.fps)
 
 
-def check_rate(fps: float) -> None:
+def check_rate(fps: float, element: str = "fps") -> None:
     """Refuse frames a second that are none."""
     if not (FPS_RANGE[0] <= fps <= FPS_RANGE[1]):
         low, high = FPS_RANGE
-        raise InputError(f"{fps:g} frames a second are not between {low:g} and {high:g}", element="fps")
+        raise InputError(f"{fps:g} frames a second are not between {low:g} and {high:g}", element=element)
 
 
 def continuous_signs(quaternions: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -30,6 +31,7 @@ HIGHEST_STANCE = 0.05  # [m] over the ground: a foot that is still and higher is
 INSTANTS = 65  # [-] of a flight, at which rates and torques are compared with their limits
 
 
+@lru_cache(maxsize=16)
 def free_dynamics(robot: Robot) -> SpatialDynamics:
     """Momentum and torques by all joints that move, in the order of the model."""
     count = len(robot.model_joints)
@@ -74,8 +76,8 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
     frames = slice(flight.first, flight.last + 1)
     times = np.asarray(clip.times[frames])
     attitudes = of_quaternions(clip.base_quaternion[frames])
-    poses = body_poses(clip.robot.model, clip.base_position[frames], attitudes, clip.positions[frames])
-    places = centre_of_mass(clip.robot.model, poses)
+    poses = body_poses(clip.robot, clip.base_position[frames], attitudes, clip.positions[frames])
+    places = centre_of_mass(clip.robot, poses)
     fall = fit_fall(times, places)
     dynamics = free_dynamics(clip.robot)
     joints = turning = rate_share = torque_share = None

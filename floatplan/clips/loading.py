@@ -95,11 +95,18 @@ def load_clip(
             layout=FileLayout(format=name, joints=joints, quaternion=order or XYZW, others=recording.others),
             contacts=recording.contacts,
             contact_names=recording.contact_names,
-            remarks=tuple(remark for remark in (of_rate, of_joints, of_quaternion) if remark),
+            remarks=tuple(remark for remark in (_of_shapes(robot), of_rate, of_joints, of_quaternion) if remark),
             feet=None if feet is None else tuple(feet),
             ground_height=ground,
         )
         return clip if order else _with_likelier_order(clip, recording)
+
+
+def _of_shapes(robot: Robot) -> str:
+    """What is remarked of a model whose links have no collision shapes."""
+    if any(link.collisions for link in robot.file_tree.links.values()):
+        return ""
+    return "the model has no collision shapes: what touches the ground is taken for lines between its joints"
 
 
 def _rate(recording: Recording, fps: float | None) -> tuple[float, str]:
@@ -173,7 +180,7 @@ def _misfit(robot: Robot, recording: Recording, positions: Array) -> float:
     assert bodies is not None, "the file has bodies"
     frames = np.unique(np.linspace(0, len(positions) - 1, FRAMES_FOR_ORDER).astype(np.int64))
     attitudes = of_quaternions(_xyzw(recording.quaternion[frames], recording.quaternion_order))
-    poses = body_poses(robot.model, recording.place[frames], attitudes, positions[frames])
+    poses = body_poses(robot, recording.place[frames], attitudes, positions[frames])
     apart = np.linalg.norm(bodies[frames][:, :, None] - poses.places[:, None, 1:], axis=3)
     return float(np.sqrt((apart.min(axis=1) ** 2).mean()))
 

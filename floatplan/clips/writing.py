@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
+from floatplan.clips.flights import FOOT_CLEARANCE
 from floatplan.clips.formats import Recording, read_recording
 from floatplan.errors import InputError, naming
 from floatplan.export.reference import body_motions
@@ -124,9 +125,11 @@ def _isaac_amp(clip: Clip) -> bytes:
     bodies = tuple(clip.layout.others["body_names"])
     velocity = _velocities(clip)
     of_bodies = body_motions(clip.robot.model, bodies, clip.configurations, velocity)
-    contacts: dict[str, Any] = {}
-    if clip.contacts is not None:
-        contacts = {"contact_names": np.array(clip.contact_names), "contacts": clip.contacts}
+    names = clip.contact_names
+    contacts = clip.contacts
+    if contacts is None:
+        names = clip.scene.foot_names
+        contacts = clip.scene.foot_clearances(clip.times) < FOOT_CLEARANCE
     return archive(
         {
             "fps": np.int64(round(clip.fps)) if clip.fps == round(clip.fps) else np.float64(clip.fps),
@@ -135,7 +138,8 @@ def _isaac_amp(clip: Clip) -> bytes:
             "dof_positions": _joints(clip, clip.positions),
             "dof_velocities": _joints(clip, velocity[:, BASE:]),
             **of_bodies,
-            **contacts,
+            "contact_names": np.array(names),
+            "contacts": contacts,
         }
     )
 

@@ -276,7 +276,12 @@ def floor(plan: Plan) -> list[Array]:
     stands = poses.frame(plan.robot, plan.problem.takeoff.frame)[0, 2] <= level + 2 * STANDING * size
     if plan.ballistics.gravity == 0 or not stands or low[2] < level - SINKING * size:
         return []
-    step = round_below(size / 4)
+    return floor_lines(low, high, level)
+
+
+def floor_lines(low: Array, high: Array, level: float) -> list[Array]:
+    """Lines (2, 3), m, of a grid at a height under what reaches from ``low`` to ``high`` (3,)."""
+    step = round_below(float((high - low).max()) / 4)
     low = step * (np.floor(low / step) - 0.5)
     high = step * (np.ceil(high / step) + 0.5)
     lines = []

@@ -15,6 +15,7 @@ import pytest
 
 import floatplan as fp
 
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 KEYS = {"begin", "end", "frames", "verdict", "fall", "fall_interval", "sideways", "angular_momentum", "turn_rms"} | {
     *("turn_noise", "rate_share", "torque_share", "wrench", "feet", "faults")
 }
@@ -104,6 +105,17 @@ def test_feet_and_ground_may_be_given(judge: Judge) -> None:
 
 def test_feet_are_found_by_their_shapes(judge: Judge) -> None:
     assert set(judge(samples.hops(60)).clip.scene.foot_names) == {"l_shank", "r_shank"}
+
+
+def test_a_base_may_be_a_foot(tmp_path: Path) -> None:
+    plan = fp.plan(PROBLEMS / "backflip.toml")
+    path = plan.export("motion-csv", tmp_path / "clip.csv", rate=50)
+    clip = fp.load_clip(path, model=plan.robot.path, fps=50)
+    assert clip.scene.foot_names == ("body0",)
+    assert any("no collision shapes" in remark for remark in clip.remarks)
+    (judged,) = fp.check_clip(clip).flights
+    assert judged.verdict == "physical"
+    assert judged.flight.duration > 0.8 * plan.duration
 
 
 def test_feet_that_stand_float_sink_and_slide(judge: Judge) -> None:

@@ -87,7 +87,7 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
     return {
         "duration": plan.duration,
         "columns": columns,
-        "robot": _robot_in_space(robot),
+        "robot": robot_in_space(robot),
         "frames": frames,
         "trail": TRAILS[0],
         "obstacles": [
@@ -122,7 +122,7 @@ def _obstacle_in_space(index: int, obstacle: Obstacle) -> dict[str, Any]:
     }
 
 
-def _robot_in_space(robot: Robot) -> dict[str, Any]:
+def robot_in_space(robot: Robot) -> dict[str, Any]:
     """Joints, links' solids, and bodies: the pose of each in its parent with joints at zero, and its joint's axis."""
     model = robot.model
     bodies = [dict[str, Any](parent=None, turns=[])]

@@ -10,12 +10,13 @@ const LIGHT = [-0.35, 0.75, 0.56]; // where it comes from, as the camera sees it
 const TONES = 4; // of what light falls on
 
 class Stage {
-  constructor(motion, holder) {
+  /* Of several stages on a page each has a name of its own, which its parts' names end in. */
+  constructor(motion, holder, name = "") {
     this.holder = holder;
     this.rule = holder.appendChild(make("span", "rule"));
-    this.backdrop = add(holder, "svg", { id: "backdrop", "aria-hidden": "true" });
-    this.front = add(holder, "svg", { id: "robot", role: "img", "aria-label": "The robot in flight" });
-    this.compass = add(holder, "svg", { id: "compass", viewBox: "-1.5 -1.5 3 3", "aria-hidden": "true" });
+    this.backdrop = add(holder, "svg", { id: `backdrop${name}`, "aria-hidden": "true" });
+    this.front = add(holder, "svg", { id: `robot${name}`, role: "img", "aria-label": "The robot in flight" });
+    this.compass = add(holder, "svg", { id: `compass${name}`, class: "compass", viewBox: "-1.5 -1.5 3 3", "aria-hidden": "true" });
     const named = (name) => [add(this.compass, "line", {}), add(this.compass, "text", { dy: "0.35em" }), name];
     this.axes = [..."xyz"].map(named);
     this.segment = null;
