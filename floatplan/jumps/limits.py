@@ -1,4 +1,4 @@
-"""Limits of a problem times factors, however the problem gives them."""
+"""Limits of a problem times factors, in whatever form the problem has them."""
 
 import math
 from collections.abc import Mapping
@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.problem.parts import Limits
 from floatplan.problem.problem import Problem
 
@@ -14,25 +15,24 @@ from floatplan.problem.problem import Problem
 def scaled_limits(problem: Problem, torque: float = 1.0, velocity: float = 1.0) -> Limits:
     """Return a problem's limits, those of torques with torque-speed curves and those of rates times factors."""
     limits = problem.limits
+    robot = problem.robot
     curves = {name: replace(curve, stall=torque * curve.stall) for name, curve in limits.motor.items()}
     return replace(
         limits,
         motor=curves,
-        torque=_times(torque, limits.torque, _of_file(problem, "torque")),
-        velocity=_times(velocity, limits.velocity, _of_file(problem, "velocity")),
+        torque=_times(torque, limits.torque, robot.motors, robot.motor_torque_limits),
+        velocity=_times(velocity, limits.velocity, robot.motors, robot.motor_velocity_limits),
     )
 
 
-def _of_file(problem: Problem, kind: str) -> dict[str, float]:
-    """Limits of the robot's own file, by motor."""
-    robot = problem.robot
-    return dict(zip(robot.motors, getattr(robot, f"motor_{kind}_limits").tolist(), strict=True))
-
-
-def _times(factor: float, given: Any, own: Mapping[str, float]) -> Any:
-    """Limits, as a problem gives them, times a factor; ``own`` are those of the robot's file."""
-    if isinstance(given, str):
-        given = {name: most for name, most in own.items() if given == "urdf" and math.isfinite(most)} or "none"
-    if isinstance(given, Mapping):
-        return {name: factor * most for name, most in given.items()}
-    return given if given == "none" else (factor * np.asarray(given)).tolist()
+def _times(factor: float, limits: Any, motors: tuple[str, ...], of_file: Array) -> Any:
+    """Limits, as a problem has them, times a factor; ``of_file`` are those of the robot's file, by motor."""
+    if isinstance(limits, str) and limits == "urdf":
+        limits = {}
+        for name, most in zip(motors, of_file.tolist(), strict=True):
+            if math.isfinite(most):
+                limits[name] = most
+        limits = limits or "none"
+    if isinstance(limits, Mapping):
+        return {name: factor * most for name, most in limits.items()}
+    return limits if isinstance(limits, str) else (factor * np.asarray(limits)).tolist()
