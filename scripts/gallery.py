@@ -19,7 +19,7 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.jumps.program import SETTINGS
+from floatplan.jumps.variables import SETTINGS
 from floatplan.motion.planar.contact_rates import End
 from floatplan.view.figures.snapshots import moments
 from floatplan.view.outlines import picture_box, postures

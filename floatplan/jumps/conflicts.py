@@ -16,10 +16,11 @@ from scipy.sparse import csc_matrix
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.jumps.check import FIGURES
-from floatplan.jumps.limits import scaled_limits
+from floatplan.jumps.flight import scaled_limits
 from floatplan.jumps.model import casadi
-from floatplan.jumps.program import JumpProgram, JumpSolution
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rows import Label
+from floatplan.jumps.variables import JumpSolution
 from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.problem.problem import Problem
 

@@ -23,8 +23,9 @@ from floatplan.jumps.contacts import displacement
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, Stance, hermite, quintic, refined, values
 from floatplan.jumps.phases import Phase, instants
-from floatplan.jumps.program import JumpProgram, JumpSolution
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rows import axes_of, balanced, spread
+from floatplan.jumps.variables import JumpSolution
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import heights_over_com
 

@@ -19,9 +19,10 @@ from floatplan.jumps.jump import Jump
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import flight_state
 from floatplan.jumps.phases import instants
-from floatplan.jumps.program import FOOT_LIFT, LOW_FOOT_LIFT, JumpProgram, JumpSolution
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup
+from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
@@ -61,8 +62,7 @@ def jump(
     progress : callable, optional
         Called with a few words on what is being done; after a search ``near`` a jump that failed, with its conflicts.
     helps : bool
-        Whether, where no jump is found, the explanation says which limits conflict, and what would help is tried,
-        which takes as long again at most, or little more.
+        Whether conflicting limits are explained where no jump is found, and relaxed ones are tried, as long again.
     near : Jump, optional
         One of nearly the same problem, with the same phases: the search begins from it, and only where that fails
         with the starts.
@@ -94,13 +94,12 @@ def jump(
         first = setup.program(MARGINS)
         first.separation.check_standing(first.node, first.motion(first.guess()))
     start_time = process_time()
-    guess = None if near is None else guess_near(first, near)
+    guess = guess_near(first, near)
     if guess is not None:
         result = _search_near(setup, first, guess, seed, say, helps)
         if result.ok:
             return result
-        prefix = f"{NEAR_FAILED}. {result.explanation} Searching on: "
-        say = partial(lambda report, words: report(prefix + words), say)
+        say = partial(_say_after, f"{NEAR_FAILED}. {result.explanation} Searching on: ", say)
     search = _search(setup, first, seed, starts, say)
     last = search.jump
     if last is None and setup.base_rotation == 0.0:
@@ -112,9 +111,14 @@ def jump(
         last, conflicts = _not_found_in_starts(problem, requested, search, helps, say)
     else:
         conflicts = violated_kinds(requested, last.check.figures)
-    if not (conflicts and helps):
-        return last
-    return _with_explanation(last, f"{last.explanation} {_try_relaxed(problem, conflicts, seed, until, say)}")
+    if conflicts and helps:
+        attempts = _try_relaxed(problem, conflicts, seed, until, say)
+        last = _with_explanation(last, f"{last.explanation} {attempts}")
+    return last
+
+
+def _say_after(prefix: str, report: Callable[[str], None], words: str) -> None:
+    report(prefix + words)
 
 
 def _requested(problem: Problem, request: JumpRequest | None, file: str | Path | None) -> JumpRequest:
@@ -271,9 +275,11 @@ def _generator(seed: int, start: int) -> np.random.Generator | None:
     return np.random.default_rng((seed, start)) if start else None
 
 
-def guess_near(program: JumpProgram, near: Jump) -> Array | None:
-    """Return a jump with a program's phases as a guess (size,), as slow as these may be; None of one with others."""
-    if near.problem.robot.joints != program.model.robot.joints or len(near.phases) != len(program.phases):
+def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
+    """Return a jump with a program's phases as a guess (size,), as slow as these may be; None if it has others."""
+    if near is None or near.problem.robot.joints != program.model.robot.joints:
+        return None
+    if len(near.phases) != len(program.phases):
         return None
     for phase, other in zip(program.phases, near.phases, strict=True):
         if other.contacts != tuple(name for contact in phase.contacts for name in contact.names):

@@ -16,9 +16,8 @@ limit on torques, torque-speed curves and rates. One side alone is a jump whose 
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -28,152 +27,9 @@ from floatplan.jumps.locked_joints import first_feasible
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import hermite, values
 from floatplan.jumps.phases import FlightEnd, Phase, duration_costs, instants
-from floatplan.jumps.rows import Bound, Label, NodeRows, Rows, drifting, hermite_step
-from floatplan.jumps.separation import TOLERATED_SHORTFALL, Separation
-from floatplan.tables import POINT_FEET
-
-FOOT_LIFT = 0.02  # [m] of feet in the middle of the flight
-LOW_FOOT_LIFT = 2 * POINT_FEET  # [m] of hops that do not reach that: the legs of slow motors extend by 0.5 m/s at most
-ITERATIONS = 250  # [-] of IPOPT: 40 to 125 find a first solution where there is one, more those near conflicting limits
-
-
-@dataclass(frozen=True)
-class ProgramSettings:
-    """Numbers of the program.
-
-    Attributes
-    ----------
-    cone_margin : of the weight, by which forces stay inside the cone, but at nodes where contacts change
-    base_range : of the base's orientation beyond its start and goal, rad
-    base_rate : largest rate of the base, rad/s
-    roughness : weight of steps of accelerations, relative to the squared torques
-    smoothness : weight of squared torques, relative to the factor
-    steadiness : weight of steps of accelerations, relative to the squared torques, where the factor counts
-    onset : time in which the ground's force may grow by the weight, s: feet land by so much late and early
-    abruptness : cost of the square of force over the weight beyond that; 3 to 100 make little difference
-    rounding : of the weight, by which the corner of that cost is rounded
-    largest_factor : that is looked for
-    violation : of constraints where IPOPT does not converge, scaled: less counts as a solution
-    converged_violation : the same where IPOPT converges
-    """
-
-    cone_margin: float = 0.02
-    base_range: float = 1.5
-    base_rate: float = 40.0
-    roughness: float = 3e-4
-    smoothness: float = 0.03
-    steadiness: float = 1e-3
-    onset: float = 0.012
-    abruptness: float = 10.0
-    rounding: float = 0.02
-    largest_factor: float = 20.0
-    violation: float = 1e-8
-    converged_violation: float = 1e-6
-
-
-SETTINGS = ProgramSettings()
-
-
-def _ipopt_options(iterations: int, flight_is_fixed: bool, warm: bool) -> dict[str, Any]:
-    """Options of IPOPT for programs of a few thousand variables."""
-    options = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": SETTINGS.violation}
-    options["mu_strategy"] = "adaptive"
-    options["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
-    options["mumps_mem_percent"] = 20  # beyond what MUMPS expects: of ten times that, most time went to the system
-    options["mumps_pivot_order"] = 0  # approximate minimum degree, with which it is faster than with what it chooses
-    options["max_iter"] = iterations
-    if flight_is_fixed:  # guesses nearly hold
-        options["adaptive_mu_globalization"] = "never-monotone-mode"
-    if warm:  # the guess nearly holds, and is near the best
-        options |= {"mu_strategy": "monotone", "mu_init": 1e-4, "mu_target": 1e-4}
-        options |= {"bound_push": 1e-5, "bound_frac": 1e-5, "max_iter": 80}
-    return options
-
-
-@dataclass
-class Variables:
-    """Variables of a program as matrices of their own units: expressions, numbers, or their bounds (2, ..).
-
-    Attributes
-    ----------
-    y, v, a : (n+1, K+1) at all nodes
-    forces : of each phase (2 (contacts - 1), nodes of the phase), N, of its contacts but the anchor
-    drifts : of each phase (conditions, 2) at its begin and end, scaled accelerations
-    durations : (phases, 1) s
-    momentum : (1, 1) h, kg m^2/s
-    factor : (1, 1) on limits; (0, 1) where squared torques are minimised
-    """
-
-    y: Any
-    v: Any
-    a: Any
-    forces: list[Any]
-    drifts: list[Any]
-    durations: Any
-    momentum: Any
-    factor: Any
-
-    @classmethod
-    def of(cls, matrices: Sequence[Any]) -> Self:
-        """Of all matrices in order."""
-        y, v, a, *of_phases, durations, momentum, factor = matrices
-        count = len(of_phases) // 2
-        return cls(y, v, a, of_phases[:count], of_phases[count:], durations, momentum, factor)
-
-    def matrices(self) -> list[Any]:
-        """All in order."""
-        return [self.y, self.v, self.a, *self.forces, *self.drifts, self.durations, self.momentum, self.factor]
-
-
-@dataclass(frozen=True, eq=False)
-class JumpSolution:
-    """Values at the K+1 nodes of a jump.
-
-    Attributes
-    ----------
-    y, v, a : (n+1, K+1)
-    forces : for each phase (2 (contacts - 1), nodes of the phase) N, of its contacts but the anchor
-    durations : (phases,) s
-    momentum : h, kg m^2/s
-    factor : largest share of a limit, where that is minimised; else 1
-    worst : largest violation of a constraint, scaled; and which it is
-    shortfall : of distances, m, where all else holds, though the cost may not be least; else infinite
-    iterations : int
-    overloaded : locked joints that bear too much in the first feasible motion, at which the search stopped
-    """
-
-    y: Array
-    v: Array
-    a: Array
-    forces: tuple[Array, ...]
-    durations: Array
-    momentum: float
-    factor: float
-    worst: tuple[float, str]
-    shortfall: float
-    iterations: int
-    overloaded: tuple[str, ...] = ()
-
-    @property
-    def converged(self) -> bool:
-        """Whether every constraint holds."""
-        return self.shortfall <= TOLERATED_SHORTFALL and not self.overloaded
-
-
-class CompiledProgram(NamedTuple):
-    """IPOPT's solver, a function of the variables for all rows, and the rows; the callback, which CasADi does not own.
-
-    Attributes
-    ----------
-    solver, evaluate : CasADi's
-    rows : Rows
-    callback : as of :func:`floatplan.jumps.locked_joints.first_feasible`
-    """
-
-    solver: Any
-    evaluate: Any
-    rows: Rows
-    callback: Any
+from floatplan.jumps.rows import Bound, CompiledProgram, Label, NodeRows, Rows, drifting, hermite_step
+from floatplan.jumps.separation import Separation
+from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, SETTINGS, JumpSolution, Variables, ipopt_options
 
 
 class JumpProgram:
@@ -269,8 +125,7 @@ class JumpProgram:
         high = np.append(most[0] + SETTINGS.base_range, np.maximum(bounds.position[:, 1], most[1:]))
         largest_factor = SETTINGS.largest_factor if self._limits else 1.0
         fastest = np.append(SETTINGS.base_rate, largest_factor * bounds.velocity)
-        unbounded = [np.stack((np.full(shape, -np.inf), np.full(shape, np.inf))) for shape in self._shapes.matrices()]
-        box = Variables.of(unbounded)
+        box = self._shapes.map(lambda shape: np.stack((np.full(shape, -np.inf), np.full(shape, np.inf))))
         box.y[:] = np.stack((low, high))[:, :, None]
         box.v[:] = np.stack((-fastest, fastest))[:, :, None]
         for node in (0, -1):
@@ -292,9 +147,7 @@ class JumpProgram:
             box.momentum[:] = self._momentum
         box.factor[0] = 0.0
         box.factor[1] = SETTINGS.largest_factor
-        lower = Variables.of([bound[0] for bound in box.matrices()])
-        upper = Variables.of([bound[1] for bound in box.matrices()])
-        return self.join(lower), self.join(upper)
+        return self.join(box.map(lambda bound: bound[0])), self.join(box.map(lambda bound: bound[1]))
 
     def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
         """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
@@ -343,7 +196,7 @@ class JumpProgram:
         else:
             total += ca.dot(ca.DM(duration_costs(self.phases)), variables.durations)
             cost = total / unit + SETTINGS.roughness * rough
-        options = _ipopt_options(self._iterations, not self.phases[self.flight].intervals, self._warm)
+        options = ipopt_options(self._iterations, not self.phases[self.flight].intervals, self._warm)
         callback = first_feasible(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
         all_rows = ca.vertcat(*rows.values)
         solver, evaluate = rows.functions.solver(raw, shortfall_cost + cost, all_rows, options, callback)
@@ -582,14 +435,8 @@ class JumpProgram:
     @property
     def labels(self) -> list[str]:
         """What the bounds of the variables and directions are about; "" where that is no limit."""
-        labels = Variables.of([np.full(shape, "", object) for shape in self._shapes.matrices()])
-        for node, index in enumerate(np.searchsorted(self.starts[1:-1], np.arange(self.nodes), "right")):
-            phase_name = self.phases[index].name
-            for row, name in enumerate(self.model.robot.joints):
-                labels.y[1 + row, node] = f"range of {name} ({phase_name})"
-                labels.v[1 + row, node] = f"rate of {name} ({phase_name})"
-        for row, phase in enumerate(self.phases):
-            labels.durations[row, 0] = f"duration of ({phase.name})"
+        of_nodes = np.searchsorted(self.starts[1:-1], np.arange(self.nodes), "right")
+        labels = self._shapes.limit_labels(self.phases, of_nodes, self.model.robot.joints)
         of_variables = np.concatenate([np.ravel(matrix, order="F") for matrix in labels.matrices()])
         return [*of_variables, *[""] * len(self.separation.start)]
 
@@ -632,7 +479,7 @@ class JumpProgram:
         begin, end = times[self.starts[np.clip([self.flight - 1, self.flight + 2], 0, len(self.phases))]]
         share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
         rotation = self.ends[1, 0] - self.ends[0, 0]
-        guess = Variables.of([np.zeros(shape) for shape in self._shapes.matrices()])
+        guess = self._shapes.map(np.zeros)
         guess.y[:] = np.vstack((self.ends[0, 0] + rotation * share**2 * (3 - 2 * share), joints))
         guess.v[0] = rotation * 6 * share * (1 - share) / (end - begin)
         guess.durations[:, 0] = durations
@@ -642,7 +489,7 @@ class JumpProgram:
     def resampled(self, solution: JumpSolution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
         curve = hermite(instants(phases, solution.durations), np.stack((solution.y, solution.v, solution.a)))
-        guess = Variables.of([np.zeros(shape) for shape in self._shapes.matrices()])
+        guess = self._shapes.map(np.zeros)
         guess.y, guess.v, guess.a = values(curve, instants(self.phases, solution.durations))
         for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
             for row, force in enumerate(solution.forces[index]):

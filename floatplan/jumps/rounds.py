@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.program import JumpProgram, JumpSolution
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.separation import TOLERATED_SHORTFALL
+from floatplan.jumps.variables import JumpSolution
 
 
 def solve_in_rounds(

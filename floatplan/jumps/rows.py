@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -102,6 +102,22 @@ class Rows:
         self.low.append(low)
         self.high.append(high)
         self.labels += labels
+
+
+class CompiledProgram(NamedTuple):
+    """IPOPT's solver, a function of the variables for all rows, and the rows; the callback, which CasADi does not own.
+
+    Attributes
+    ----------
+    solver, evaluate : CasADi's
+    rows : Rows
+    callback : as of :func:`floatplan.jumps.locked_joints.first_feasible`
+    """
+
+    solver: Any
+    evaluate: Any
+    rows: Rows
+    callback: Any
 
 
 @dataclass(frozen=True)

@@ -34,10 +34,11 @@ from floatplan.jumps.phases import (
     standing_posture,
     static_beyond_ranges,
 )
-from floatplan.jumps.program import FOOT_LIFT, ITERATIONS, JumpProgram, JumpSolution
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.rows import Bounds, NodeRows
 from floatplan.jumps.separation import RESERVE, Separation
+from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, JumpSolution
 from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem

@@ -13,9 +13,10 @@ from floatplan.jumps.contacts import contact_at, heights_over_com, with_bent_kne
 from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, may_fail
 from floatplan.jumps.model import PlanarModel
 from floatplan.jumps.planner import completed
-from floatplan.jumps.program import JumpProgram, JumpSolution
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.setup import Setup, jump_setup
+from floatplan.jumps.variables import JumpSolution
 from floatplan.problem.parts import Flight
 
 needs_casadi = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
