@@ -26,7 +26,7 @@ from scipy.optimize import least_squares
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.initial.legs import Leg
-from floatplan.jumps.contacts import BENT, Contact, contact_at, in_the_air
+from floatplan.jumps.contacts import BENT, GroundContact, contact_at, in_the_air
 from floatplan.jumps.phases import not_static, standing_posture
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.robot.standing import Spot, corners, spot_weights
@@ -180,7 +180,7 @@ def _rounded(robot: Robot, feet: Sequence[str], positions: Array, limits: Array)
     """The static posture next to one, in round numbers of degrees; None where it is none to jump from."""
     y = np.append(0.0, positions)
     try:
-        contacts: list[Contact] = [contact for foot in feet for contact in contact_at(robot, foot, y)]
+        contacts: list[GroundContact] = [contact for foot in feet for contact in contact_at(robot, foot, y)]
     except InputError:
         return None
     static = standing_posture(robot, contacts, y, _bounds(limits))

@@ -8,7 +8,7 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.jumps.check import LIGHT, JumpCheck
-from floatplan.jumps.contacts import Contact
+from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.verdicts import Tone
@@ -48,7 +48,7 @@ class Footing:
     """
 
     jump: JumpMotion
-    contacts: dict[str, Contact]
+    contacts: dict[str, GroundContact]
     times: Array
     sizes: Array
 
@@ -101,7 +101,7 @@ def footing(jump: JumpMotion) -> Footing:
     return Footing(jump, contacts, times, np.abs(np.nan_to_num(_forces(jump, contacts, times))))
 
 
-def _forces(jump: JumpMotion, contacts: dict[str, Contact], times: Array) -> ComplexArray:
+def _forces(jump: JumpMotion, contacts: dict[str, GroundContact], times: Array) -> ComplexArray:
     of_points = jump.at(times).forces
     forces = np.zeros((len(times), len(contacts)), dtype=np.complex128)
     for index, contact in enumerate(contacts.values()):

@@ -163,7 +163,7 @@ def test_slow_legs_hop_with_feet_that_rise_by_less(
     path = tmp_path / "slow.urdf"
     path.write_text(biped(foot="sole", knee=(0.0, 2.4)).replace('velocity="25"', 'velocity="2.5"'))
     if known:
-        monkeypatch.setattr(planner, "_searched", lambda *_: (None, None, 1))
+        monkeypatch.setattr(planner, "_search", lambda *_: planner._Search(None, None, 1))
     said: list[str] = []
     problem = flight.jump_problem(chosen_robot(path), 0, Asked())
     found = fp.jump(problem, starts=1, helps=False, progress=said.append)

@@ -19,7 +19,7 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.jumps.jump import Jump, load_jump
 from floatplan.jumps.motion import Grid
-from floatplan.jumps.planner import ROOM, beside, jump
+from floatplan.jumps.planner import MARGINS, guess_near, jump
 from floatplan.jumps.setup import jump_setup
 
 if not INSTALLED:
@@ -173,12 +173,12 @@ def test_a_jump_at_hand_is_a_guess_that_nearly_holds() -> None:
     lasted = [phase.end - phase.begin for phase in found.phases]
     asked = fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=[[0.9 * lasts] * 2 for lasts in lasted[:2]]))
     for request, off in ((fp.JumpRequest(), 0.5), (asked, 1.0)):
-        program = jump_setup(found.problem, request).program(ROOM)
-        guess = beside(program, found)
+        program = jump_setup(found.problem, request).program(MARGINS)
+        guess = guess_near(program, found)
         assert guess is not None
         lasts = np.array([0.9, 0.9, 1.0, 1.0, 1.0] if request is asked else [1.0] * 5) * lasted
         assert program.motion(guess)[-1].ravel() == pytest.approx(lasts)
-        _, evaluate, rows = program.stated
+        _, evaluate, rows, _ = program.compiled
         low, high = np.concatenate(rows.low), np.concatenate(rows.high)
         plain, near = (
             np.maximum(np.maximum(low - values, values - high), 0).max()
@@ -186,8 +186,8 @@ def test_a_jump_at_hand_is_a_guess_that_nearly_holds() -> None:
         )
         assert near < off < plain
     other = fp.JumpRequest(landing=fp.JumpLanding([["FL_foot", "RL_foot"]]))
-    assert beside(jump_setup(found.problem, other).program(ROOM), found) is None
-    assert beside(program, Jump(found.problem, found.request)) is None
+    assert guess_near(jump_setup(found.problem, other).program(MARGINS), found) is None
+    assert guess_near(program, Jump(found.problem, found.request)) is None
     with pytest.raises(InputError, match="near"):
         jump(found.problem, near=found.flight)  # type: ignore[arg-type]
 

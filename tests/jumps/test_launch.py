@@ -75,7 +75,7 @@ def test_an_answer_that_holds_or_has_a_factor_is_told_rather_than_none(monkeypat
     ]
     answers = iter(told)
     monkeypatch.setattr("floatplan.jumps.launch.corrected", lambda *_: next(answers))
-    monkeypatch.setattr("floatplan.jumps.launch.solved", lambda first, _: (first, next(solves)))
+    monkeypatch.setattr("floatplan.jumps.launch.solve_in_rounds", lambda first, _: (first, next(solves)))
     one, two, three, none = (SimpleNamespace(converged=at < 3, y=np.full(1, at)) for at in range(4))
     solves = iter((one, two, three))
     assert launch(flight).ratio == 1.9

@@ -17,7 +17,7 @@ from once import made_once
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.jumps.check import judged
-from floatplan.jumps.contacts import Contact, contact_at, rolling
+from floatplan.jumps.contacts import GroundContact, contact_at, rolling
 from floatplan.jumps.exact import OnePoint, StanceDynamics
 from floatplan.jumps.jump import Jump, load_jump
 from floatplan.jumps.model import PlanarModel
@@ -41,7 +41,7 @@ def backflip() -> Jump:
     return found
 
 
-def go2_foot(frame: str = "RL_foot") -> tuple[Robot, Contact, np.ndarray]:
+def go2_foot(frame: str = "RL_foot") -> tuple[Robot, GroundContact, np.ndarray]:
     robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
     home = np.append(0.0, robot.resting)
     return robot, rolling(robot, contact_at(robot, frame, home)[0], home), home
@@ -260,7 +260,7 @@ def test_circles_that_the_feet_are_not() -> None:
                 replace(each, spots=tuple(spot._replace(radius=0.03) for spot in each.spots), depth=0.03)
                 for each in stance.contacts
             ),
-            place=stance.place + 0.0073j,
+            anchor_position=stance.anchor_position + 0.0073j,
         )
         for stance in found.stances
     ]

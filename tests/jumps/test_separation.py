@@ -13,7 +13,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.jumps.planner import ROOM
+from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.separation import INSTANTS, _around
 from floatplan.jumps.setup import jump_setup
 
@@ -57,7 +57,7 @@ def test_the_world_begins_where_the_frame_takes_off() -> None:
     points = fp.JumpRequest(feet="points")
     found = fp.jump(replace(problem, flight=moved, obstacles=(ball,), jump=points), starts=1)
     assert found.ok
-    assert found.before[-1].place == pytest.approx(complex(*at), abs=1e-9)
+    assert found.before[-1].anchor_position == pytest.approx(complex(*at), abs=1e-9)
 
 
 @pytest.mark.long
@@ -72,13 +72,13 @@ def test_rows_are_what_is_measured(name: str) -> None:
     posture = fp.Posture(0.0, np.array(robot.resting))
     apart = (fp.SelfClearance(links),)
     problem = fp.Problem(robot, posture, posture, flight, obstacles=(circle, bar), self_clearances=apart)
-    program = jump_setup(problem, fp.JumpRequest()).program(ROOM)
+    program = jump_setup(problem, fp.JumpRequest()).program(MARGINS)
     guess = program.guess(np.random.default_rng(3))
     chosen = {line.name: line for line in program.separation._candidates if links[0] in line.name}
-    program = program.kept(
+    program = program.extended(
         replace(program.separation, lines=tuple(chosen.values())).at(program.node, program.motion(guess))
     )
-    _, evaluate, rows = program.stated
+    _, evaluate, rows, _ = program.compiled
     values = np.asarray(evaluate(np.append(guess, program.separation.start))).ravel()
     _, segments = program.separation._measured(program.node, program.motion(guess))
     landing = program.starts[program.flight + 1]

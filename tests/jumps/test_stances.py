@@ -145,7 +145,7 @@ def test_both_feet_are_in_the_cone_or_in_the_least_that_holds_them() -> None:
         )
     )
     given = Grid(np.arange(50.0), *motion, rng.normal(size=(1, 50)))
-    shared = Stance(robot, 9.81, contacts, 0j, replace(given, ratios=dynamics.shared(given, friction)))
+    shared = Stance(robot, 9.81, contacts, 0j, replace(given, ratios=dynamics.shared_ratios(given, friction)))
     forces = shared.at(given.times).forces
     feet = np.array([forces["RL_foot"], forces["FL_foot"]])
     feet = feet[:, (feet[..., 1] > 1.0).all(axis=0)]
@@ -169,11 +169,11 @@ def test_a_program_is_the_same_in_every_process() -> None:
     lines = (
         "import sys",
         "import numpy as np, floatplan as fp",
-        "from floatplan.jumps.contacts import contact_at, watched_points",
+        "from floatplan.jumps.contacts import clearance_points, contact_at",
         "robot = fp.Robot.from_urdf(sys.argv[1], coupled='mirror', reference='standing')",
         "level = np.append(0.0, robot.resting)",
         "feet = [contact_at(robot, frame, level)[0] for frame in ('RL_foot', 'FL_foot')]",
-        "print([spot.body for spot in watched_points(robot, feet, -0.3, level, 4).spots])",
+        "print([spot.body for spot in clearance_points(robot, feet, -0.3, level, 4).spots])",
     )
     told = {
         subprocess.run(

@@ -11,11 +11,12 @@ from floatplan.jumps import planner
 from floatplan.jumps.check import _worst
 from floatplan.jumps.contacts import contact_at, heights_over_com, with_bent_knees
 from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, may_fail
-from floatplan.jumps.exchange import solved
 from floatplan.jumps.model import PlanarModel
 from floatplan.jumps.planner import completed
-from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.program import JumpProgram
+from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.setup import Setup, jump_setup
+from floatplan.jumps.variables import JumpSolution
 from floatplan.problem.parts import Flight
 
 needs_casadi = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
@@ -88,19 +89,19 @@ def test_knees_that_would_be_straight_bend_to_the_wider_side(
 
 
 @pytest.fixture(scope="module")
-def solution(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, JumpProgram, Solution]:
+def solution(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, JumpProgram, JumpSolution]:
     """A hop's program, from standing on legs that are straight in the file, and its solution."""
     if not INSTALLED:
         pytest.skip("CasADi or example-robot-data is not installed")
     problem = hop(table(tmp_path_factory.mktemp("table")))
     assert problem.jump is not None
     setup = jump_setup(problem, problem.jump)
-    first = setup.program(planner.ROOM)
-    return (setup, *solved(first, first.guess()))
+    first = setup.program(planner.MARGINS)
+    return (setup, *solve_in_rounds(first, first.guess()))
 
 
 def test_from_straight_legs_it_stands_bent_and_a_jump_is_found(
-    solution: tuple[Setup, JumpProgram, Solution],
+    solution: tuple[Setup, JumpProgram, JumpSolution],
 ) -> None:
     setup = solution[0]
     knees = [1 + setup.problem.robot.joints.index(f"{name}_knee") for name in ("rear", "front")]
@@ -122,7 +123,7 @@ def test_singular_closures_are_one_error(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stage", ["released", "exact_stances"])
 def test_what_cannot_be_made_exact_is_not_found(
-    solution: tuple[Setup, JumpProgram, Solution], monkeypatch: pytest.MonkeyPatch, stage: str
+    solution: tuple[Setup, JumpProgram, JumpSolution], monkeypatch: pytest.MonkeyPatch, stage: str
 ) -> None:
     def fails(*_: object, **__: object) -> None:
         raise NoExactStanceError("nothing fits")
@@ -135,7 +136,7 @@ def test_what_cannot_be_made_exact_is_not_found(
 
 @pytest.mark.parametrize("fault", [np.nan, np.inf, None])
 def test_singular_equations_and_numbers_that_are_none_fail_the_start(
-    solution: tuple[Setup, JumpProgram, Solution], monkeypatch: pytest.MonkeyPatch, fault: float | None
+    solution: tuple[Setup, JumpProgram, JumpSolution], monkeypatch: pytest.MonkeyPatch, fault: float | None
 ) -> None:
     close = StanceDynamics.close
 

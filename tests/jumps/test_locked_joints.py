@@ -12,11 +12,11 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.jumps.contacts import contact_at, rolling
-from floatplan.jumps.held import HeldJoints
+from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Stance
-from floatplan.jumps.planner import ROOM
-from floatplan.jumps.rows import CLEAR
+from floatplan.jumps.planner import MARGINS
+from floatplan.jumps.rows import Label
 from floatplan.jumps.setup import jump_setup
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot
@@ -41,7 +41,7 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
     home = np.append(0.0, robot.resting)
     contacts = [each for foot in feet for each in contact_at(robot, foot, home)] if stands else []
     contacts = [rolling(robot, each, home) for each in contacts] if name == "rolling" else contacts
-    held = HeldJoints(model)
+    held = LockedJoints(model)
     forces = casadi().SX.sym("forces", 2, len(contacts))
     pairs = [(forces[0, k], forces[1, k]) for k in range(len(contacts))]
     function = model.function("held", [held.shares(list(held.efforts), contacts, pairs)], forces)
@@ -53,7 +53,7 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
     full[0] += robot.reference
     full[:, 2] = y[0], v[0], a[0]
     anchor = contacts[0].spots[0] if contacts else None
-    base = model.function("base", model.places(model.weights([Spot(0, 0j)], anchor), 2))
+    base = model.function("base", model.positions(model.weights([Spot(0, 0j)], anchor), 2))
     full[2, :2] = [float(part) for part in base(y, v, a)]
     full[2, 1] += 9.81 if contacts else 0.0
     torques = pin.rnea(robot.model, robot.model.createData(), *full)
@@ -67,28 +67,28 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
 
 
 def test_twins_are_rows_once_and_only_where_they_bind() -> None:
-    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
+    program = jump_setup(go2_problem(), fp.JumpRequest()).program(MARGINS)
     y, v, a, _ = program.motion(program.guess(np.random.default_rng(1)))
     forces = [np.full((2 * len(phase.others), phase.intervals + 1), 30.0) for phase in program.phases]
-    program.node.bounds, program.node.held = replace(program.node.bounds, held=1e-3), (CLEAR,)
-    assert program.node.strained((y, v, a), forces, 1.0) == ("FL_hip_joint", "RL_hip_joint")
-    program.node.bounds = replace(program.node.bounds, held=np.inf)
-    assert program.node.strained((y, v, a), forces, 1.0) == ()
+    program.node.bounds, program.node.extra = replace(program.node.bounds, locked=1e-3), (Label.CLEAR,)
+    assert program.node.missing_rows((y, v, a), forces, 1.0) == ("FL_hip_joint", "RL_hip_joint")
+    program.node.bounds = replace(program.node.bounds, locked=np.inf)
+    assert program.node.missing_rows((y, v, a), forces, 1.0) == ()
 
 
 def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low() -> None:
-    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
+    program = jump_setup(go2_problem(), fp.JumpRequest()).program(MARGINS)
     node, phase = program.node, program.phases[0]
     forces = [np.zeros((2 * len(each.others), each.intervals + 1)) for each in program.phases]
     standing = np.tile(node.ends[0][:, None], program.nodes)
-    assert node.strained((standing, 0 * standing, 0 * standing), forces, 1.0) == ()
-    few = [label for *_, label in node.stance(phase)[1]].count(CLEAR)
+    assert node.missing_rows((standing, 0 * standing, 0 * standing), forces, 1.0) == ()
+    few = [label for *_, label in node.stance(phase)[1]].count(Label.CLEAR)
     fallen = standing.copy()
     fallen[0, 3] += np.pi  # on its back, above the ground by no more than its feet are below
-    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == (CLEAR,)
-    node.held = (CLEAR,)
-    assert node.strained((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == ()
-    assert [label for *_, label in node.stance(phase)[1]].count(CLEAR) == len(node.watched.spots) > few > 0
+    assert node.missing_rows((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == (Label.CLEAR,)
+    node.extra = (Label.CLEAR,)
+    assert node.missing_rows((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == ()
+    assert [label for *_, label in node.stance(phase)[1]].count(Label.CLEAR) == len(node.points.spots) > few > 0
 
 
 @pytest.mark.long

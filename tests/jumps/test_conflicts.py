@@ -13,9 +13,9 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.jumps import planner
-from floatplan.jumps.planner import ROOM
+from floatplan.jumps.conflicts import Conflict, conflict_sentence, elastic_conflicts, kind_of, relaxed
+from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.relief import Given, eased, giving, kind_of, sentence
 from floatplan.jumps.setup import jump_setup
 
 if not INSTALLED:
@@ -56,16 +56,16 @@ CASES = {
 @pytest.mark.parametrize("name", CASES)
 def test_what_was_made_too_small_stands_in_the_way(name: str) -> None:
     problem, request, kind, most = CASES[name]
-    program = jump_setup(replace(problem, jump=request), request).program(ROOM, iterations=60)
+    program = jump_setup(replace(problem, jump=request), request).program(MARGINS, iterations=60)
     timed = ("duration of (takeoff",) if request.takeoff.durations else ()
-    gives = giving(program, program.solve(program.guess()), timed)
+    gives = elastic_conflicts(program, program.solve(program.guess()), timed)
     assert kind in [each.kind for each in gives[:most]], gives
 
 
 @pytest.mark.long
 def test_nothing_stands_in_the_way_of_what_is_found() -> None:
-    program = jump_setup(go2_problem(), fp.JumpRequest()).program(ROOM)
-    assert giving(program, program.solve(program.guess())) == []
+    program = jump_setup(go2_problem(), fp.JumpRequest()).program(MARGINS)
+    assert elastic_conflicts(program, program.solve(program.guess())) == []
 
 
 @pytest.mark.long
@@ -107,13 +107,13 @@ def test_what_is_in_the_way_near_a_jump_at_hand_is_said_while_the_search_goes_on
     """As it is found there, from there; elsewhere it may be another, which is what the answer says."""
     found, begun = backflip(), list[bool]()
 
-    def given(program: JumpProgram, _: object, __: object, guess: np.ndarray | None = None) -> list[Given]:
+    def given(program: JumpProgram, _: object, __: object, guess: np.ndarray | None = None) -> list[Conflict]:
         begun.append(guess is not None and bool(np.abs(guess - program.guess()).max() > 0.1))
-        return [Given("friction of RL_foot (flight)", "friction", 0.5, 1.0)] if begun[-1] else []
+        return [Conflict("friction of RL_foot (flight)", "friction", 0.5, 1.0)] if begun[-1] else []
 
-    ended = SimpleNamespace(converged=False, missing=np.inf, worst=(1.0, "parabola"), iterations=9)
-    monkeypatch.setattr(planner, "solved", lambda first, *_: (first, ended))
-    monkeypatch.setattr(planner, "in_the_way", given)
+    ended = SimpleNamespace(converged=False, shortfall=np.inf, worst=(1.0, "parabola"), iterations=9)
+    monkeypatch.setattr(planner, "solve_in_rounds", lambda first, *_: (first, ended))
+    monkeypatch.setattr(planner, "conflicting_limits", given)
     said, failed = list[str](), "no jump was found near the one at hand"
     answer = fp.jump(found.problem, fp.JumpRequest(friction=0.2), starts=2, near=found, progress=said.append)
     told = f"{failed}. In the way there: friction of RL_foot (flight): 0.3 needed, 0.2 allowed. Searching on: "
@@ -129,16 +129,16 @@ def test_what_does_not_help_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def unsolved(first: JumpProgram, guess: np.ndarray) -> tuple[JumpProgram, SimpleNamespace]:
         np.testing.assert_array_equal(guess, first.guess())
-        tried.append(first.node.bounds.friction / ROOM.friction)
+        tried.append(first.node.bounds.friction / MARGINS.friction)
         return first, SimpleNamespace(converged=False)
 
-    monkeypatch.setattr(planner, "solved", unsolved)
-    given = [Given("friction of RL_foot", "friction", 0.2, 0.1), Given("torque", "torque", 0.03, 1.0)]
+    monkeypatch.setattr(planner, "solve_in_rounds", unsolved)
+    given = [Conflict("friction of RL_foot", "friction", 0.2, 0.1), Conflict("torque", "torque", 0.03, 1.0)]
     problem = replace(go2_problem(), jump=fp.JumpRequest(friction=0.1))
-    said = planner._tried(problem, given, 0, np.inf, lambda _: None)
+    said = planner._try_relaxed(problem, given, 0, np.inf, lambda _: None)
     assert said == "Tried without finding one: friction 0.18; friction 0.3."
     assert tried == pytest.approx([0.18, 0.3])
-    assert planner._tried(problem, given, 0, 0.0, lambda _: None) == "Tried without finding one: friction 0.18."
+    assert planner._try_relaxed(problem, given, 0, 0.0, lambda _: None) == "Tried without finding one: friction 0.18."
 
 
 BALL = fp.Circle(center=(2.0, 2.0), radius=0.1)
@@ -165,15 +165,15 @@ def test_limits_give_as_much_as_is_said(name: str) -> None:
     request, kind = fp.JumpRequest(takeoff=HURRIED, fixed=("duration",)), name.partition(" ")[0]
     problem = replace(go2_problem(), limits=limits, jump=request, obstacles=(BALL, BALL))
     label = "base clear of obstacle 1 (flight)" if kind == "apart" else kind
-    words, other = eased(problem, [Given(label, kind, 0.2, 0.1)], 1.5)
+    words, other = relaxed(problem, [Conflict(label, kind, 0.2, 0.1)], 1.5)
     assert words
     np.testing.assert_allclose(measured(other), times * measured(problem))
 
 
 def test_every_row_of_a_limit_is_known_and_no_other() -> None:
     request = fp.JumpRequest(takeoff=HURRIED)
-    program = jump_setup(go2_problem(), request).program(ROOM)
-    rows = {kind_of(label) for label in program.stated[2].labels}
+    program = jump_setup(go2_problem(), request).program(MARGINS)
+    rows = {kind_of(label) for label in program.compiled.rows.labels}
     assert {"torque", "velocity", "friction", "ground"} <= rows
     assert not {"range", "duration"} & rows
     assert {kind_of(label) for label in program.labels} == {"", "range", "velocity", "duration"}
@@ -198,12 +198,12 @@ def test_every_row_of_a_limit_is_known_and_no_other() -> None:
 )
 def test_it_is_said_in_the_words_of_the_file(label: str, share: float, size: float, said: str) -> None:
     problem = replace(go2_problem(), jump=fp.JumpRequest())
-    assert sentence(Given(label, kind_of(label), share, size), problem) == f"{label}: {said}"
+    assert conflict_sentence(Conflict(label, kind_of(label), share, size), problem) == f"{label}: {said}"
 
 
 def test_limits_on_joints_are_said_as_they_are_given() -> None:
     limits = fp.Limits(torque=[20.0, 40.0, 20.0, 30.0])
     problem = replace(go2_problem(), limits=limits, jump=fp.JumpRequest())
     name = problem.robot.joints[1]
-    said = sentence(Given(f"torque of {name} ({SIDE})", "torque", 0.5, 1.0), problem)
+    said = conflict_sentence(Conflict(f"torque of {name} ({SIDE})", "torque", 0.5, 1.0), problem)
     assert said == f"torque of {name} ({SIDE}): 51 N m needed, 34 N m allowed"
