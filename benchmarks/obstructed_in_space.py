@@ -48,7 +48,9 @@ class Flier:
 @lru_cache
 def fliers() -> tuple[Flier, ...]:
     """A diver, a Go2, a cat, and a UR5 on a free base."""
-    made = {name: fp.Robot.from_urdf(URDF / name, base="free-flyer") for name in ("diver.urdf", "cat.urdf", "free_ur5.urdf")}
+    made = {
+        name: fp.Robot.from_urdf(URDF / name, base="free-flyer") for name in ("diver.urdf", "cat.urdf", "free_ur5.urdf")
+    }
     go2 = fp.Robot.from_urdf(GO2, base="free-flyer")
     middles = {name: robot.position_limits.mean(axis=1) for name, robot in made.items()}
     return (
@@ -154,10 +156,13 @@ def links_to_keep_apart(drawn: Drawn, guess: SpatialSegments) -> fp.SelfClearanc
     for i, one in enumerate(names):
         for other in names[i + 1 :]:
             kept, come = (
-                float(pair_distances_in_space(each.of(of[one]), each.of(of[other])).min()) for each in (drawn.segments, guess)
+                float(pair_distances_in_space(each.of(of[one]), each.of(of[other])).min())
+                for each in (drawn.segments, guess)
             )
             if kept > PASSED[1] and kept - come > 2 * DEEP_ENOUGH:
-                found.append((kept - come, fp.SelfClearance((one, other), max(0.0, min(kept - PASSED[0], come + 0.05)))))
+                found.append(
+                    (kept - come, fp.SelfClearance((one, other), max(0.0, min(kept - PASSED[0], come + 0.05))))
+                )
     return max(found, key=lambda each: each[0])[1] if found else None
 
 

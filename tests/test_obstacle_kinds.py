@@ -104,5 +104,7 @@ def test_a_problem_refuses_other_kinds(other):
 
 
 def test_a_problem_in_a_plane_refuses_kinds_of_space():
-    with pytest.raises(fp.InputError, match=r"obstacles\[0\].*a Sphere is for flights in space.*Circle, HalfPlane or Bar"):
+    with pytest.raises(
+        fp.InputError, match=r"obstacles\[0\].*a Sphere is for flights in space.*Circle, HalfPlane or Bar"
+    ):
         replace(fp.load_problem(EXAMPLE), obstacles=(fp.Sphere(center=(0, 0, 3), radius=0.2),))

@@ -392,7 +392,9 @@ def surroundings_errors(
         for link in (link for link in pair.links if link not in known):
             element, advice = f"self_clearance[{index}].links", f"links: {sorted(known)}"
             yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
-        thickness = sum(max((each.radius for each in robot.capsules if each.link == link), default=0) for link in pair.links)
+        thickness = sum(
+            max((each.radius for each in robot.capsules if each.link == link), default=0) for link in pair.links
+        )
         if not in_plane and thickness + pair.margin == 0 and known.issuperset(pair.links):
             reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
             advice = "give a margin, or <collision> geometry"

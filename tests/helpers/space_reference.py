@@ -105,7 +105,9 @@ def flown(record, times, with_torques=True):
         x, y_, z, w = y
         omega = body.rate(Rotation.from_quat(y).as_matrix(), h, q, dq)
         a, b, c = omega
-        return 0.5 * np.array([w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a, -x * a - y_ * b - z * c])
+        return 0.5 * np.array(
+            [w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a, -x * a - y_ * b - z * c]
+        )
 
     end = record.duration
     found = solve_ivp(slope, (0.0, end), start / np.linalg.norm(start), "DOP853", t_eval=times, rtol=RTOL, atol=ATOL)

@@ -298,7 +298,12 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
     These are a place, an end or normal or half the edges, velocity, and radius.
     """
     if isinstance(obstacle, Circle | Sphere):
-        return (BALL,), [*obstacle.center, *np.zeros(len(obstacle.center)).tolist(), *obstacle.velocity, obstacle.radius]
+        return (BALL,), [
+            *obstacle.center,
+            *np.zeros(len(obstacle.center)).tolist(),
+            *obstacle.velocity,
+            obstacle.radius,
+        ]
     if isinstance(obstacle, Bar | Capsule):
         return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
     if isinstance(obstacle, HalfSpace):
