@@ -14,10 +14,10 @@ import floatplan as fp
 from floatplan.cli.summary import plan_summary
 from floatplan.plans.measures import PlanWarning, limits_shown
 from floatplan.plans.presentation import Row, plan_verdict
-from floatplan.studio import answers, cards
-from floatplan.studio.answers import COLUMNS, ROWS, LaunchTask, Map, MapPoint, ShownPlan
+from floatplan.studio import cards, tasks
 from floatplan.studio.curves import curves_card
 from floatplan.studio.session import View
+from floatplan.studio.tasks import COLUMNS, ROWS, LaunchTask, Map, MapPoint, ShownPlan
 
 ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
@@ -31,30 +31,30 @@ def present() -> ShownPlan:
 def test_a_verdict_for_each_stage(present: ShownPlan) -> None:
     view = View(present.plan.problem)
     assert view.verdict == "waiting"
-    answered = replace(view, answer=present)
+    answered = replace(view, result=present)
     assert answered.verdict == "proved"
     assert replace(answered, number=3).verdict == "waiting"
     assert replace(answered, fault="no").verdict == "failed"
     quick = replace(present, settled=False, plan=replace(present.plan))
-    assert replace(view, answer=quick).verdict == "planned"
+    assert replace(view, result=quick).verdict == "planned"
     missed = replace(quick, plan=replace(quick.plan, ok=False))
-    assert replace(view, answer=missed).verdict == "waiting"
-    assert replace(view, answer=replace(missed, settled=True)).verdict == "not found"
+    assert replace(view, result=missed).verdict == "waiting"
+    assert replace(view, result=replace(missed, settled=True)).verdict == "not found"
     for word in ("refuted", "undecided"):
         certificate = {**present.plan.record.certificate, "verdict": word}
         plan = present.plan.with_record(replace(present.plan.record, certificate=certificate))
         judged = replace(present, plan=plan)
-        assert replace(view, answer=judged).verdict == word
-        assert word in cards.status_card(replace(view, answer=judged)).lower()
+        assert replace(view, result=judged).verdict == word
+        assert word in cards.status_card(replace(view, result=judged)).lower()
 
 
 def test_stances_are_told_of_the_present_answer_alone(present: ShownPlan, monkeypatch: pytest.MonkeyPatch) -> None:
     found = (Row("takeoff stance", f"Takeoff: {HOSTILE}", "good"), Row("landing stance", "Landing: none.", "open"))
-    monkeypatch.setattr(answers, "launches", lambda plan, starts: (found, {}))
-    assert LaunchTask(present).answer() is present  # nothing is limited
+    monkeypatch.setattr(tasks, "launches", lambda plan, starts: (found, {}))
+    assert LaunchTask(present).run() is present  # nothing is limited
     limited = replace(present.plan.problem, limits=fp.Limits(torque=1e3))
-    answer = LaunchTask(replace(present, plan=replace(present.plan, problem=limited))).answer()
-    view = View(limited, answer=answer)
+    answer = LaunchTask(replace(present, plan=replace(present.plan, problem=limited))).run()
+    view = View(limited, result=answer)
     card = cards.warning_card(view)
     assert [tone in card for tone in ('data-stance="good"', 'data-stance="open"', "Landing: none.")] == [True] * 3
     assert HOSTILE not in card
@@ -74,7 +74,7 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) ->
         )
         vars(plan)["warnings"] = warnings
         word, _ = plan_verdict(plan)
-        card = cards.status_card(View(present.plan.problem, answer=replace(present, plan=plan, warnings=warnings)))
+        card = cards.status_card(View(present.plan.problem, result=replace(present, plan=plan, warnings=warnings)))
         assert f"<b>{word.capitalize()}</b>" in card
         if judged.proved:
             assert word == ("flight proved, with warnings" if warned else "flight proved")
@@ -84,12 +84,12 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) ->
 
 
 def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: ShownPlan) -> None:
-    told = View(present.plan.problem, number=1, answered=1, answer=present)
+    told = View(present.plan.problem, number=1, result_number=1, result=present)
     assert cards.is_news(None, told)
     asked = replace(told, number=2)
     assert not cards.is_news(told, asked)
-    assert cards.is_news(told, replace(asked, answered=2))
-    assert cards.is_news(told, replace(asked, answer=replace(present, settled=False)))
+    assert cards.is_news(told, replace(asked, result_number=2))
+    assert cards.is_news(told, replace(asked, result=replace(present, settled=False)))
     assert cards.is_news(told, replace(asked, fault="no"))
     assert cards.is_news(told, replace(asked, doing="start 2 of 4"))
     assert cards.is_news(told, replace(told, refusal="no"))
@@ -99,7 +99,7 @@ def test_a_search_is_told_where_it_lasts_and_all_else_at_once(present: ShownPlan
 def test_names_are_text(present: ShownPlan) -> None:
     row = replace(present.utilisation[0], joint=HOSTILE)
     plan = replace(present.plan, explanation=HOSTILE, ok=False)
-    view = View(present.plan.problem, answer=replace(present, plan=plan), refusal=HOSTILE)
+    view = View(present.plan.problem, result=replace(present, plan=plan), refusal=HOSTILE)
     for card in (
         cards.status_card(view),
         cards.status_card(replace(view, fault=HOSTILE)),

@@ -16,13 +16,13 @@ from needed import skip_or_fail
 import floatplan as fp
 from floatplan.jumps.jump import Jump
 from floatplan.studio import cards, edits
-from floatplan.studio.answers import ShownPlan
 from floatplan.studio.curves import curves_card, phase_colours
 from floatplan.studio.inputs import Inputs
 from floatplan.studio.panel import JumpTab
 from floatplan.studio.planning import packed, unpacked
 from floatplan.studio.session import Session, View
 from floatplan.studio.stage import end_poses
+from floatplan.studio.tasks import ShownPlan
 from floatplan.view.charts import SampledPlan
 from floatplan.view.outlines import body_poses, coordinates
 
@@ -51,9 +51,9 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
     """Whatever it went through on its way from the process that planned it."""
     robot = shown.plan.robot
     found = unpacked(packed(shown, robot), robot)
-    view = View(problem, answer=found)
+    view = View(problem, result=found)
     assert view.verdict == "proved"
-    assert replace(view, answer=replace(found, jump=None)).verdict == "waiting", "the flight alone is no answer"
+    assert replace(view, result=replace(found, jump=None)).verdict == "waiting", "the flight alone is no answer"
     assert f"<b>{found.jump.verdict.capitalize()}</b>" in cards.status_card(view)
     assert found.motion.duration == found.jump.duration > found.plan.duration
     columns = SampledPlan.of(found.jump, np.linspace(0.0, found.jump.duration, 401)).columns
@@ -71,7 +71,7 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
 
 
 def test_while_none_is_found_it_says_what_is_in_the_way(shown: ShownPlan, problem: fp.Problem) -> None:
-    view = View(problem, number=2, answer=shown, answered=1, doing="no jump near. In the way: RL_foot, 2 N m <")
+    view = View(problem, number=2, result=shown, result_number=1, doing="no jump near. In the way: RL_foot, 2 N m <")
     card = cards.status_card(view)
     assert (view.verdict, "Searching" in card) == ("waiting", True)
     assert "<p>No jump near. In the way: RL_foot, 2 N m &lt; …</p><p>Shown is what was found before.</p>" in card
@@ -81,8 +81,8 @@ def test_while_none_is_found_it_says_what_is_in_the_way(shown: ShownPlan, proble
 def test_where_there_is_no_jump_it_says_why(shown: ShownPlan, problem: fp.Problem) -> None:
     assert problem.jump is not None
     none = Jump(problem, problem.jump, explanation=HOSTILE)
-    view = View(problem, answer=replace(shown, jump=none))
-    assert (view.verdict, view.answer and view.answer.motion) == ("not found", shown.plan)
+    view = View(problem, result=replace(shown, jump=none))
+    assert (view.verdict, view.result and view.result.motion) == ("not found", shown.plan)
     card = cards.status_card(view)
     assert "<b>No jump found</b>" in card
     assert "&lt;img" in card
@@ -108,7 +108,7 @@ def test_phases_last_as_the_bar_has_them(shown: ShownPlan, problem: fp.Problem, 
 
 @pytest.mark.parametrize("part", ["duration", "angular_momentum", "start", "goal"])
 def test_a_part_of_the_flight_is_kept_as_it_was_found(
-    shown: ShownPlan, problem: fp.Problem, tmp_path: Path, part: edits.Part
+    shown: ShownPlan, problem: fp.Problem, tmp_path: Path, part: edits.FlightKey
 ) -> None:
     kept = edits.keep(part, shown.plan)(problem)
     again = fp.load_problem(fp.save_problem(kept, tmp_path / "kept.toml"))
@@ -128,10 +128,10 @@ def test_a_part_of_the_flight_is_kept_as_it_was_found(
 
 def test_a_ghost_of_a_jump_is_where_it_takes_off_and_lands(shown: ShownPlan, problem: fp.Problem) -> None:
     """The flight of the problem's own file is a guess: its landing is elsewhere."""
-    view = View(edits.keep("goal", shown.plan)(problem), answer=shown)
+    view = View(edits.keep("goal", shown.plan)(problem), result=shown)
     (last,) = body_poses(problem.robot, *coordinates(shown.plan, np.array([shown.plan.duration]))).places
     assert end_poses(view, "goal").places[0] == pytest.approx(last)
-    assert end_poses(replace(view, answer=None), "goal").places[0] != pytest.approx(last, abs=0.01)
+    assert end_poses(replace(view, result=None), "goal").places[0] != pytest.approx(last, abs=0.01)
 
 
 def test_friction_and_margins_are_numbers_of_the_problem(problem: fp.Problem) -> None:
@@ -147,10 +147,10 @@ def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
     session, said = Session(problem), set[str]()
     session.listen(lambda: said.add(session.view.doing))
     try:
-        assert session.wait(lambda view: view.answer is not None, PATIENCE)
+        assert session.wait(lambda view: view.result is not None, PATIENCE)
         assert session.view.verdict == "waiting"
         assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view.fault
-        answer = session.view.answer
+        answer = session.view.result
         assert answer is not None
         assert answer.jump is not None
         expected = fp.jump(problem).flight
@@ -159,7 +159,7 @@ def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
         ends = [phase.end for phase in answer.jump.phases]
         ends[1] -= 0.02
         assert session.edit(edits.phases(ends, 2))
-        assert session.view.answer is answer, "the last jump stays until there is another"
+        assert session.view.result is answer, "the last jump stays until there is another"
         assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view
         assert said >= {"start 1 of 4", "from the jump at hand"}
         assert "start 2 of 4" not in said
@@ -181,7 +181,7 @@ def test_a_bar_of_phases_shows_ends_whatever_a_page_sends(
     Of other inputs viser turns what a page sends into a number, a word or a tick, or drops it.
     """
     gui, refusals, edited = Gui(), [], []
-    view = View(problem, answer=shown)
+    view = View(problem, result=shown)
     session = SimpleNamespace(view=view, refuse=refusals.append, edit=lambda edit, about: edited.append(edit))
     actions = SimpleNamespace(do=lambda about, act: act())
     inputs = Inputs(gui, session, actions)  # type: ignore[arg-type]
@@ -193,7 +193,7 @@ def test_a_bar_of_phases_shows_ends_whatever_a_page_sends(
     tab.draw(view)
     asyncio.run(bar.registered(SimpleNamespace(client=object(), target=bar)))
     tab.draw(view)
-    assert "nan" not in tab._look.content
+    assert "nan" not in tab._style.content
     if edited:  # numbers that no phases have: the session refuses what the edit raises
         with pytest.raises(fp.InputError):
             edited[0](problem)

@@ -63,8 +63,8 @@ CAMERA: dict[str, Any] = {
 def answered(studio: Studio) -> fp.Plan:
     assert studio.session.wait(lambda view: view.is_current, PATIENCE)
     assert studio.painter.wait(PATIENCE)
-    assert studio.session.view.answer is not None
-    return studio.session.view.answer.plan
+    assert studio.session.view.result is not None
+    return studio.session.view.result.plan
 
 
 def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
@@ -183,7 +183,7 @@ def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str,
     before = fresh.session.view.problem
     places = grip_places(fresh, end, part, np.linspace(0.0, 0.2, 5))
     for step, place in enumerate(places):
-        fresh.stage.turn(end, part, complex(place), begins=step == 0)
+        fresh.stage.rotate(end, part, complex(place), begins=step == 0)
     after = fresh.session.view.problem
     states = [problem.initial if end == "start" else problem.final for problem in (before, after)]
     changed = [states[1].orientation - states[0].orientation, *(states[1].positions - states[0].positions)]
@@ -196,14 +196,14 @@ def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
     before = fresh.session.view.problem.goal.orientation
     places = grip_places(fresh, "goal", 0, np.linspace(0.0, 2 * np.pi, 25))
     for step, place in enumerate(places):
-        fresh.stage.turn("goal", 0, complex(place), begins=step == 0)
+        fresh.stage.rotate("goal", 0, complex(place), begins=step == 0)
     turned = fresh.session.view.problem.goal.orientation - before
     assert abs(turned) == pytest.approx(2 * np.pi)
 
 
 def test_a_joint_stops_at_the_end_of_its_range(fresh: Studio) -> None:
     for step, place in enumerate(grip_places(fresh, "goal", 1, np.linspace(0.0, 12.0, 120))):
-        fresh.stage.turn("goal", 1, complex(place), begins=step == 0)
+        fresh.stage.rotate("goal", 1, complex(place), begins=step == 0)
     problem = fresh.session.view.problem
     assert problem.final.positions[0] in problem.position_limits[0]
     assert fresh.session.view.refusal == ""
@@ -221,7 +221,7 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
     assert np.subtract(moved.center, first[0].center) == pytest.approx([0.25, -0.5])
     answered(fresh)
     for make in (kind.example for kind in OBSTACLE_KINDS.values()):
-        fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_place())))
+        fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_position())))
         answered(fresh)
     for index in (2, 0, 1, 0):
         fresh.session.edit(edits.put_obstacle(index))
@@ -414,10 +414,10 @@ def test_two_plans_fly_side_by_side(fresh: Studio) -> None:
     answered(fresh)
     view = fresh.session.view
     assert len(fresh.stage.shows(view)) == 2
-    assert fresh.stage.kept.root.visible
+    assert fresh.stage.compared.root.visible
     fresh.session.keep(False)
     answered(fresh)
-    assert not fresh.stage.kept.root.visible
+    assert not fresh.stage.compared.root.visible
 
 
 def test_the_player_goes_on_stops_and_seeks(fresh: Studio) -> None:

@@ -22,9 +22,9 @@ from studio_insides import process_ids
 
 import floatplan as fp
 from floatplan.studio import cards
-from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
 from floatplan.studio.planning import LAST, Actions, Planning, StoppedError, Worker, _prepare, packed, unpacked
-from floatplan.studio.session import FILE_NAMES, Part, Session, View
+from floatplan.studio.session import FILE_NAMES, Document, Session, View
+from floatplan.studio.tasks import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
 from floatplan.view.outlines import body_poses
 
 ROOT = Path(__file__).parents[2]
@@ -45,7 +45,7 @@ def session(problem: fp.Problem) -> Iterator[Session]:
 
 
 def settled(view: View) -> bool:
-    return view.fault != "" or (view.is_current and view.answer is not None and view.answer.settled)
+    return view.fault != "" or (view.is_current and view.result is not None and view.result.settled)
 
 
 def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Session) -> None:
@@ -57,13 +57,13 @@ def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Se
     view = session.view
     assert view.verdict == "proved"
     expected = fp.plan(view.problem, prove=True)
-    assert view.answer is not None
-    assert np.array_equal(view.answer.plan.coefficients, expected.coefficients)
-    plan = view.answer.plan
+    assert view.result is not None
+    assert np.array_equal(view.result.plan.coefficients, expected.coefficients)
+    plan = view.result.plan
     assert plan.certificate is not None
     assert plan.certificate.proved
-    assert first.answer is not None
-    assert not np.array_equal(plan.coefficients, first.answer.plan.coefficients)
+    assert first.result is not None
+    assert not np.array_equal(plan.coefficients, first.result.plan.coefficients)
 
 
 def test_what_cannot_be_is_said_and_nothing_changes(session: Session) -> None:
@@ -83,9 +83,9 @@ def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session
     assert session.wait(settled, PATIENCE)
     view = session.view
     assert view.verdict == "not found"
-    assert view.answer is not None
-    assert "velocity limit" in view.answer.plan.explanation
-    assert len(view.answer.poses.places) > 2
+    assert view.result is not None
+    assert "velocity limit" in view.result.plan.explanation
+    assert len(view.result.poses.places) > 2
     card = cards.status_card(view)
     assert 'data-verdict="not found"' in card
     assert "velocity limit" in card
@@ -100,14 +100,14 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(
     session.wait(settled, PATIENCE)
     start = session.view.problem.goal.orientation
     seen: list[int] = []
-    session.listen(lambda: seen.append(session.view.answered))
+    session.listen(lambda: seen.append(session.view.result_number))
     for step in range(1, 40):
         session.set("goal.orientation", start + 0.01 * step)
     assert session.wait(settled, PATIENCE)
     view = session.view
-    assert view.answer is not None
+    assert view.result is not None
     assert view.number == 40
-    assert view.answer.plan.problem.goal.orientation == start + 0.39
+    assert view.result.plan.problem.goal.orientation == start + 0.39
     assert seen == sorted(seen)
     session.undo()
     assert session.view.problem.goal.orientation == start
@@ -159,8 +159,8 @@ def test_threads_may_all_change_it(session: Session) -> None:
     for thread in threads:
         thread.join()
     assert session.wait(settled, PATIENCE)
-    assert session.view.answer is not None
-    assert session.view.answer.plan.problem.goal.orientation == session.view.problem.goal.orientation
+    assert session.view.result is not None
+    assert session.view.result.plan.problem.goal.orientation == session.view.problem.goal.orientation
 
 
 def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None:
@@ -179,7 +179,7 @@ def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None
         assert session.view.problem.flight.angular_momentum == chart.momenta[1]
         assert session.view.map is None
         assert session.wait(settled, PATIENCE)
-        found = session.view.answer is not None and session.view.answer.plan.ok
+        found = session.view.result is not None and session.view.result.plan.ok
         assert found == (chart.points[0, 1].use is not None)
     finally:
         session.close()
@@ -189,11 +189,11 @@ def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp
     limited = replace(problem, limits=replace(problem.limits, torque=1e3))
     chart = Map.centred_at(ShownPlan.of(fp.plan(limited), settled=True))
     assert chart.relative
-    asked = list(chart.questions(limited))
+    asked = list(chart.tasks(limited))
     points = [point for some, _ in asked for point in some]
     assert sorted(points) == sorted(np.ndindex(ROWS, COLUMNS))
     assert points[0] == (ROWS // 2, COLUMNS // 2)
-    few = MapTask(limited, {"flight.duration": np.array([1.1, -1.0])}, PATIENCE).answer()
+    few = MapTask(limited, {"flight.duration": np.array([1.1, -1.0])}, PATIENCE).run()
     assert [cell.status for cell in few] == ["optimal", "error"]
     assert few[0].use is not None
     assert 0 < few[0].use < 1
@@ -215,7 +215,7 @@ def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatpl
 
 
 @pytest.mark.parametrize("part", FILE_NAMES)
-def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Part) -> None:
+def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Document) -> None:
     assert session.wait(settled, PATIENCE)
     mine = tmp_path / FILE_NAMES[part]
     mine.write_text("mine")
@@ -261,15 +261,15 @@ def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
 def test_a_worker_says_what_it_does(problem: fp.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
     """To whoever asks, in its order, and nothing of it to the next."""
 
-    def answer(task: PlanTask, say: Callable[[str], None]) -> float | None:
+    def run(task: PlanTask, say: Callable[[str], None]) -> float | None:
         say(f"asked for {task.budget}")
         return task.budget
 
-    monkeypatch.setattr(PlanTask, "answer", answer)
+    monkeypatch.setattr(PlanTask, "run", run)
     worker, words = Worker(problem.robot), list[str]()
     with ThreadPoolExecutor(1) as here:
         monkeypatch.setattr(worker, "_started", lambda: here)
-        _prepare(problem.robot, 0, worker._told)
+        _prepare(problem.robot, 0, worker._progress_end)
         assert [worker.ask(PlanTask(problem, budget), words.append) for budget in (1.0, 2.0)] == [1.0, 2.0]
     assert words == ["asked for 1.0", "asked for 2.0"]
 
@@ -288,8 +288,8 @@ def test_a_search_is_stopped_and_all_is_as_it_was(session: Session, monkeypatch:
         assert "Start 2 of 4" in cards.status_card(session.view)
         session.stop()
     assert vars(session.view) == vars(before)
-    assert before.answer is not None
-    session._take_plan(asked.number, before.answer)
+    assert before.result is not None
+    session._take_plan(asked.number, before.result)
     session._take_words(asked.number, "too late")
     assert vars(session.view) == vars(before)
     assert session.undo()
@@ -313,7 +313,7 @@ def test_the_first_search_is_stopped(problem: fp.Problem, monkeypatch: pytest.Mo
 
 
 def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
-    assert session.wait(lambda view: view.answer is not None and view.answer.settled, PATIENCE)
+    assert session.wait(lambda view: view.result is not None and view.result.settled, PATIENCE)
     quick, thorough = (os.getpriority(os.PRIO_PROCESS, number) for number in process_ids(session))
     assert quick == os.getpriority(os.PRIO_PROCESS, 0)
     assert thorough == min(quick + LAST, 19)
@@ -321,7 +321,7 @@ def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
 
 SCRIPT = """
 import floatplan as fp
-from floatplan.studio.answers import PlanTask
+from floatplan.studio.tasks import PlanTask
 from floatplan.studio.planning import Worker
 
 if __name__ == "__main__":

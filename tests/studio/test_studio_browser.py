@@ -18,9 +18,9 @@ from studio_page import Page
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
-from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.edits import phase_ends
 from floatplan.studio.page import Studio
+from floatplan.studio.tasks import COLUMNS, ROWS
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,7 +33,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
         assert studio.session.view.problem is problem, "showing a problem does not change it"
-        first = studio.session.view.answer
+        first = studio.session.view.result
         print(page.figures("q2, °", 4))
         studio.player.playing = False
         before = studio.session.view.number
@@ -47,8 +47,8 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         assert abs(turned[1]) > 0.05, "the dragged joint"
         assert turned[0] == 0
         assert first is not None
-        assert view.answer is not None
-        assert not np.array_equal(view.answer.plan.coefficients, first.plan.coefficients)
+        assert view.result is not None
+        assert not np.array_equal(view.result.plan.coefficients, first.plan.coefficients)
 
         page.tab("Limits")
         page.choose("velocity limit", "by hand")
@@ -114,8 +114,8 @@ def test_a_robot_with_meshes_is_planned(browser: Browser) -> None:
         print(page.figures("FL_calf_joint, °", 4))
         view = studio.session.view
         assert view.number == 5
-        assert view.answer is not None
-        assert view.answer.plan.ok
+        assert view.result is not None
+        assert view.result.plan.ok
         assert page.complaints() == []
         assert errors == []
 
@@ -134,7 +134,7 @@ def test_the_border_of_two_phases_is_dragged(browser: Browser) -> None:
         assert browser.driver.title == "floatplan: go2_backflip"
         number = page.wait_for("proved", after=0)
         borders = browser.driver.find_elements("css selector", ".multi-slider-thumb")
-        answer = studio.session.view.answer
+        answer = studio.session.view.result
         assert answer is not None
         assert answer.jump is not None
         found = [phase.end for phase in answer.jump.phases]

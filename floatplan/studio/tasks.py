@@ -1,4 +1,4 @@
-"""What a process of the studio is asked, and what it answers: plans with what is shown of them, points of the map."""
+"""The tasks of the studio's processes and their results: plans with all that is shown of them, points of the map."""
 
 from __future__ import annotations
 
@@ -22,29 +22,19 @@ from floatplan.plans.trajectory import Trajectory
 from floatplan.studio.curves import Shares, shares
 from floatplan.view.outlines import Poses, body_poses, coordinates, postures
 
-POSE_RATE = 60.0  # [Hz]
-MOST_POSES = 1200  # [-] of a long flight
-TRAIL = 161  # [-] points of a path
-NEAR_BUDGET = 0.3  # [s] of search for the flight that is shown where no jump was found
-DURATION = "flight.duration"
-MOMENTUM = "flight.angular_momentum"
-COLUMNS = 9  # [-] values of h, values of T
-ROWS = 7
-DURATION_STEP = 0.07  # [-] of the duration
-MOMENTUM_STEP = 0.12  # [-] of the angular momentum, or of half the interval (9); the larger one counts
-TOGETHER = 3  # [-] points that are asked for at a time
-POINT_BUDGET = 0.4  # [s] of search at a point
+COLUMNS = 9  # [-] values of h on the map
+ROWS = 7  # [-] values of T on the map
 
 
 @dataclass(frozen=True)
 class Failure:
-    """Why there is no answer, for a person."""
+    """Why there is no result, for a person."""
 
     words: str
 
     @classmethod
     def of(cls, error: BaseException) -> Failure:
-        """Return what went wrong: floatplan's own errors say it themselves."""
+        """Return the message of an error; floatplan's own errors need no name."""
         if isinstance(error, fp.FloatplanError):
             return cls(str(error))
         if isinstance(error, MemoryError):
@@ -54,22 +44,22 @@ class Failure:
 
 @dataclass(frozen=True, eq=False)
 class ShownPlan:
-    """A plan, or a jump, with what the page shows of it, measured where it was planned.
+    """A plan, or a jump, with all that the page shows of it, measured where it was planned.
 
     Attributes
     ----------
     plan : Plan
-        With its certificate, where it was proved; where none was found, the nearest motion. Of a jump its flight.
+        With its certificate, where it was proved; where there is no solution, the nearest motion. Of a jump its flight.
     settled : bool
-        Whether ``floatplan plan`` or ``floatplan jump`` would answer so; else a quick search did.
+        Whether it is the result of ``floatplan plan`` or ``floatplan jump``; else that of a quick search.
     poses : Poses
     paths : (N,) complex, m; of the centre of mass, and of the frames that take off and land
     utilisation, warnings : of the plan
     clearance : m, or None without obstacles
     shares : of limits, over time
     jump : Jump or None
-        What was found, where a jump was asked for; where that is none, the plan is that of the flight alone.
-    stances : what was found of stances before takeoff and after landing
+        The result, where the problem has a jump; where it is not solved, the plan is that of the flight without it.
+    stances : rows about the stances before takeoff and after landing
     """
 
     plan: fp.Plan
@@ -88,7 +78,7 @@ class ShownPlan:
         """Measure a plan, or the jump around it."""
         motion: Trajectory = plan if jump is None or jump.flight is None else jump
         times = pose_times(motion.duration)
-        placed = postures(motion, np.linspace(0.0, motion.duration, TRAIL))
+        placed = postures(motion, np.linspace(0.0, motion.duration, 161))
         return cls(
             plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,
@@ -102,44 +92,44 @@ class ShownPlan:
         )
 
     @property
-    def found_jump(self) -> Jump | None:
-        """The jump; None where none was found."""
+    def solved_jump(self) -> Jump | None:
+        """The jump; None where it is not solved."""
         return None if self.jump is None or self.jump.flight is None else self.jump
 
     @property
     def motion(self) -> Trajectory:
-        """What moves: the jump, or the plan."""
-        return self.found_jump or self.plan
+        """The moving robot: the jump, or the plan."""
+        return self.solved_jump or self.plan
 
     @property
     def largest_use(self) -> float | None:
         """Largest share of a limit that a motor uses; None without limits."""
-        if self.found_jump is None:
+        if self.solved_jump is None:
             return largest_use(self.utilisation)
-        return max((each.peak for each in self.shares if each.limited), default=None)
+        return max((shares.peak for shares in self.shares if shares.limited), default=None)
 
 
 @dataclass(frozen=True, eq=False)
 class PlanTask:
     """Plan a problem: as ``floatplan plan`` does, with its proof, or within a ``budget``, s, the best motion so far.
 
-    A search with a budget begins from the plan ``near`` it, where there is one, and is for the flight alone. Without, a
-    problem with a jump is answered as ``floatplan jump`` does, but that the search begins from the jump that is near.
+    A search with a budget begins from the plan ``near`` it, where there is one, and is for the flight without its jump.
+    Without, a problem with a jump is planned as by ``floatplan jump``, but that the search begins from the near jump.
     """
 
     problem: fp.Problem
     budget: float | None = None
     near: fp.Plan | Jump | None = None
 
-    def answer(self, say: Callable[[str], None] | None = None) -> ShownPlan:
-        """Plan, and say in a few words what is done."""
+    def run(self, say: Callable[[str], None] | None = None) -> ShownPlan:
+        """Plan, with a few words about the progress."""
         if self.budget is not None:
             return ShownPlan.of(self._searched(self.budget), settled=False)
         if self.problem.jump is None:
             return ShownPlan.of(fp.plan(self.problem, progress=say, prove=True), settled=True)
         jump = fp.jump(self.problem, progress=say, near=self.near if isinstance(self.near, Jump) else None)
         if jump.flight is None:
-            return ShownPlan.of(self._searched(NEAR_BUDGET), True, jump)
+            return ShownPlan.of(self._searched(0.3), True, jump)  # [s] for a flight to look at instead
         jump = jump.with_certificate(fp.certify(jump.flight))
         assert jump.flight is not None
         return ShownPlan.of(jump.flight, True, jump)
@@ -151,7 +141,8 @@ class PlanTask:
 
 def pose_times(duration: float) -> Array:
     """Instants (K,) of the poses of a motion, s."""
-    return np.linspace(0.0, duration, min(int(np.ceil(duration * POSE_RATE)) + 1, MOST_POSES))
+    # at 60 Hz, as screens show; of a long flight fewer, which a page can still hold
+    return np.linspace(0.0, duration, min(int(np.ceil(duration * 60.0)) + 1, 1200))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +151,7 @@ class LaunchTask:
 
     present: ShownPlan
 
-    def answer(self) -> ShownPlan:
+    def run(self) -> ShownPlan:
         """Look for them; the same plan where nothing is limited, or CasADi is not installed."""
         plan = self.present.plan
         limits = np.concatenate((plan.problem.motor_torque_limits, plan.problem.velocity_limits))
@@ -197,14 +188,16 @@ class MapTask:
     varied: Mapping[str, Array]
     budget: float
 
-    def answer(self) -> list[MapPoint]:
+    def run(self) -> list[MapPoint]:
         """Plan them."""
         family = fp.Family(self.problem, self.varied)
         if not is_plain_family(family):
             return [self._searched(family, row) for row in range(len(family))]
         plans = fp.plan_many(family)
-        answers = enumerate(zip(plans.status.tolist(), plans.ok.tolist(), strict=True))
-        return [MapPoint.of(status, plans[row]) if ok else MapPoint(status, None) for row, (status, ok) in answers]
+        points = []
+        for row, (status, ok) in enumerate(zip(plans.status.tolist(), plans.ok.tolist(), strict=True)):
+            points.append(MapPoint.of(status, plans[row]) if ok else MapPoint(status, None))
+        return points
 
     def _searched(self, family: fp.Family, row: int) -> MapPoint:
         try:
@@ -223,7 +216,7 @@ class Map:
     momenta : (COLUMNS,) kg m^2/s
     durations : (ROWS,) s
     relative : whether what points use is a share of limits; else torques, N m
-    points : (row, column) -> MapPoint, as far as they were planned
+    points : (row, column) -> MapPoint, so far
     """
 
     momenta: Array
@@ -233,27 +226,35 @@ class Map:
 
     @classmethod
     def centred_at(cls, present: ShownPlan) -> Map:
-        """Return the empty map with a plan in its middle."""
+        """Return the empty map with a plan in its middle.
+
+        Neighbours differ by 7 % of the duration, and by 12 % of h or of half the interval (9), whichever is larger.
+        """
         duration = present.plan.duration
         momentum = present.plan.angular_momentum
         low, high = present.plan.angular_momentum_bounds or (0.0, 0.0)
-        step = MOMENTUM_STEP * max(abs(momentum), abs(high - low) / 2, 1e-3)
+        step = 0.12 * max(abs(momentum), abs(high - low) / 2, 1e-3)
         return cls(
             momenta=np.asarray(momentum + step * (np.arange(COLUMNS) - COLUMNS // 2), dtype=np.float64),
-            durations=np.asarray(duration * (1 + DURATION_STEP * (np.arange(ROWS) - ROWS // 2)), dtype=np.float64),
+            durations=np.asarray(duration * (1 + 0.07 * (np.arange(ROWS) - ROWS // 2)), dtype=np.float64),
             relative=present.largest_use is not None,
         )
 
-    def questions(self, problem: fp.Problem) -> Iterator[tuple[list[tuple[int, int]], MapTask]]:
-        """Rows and columns of points and the question about them, from the middle outwards."""
+    def tasks(self, problem: fp.Problem) -> Iterator[tuple[list[tuple[int, int]], MapTask]]:
+        """Rows and columns of points and the task of planning them, from the middle outwards."""
         rows, columns = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
         distance = ((rows - ROWS // 2) / ROWS) ** 2 + ((columns - COLUMNS // 2) / COLUMNS) ** 2
         order: IntArray = np.argsort(distance, kind="stable")
-        for first in range(0, len(order), TOGETHER):
-            row, column = (each[order[first : first + TOGETHER]] for each in (rows, columns))
-            varied = {DURATION: self.durations[row], MOMENTUM: self.momenta[column]}
-            yield list(zip(row.tolist(), column.tolist(), strict=True)), MapTask(problem, varied, POINT_BUDGET)
+        for first in range(0, len(order), 3):  # three at a time: a new problem need not wait for many
+            points = order[first : first + 3]
+            row = rows[points]
+            column = columns[points]
+            varied = {"flight.duration": self.durations[row], "flight.angular_momentum": self.momenta[column]}
+            yield list(zip(row.tolist(), column.tolist(), strict=True)), MapTask(problem, varied, budget=0.4)
 
     def values(self, row: int, column: int) -> dict[str, float]:
         """The numbers of a point, by their paths."""
-        return {DURATION: float(self.durations[row]), MOMENTUM: float(self.momenta[column])}
+        return {
+            "flight.duration": float(self.durations[row]),
+            "flight.angular_momentum": float(self.momenta[column]),
+        }
