@@ -132,11 +132,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the backgro
 from test_mjcf_safety import endless
 from floatplan.robot.mjcf import process
 from floatplan.robot.mjcf.compiled import compiled_mjcf
-asked = process.CompilerProcess._exchanged
+asked = process.CompilerProcess._response
 def tell(self, *given):
     print(self._process.pid, flush=True)
     return asked(self, *given)
-process.CompilerProcess._exchanged = tell
+process.CompilerProcess._response = tell
 compiled_mjcf(endless(Path.cwd()))
 """
 

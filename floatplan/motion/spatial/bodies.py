@@ -12,7 +12,7 @@ from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.goal import attitude_of
 from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import LinkSolid, frame_place
+from floatplan.robot.shapes.solids import LinkSolid, frame_position
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -56,7 +56,7 @@ class BodyPoses:
 
     def frame(self, robot: Robot, name: str) -> Array:
         """Places (K, 3) of a link's or joint's origin, m."""
-        body, place = frame_place(robot.model, robot.joint_tree, name)
+        body, place = frame_position(robot.model, robot.joint_tree, name)
         return self.points(body, place[None])[:, 0]
 
     def lowest(self, solid: LinkSolid) -> Array:

@@ -26,8 +26,8 @@ class LinkSolid:
 
     Attributes
     ----------
-    link : whose it is
-    body : which joint of the robot's model carries it
+    link : its name
+    body : joint of the robot's model that carries it
     points : (k, 3) m, in that joint's frame
     axes : (3, 3) m, the ellipsoid's semi-axes, as columns
     """
@@ -79,7 +79,7 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
     folder : path
         Of the URDF, from which mesh files are searched.
     meshes : mapping
-        What :func:`~floatplan.robot.shapes.links.mesh_digests` said of the files.
+        Of the files, from :func:`~floatplan.robot.shapes.links.mesh_digests`.
 
     Raises
     ------
@@ -88,8 +88,10 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
     """
     solids: list[LinkSolid] = []
     for link, body, placement, geometries in link_geometries(model, tree, folder, meshes):
-        found = [geometry.solid() for geometry in geometries]
-        for points, axes in found or [(points, np.zeros((3, 3))) for points in link_lines(tree, link)]:
+        solids_of_link = [geometry.solid() for geometry in geometries]
+        if not solids_of_link:
+            solids_of_link = [(points, np.zeros((3, 3))) for points in link_lines(tree, link)]
+        for points, axes in solids_of_link:
             placed = points @ placement.rotation.T + placement.translation
             solids.append(LinkSolid(link, body, placed, placement.rotation @ axes))
     return tuple(solids)
@@ -106,13 +108,17 @@ def link_geometries(
     if count > MOST_COLLISIONS:
         raise InputError(f"has {count} collision elements, more than {MOST_COLLISIONS}", advice="simplify its geometry")
     for name, link in tree.links.items():
-        read = [read_collision(name, collision, folder, meshes) for collision in link.collisions]
+        geometries = []
+        for collision in link.collisions:
+            geometry = read_collision(name, collision, folder, meshes)
+            if geometry is not None:
+                geometries.append(geometry)
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        yield name, int(frame.parentJoint), frame.placement, [each for each in read if each is not None]
+        yield name, int(frame.parentJoint), frame.placement, geometries
 
 
-def frame_place(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
-    """Return which joint of a model carries a link's or joint's origin, and its place (3,) in that joint's frame, m."""
+def frame_position(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
+    """Return the joint of a model that carries a link's or joint's origin, and its position (3,) in that frame, m."""
     link = name if name in tree.links else tree.joint[name].child  # which has the joint's origin
     frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return int(frame.parentJoint), frame.placement.translation.copy()

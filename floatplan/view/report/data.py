@@ -24,7 +24,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import frame_place
+from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, largest
 from floatplan.view.jumps import CheckedJump, footing
@@ -79,7 +79,7 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
             columns[name] = rounded(values)
     frames = []
     for (name, role), colour in zip(_roles(problem).items(), TRAILS[1:], strict=False):
-        body, position = frame_place(robot.model, robot.joint_tree, name)
+        body, position = frame_position(robot.model, robot.joint_tree, name)
         frames.append({"name": name, "role": role, "colour": colour, "body": body - 1, "at": rounded(position)})
     vector = None
     if h.any():  # half as long as the robot, whatever h is

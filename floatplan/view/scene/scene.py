@@ -31,7 +31,7 @@ from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import frame_place
+from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space
@@ -306,7 +306,7 @@ class RobotNodes:
         """Return the body of a link, and the transform (4, 4) into its frame from the root link's, joints at zero."""
         robot = self._robot
         if not self._is_planar:
-            body, _ = frame_place(robot.model, robot.joint_tree, link)
+            body, _ = frame_position(robot.model, robot.joint_tree, link)
             return body - 1, self._placements[body].inverse().homogeneous
         poses = self._resting_poses
         body = robot.layout.body_of[link]
