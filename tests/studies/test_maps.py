@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 import floatplan as fp
 from floatplan import InputError
 from floatplan.studies.file import load_study_file
-from floatplan.studies.maps import STATUS_LOOKS, drawn_map, heatmap
+from floatplan.studies.maps import STATUS_LOOKS, heatmap, study_map
 from floatplan.studies.rows import STATUSES
 from floatplan.view.outlines import obstacle_capsules, pairs
 
@@ -68,7 +68,7 @@ def test_each_cell_shows_its_best_row(study_file):
     asked = load_study_file(study_file(THREE))
     statuses = ["optimal", "optimal", "not_found", "impossible", "impossible", "impossible", "error", "feasible"]
     torques = [5.0, 3.0, None, None, None, None, None, 7.0]
-    shown = drawn_map(
+    shown = study_map(
         asked, table(asked, statuses, torques), "flight.angular_momentum", "flight.duration", "torque_peak"
     )
     names = np.array(STATUSES)[shown.status]
@@ -80,7 +80,7 @@ def test_each_cell_shows_its_best_row(study_file):
 def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     asked = load_study_file(study_file(THREE))
     statuses = ["not_found", "impossible", "impossible", "impossible", "error", "error", "optimal", "not_found"]
-    shown = drawn_map(
+    shown = study_map(
         asked, table(asked, statuses, [1.0] * 8), "flight.angular_momentum", "flight.duration", "torque_peak"
     )
     assert len({colour for colour, _ in STATUS_LOOKS.values()}) == len(STATUSES)
@@ -100,7 +100,7 @@ def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
 def test_points_drawn_fall_into_cells(study_file):
     text = 'sampling = "sobol"\nsamples = 64\n[vary]\n"flight.angular_momentum" = { from = 3, to = 4 }\n'
     asked = load_study_file(study_file(text + '"flight.duration" = { from = 1, to = 1.2 }'))
-    shown = drawn_map(
+    shown = study_map(
         asked,
         table(asked, ["optimal"] * 64, np.arange(64.0)),
         "flight.angular_momentum",
@@ -123,7 +123,7 @@ def test_points_drawn_fall_into_cells(study_file):
 def test_wrong_maps(study_file, keys, message):
     asked = load_study_file(study_file(THREE))
     with pytest.raises(InputError, match=message):
-        drawn_map(asked, table(asked, ["optimal"] * 8, [1.0] * 8), *keys)
+        study_map(asked, table(asked, ["optimal"] * 8, [1.0] * 8), *keys)
 
 
 @pytest.fixture(scope="module")

@@ -227,7 +227,7 @@ class Breaking(Executor):
 
 def test_an_executor_that_breaks_loses_nothing_that_is_done(asked, monkeypatch):
     path, out, table = asked
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", 16)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
     with pytest.raises(fp.FloatplanError, match="takes no more tasks"):
         fp.study(path, folder=out, executor=Breaking(3))
@@ -322,7 +322,7 @@ class Timeless(Faulty):
 @pytest.mark.parametrize("kind", [RaisesInSubmit, ReturnsNoFuture, RaisesInATask, Junk, Damaged, OtherRows, Timeless])
 def test_what_an_executor_does_wrong_is_one_error_and_loses_nothing(asked, monkeypatch, kind):
     path, out, table = asked
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", 16)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
     with pytest.raises(fp.FloatplanError, match=kind.fault):
         fp.study(path, folder=out, executor=kind(right=5), jobs=1)

@@ -143,7 +143,7 @@ def test_a_row_without_a_plan_gives_its_nearest_motion(done):
 def test_the_table_does_not_depend_on_chunks(done, tmp_path, monkeypatch, sizes):
     path, study = done
     first, most = sizes
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", first)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", first)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", most)
     again = fp.study(path, folder=tmp_path / "out", jobs=1)
     assert len(list((tmp_path / "out" / "chunks").iterdir())) >= 2
@@ -205,13 +205,13 @@ class Fragile:
             future.set_result(call(work, first, values))
         return future
 
-    def places(self):
+    def capacity(self):
         return 2
 
     def begin(self):
         return nullcontext(self)
 
-    alone = begin
+    isolated = begin
 
 
 def test_a_row_that_ends_its_process_is_found_and_told(done, tmp_path, monkeypatch):
@@ -233,7 +233,7 @@ def test_what_is_there_is_not_planned_again(done, monkeypatch):
 
 def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
     path, study = done
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", 16)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
     real = os.fdopen
     left = [3]
@@ -450,7 +450,7 @@ def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
         skip_or_fail("dask is not installed: the extra study")
     path, study = done
     monkeypatch.setattr(driver, "PATIENCE", 600)
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", 6)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", 6)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 6)
     killed = []
     dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})  # with the package loaded already

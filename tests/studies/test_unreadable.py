@@ -64,7 +64,7 @@ def test_a_study_that_goes_on_deletes_no_chunk_that_it_cannot_read(
 ) -> None:
     """Nor one that is damaged beside it."""
     out = tmp_path / "out"
-    monkeypatch.setattr("floatplan.studies.driver.FIRST_TOGETHER", 4)
+    monkeypatch.setattr("floatplan.studies.driver.FIRST_CHUNK", 4)
     monkeypatch.setattr("floatplan.studies.driver.MOST_IN_CHUNK", 4)
     fp.study(path, folder=out, jobs=1)
     first, *_, last = sorted((out / "chunks").iterdir())
@@ -148,7 +148,7 @@ class TestMerge:
         self, path: Path, tmp_path: Path, floatplan: Any, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         """Rows that it lacks are added, whatever the chunks that it has."""
-        monkeypatch.setattr("floatplan.studies.driver.FIRST_TOGETHER", 4)
+        monkeypatch.setattr("floatplan.studies.driver.FIRST_CHUNK", 4)
         monkeypatch.setattr("floatplan.studies.driver.MOST_IN_CHUNK", 4)
         whole = fp.study(path, folder=tmp_path / "out", jobs=1)
         kept = sorted((tmp_path / "out" / "chunks").iterdir())
