@@ -103,9 +103,13 @@ class ClipRepair:
         """Whether anything was changed."""
         return any(each.repaired is not None and each.repaired.repairable for each in self.flights)
 
+    def table(self) -> list[dict[str, Any]]:
+        """One row a flight, with the keys of ``repairs`` of the command line's ``--json``."""
+        return [each.to_dict() for each in self.flights]
+
     def to_dict(self) -> dict[str, Any]:
         """Everything, as the command line's ``--json`` has it."""
-        return {**self.before.to_dict(), "repairs": [each.to_dict() for each in self.flights]}
+        return {**self.before.to_dict(), "repairs": self.table()}
 
     def __repr__(self) -> str:
         done = sum(each.repaired is not None and each.repaired.repairable for each in self.flights)

@@ -112,7 +112,8 @@ class Postures:
 def postures(plan: Trajectory, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
     if flies_in_space(plan):
-        return seen_robot(plan.problem, times, bodies(plan, times), com_path(plan, times))
+        frames = (plan.problem.takeoff.frame, plan.problem.landing.frame)
+        return seen_robot(plan.robot, times, bodies(plan, times), com_path(plan, times), frames)
     return placed_robot(plan.whole_problem, times, *coordinates(plan, times))
 
 
@@ -129,7 +130,8 @@ def posture_at(plan: Trajectory, state: JointState, time: float) -> Postures:
     times = np.array([time])
     if flies_in_space(plan):
         whole: Any = plan.whole
-        return seen_robot(plan.problem, times, whole.posture(state, time), com_path(plan, times))
+        frames = (plan.problem.takeoff.frame, plan.problem.landing.frame)
+        return seen_robot(plan.robot, times, whole.posture(state, time), com_path(plan, times), frames)
     orientation = np.array([state.orientation])
     com = com_path(plan, times)
     return placed_robot(plan.whole_problem, times, orientation, state.positions[None], com)
@@ -165,9 +167,14 @@ def bodies(plan: Plan, times: Array) -> BodyPoses:
     return poses
 
 
-def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArray) -> Postures:
-    """Return a problem's robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m."""
-    solids = rendered_solids(problem.robot)
+def seen_robot(
+    robot: Robot, times: Array, poses: BodyPoses, com: ComplexArray, frames: tuple[str, str] | None = None
+) -> Postures:
+    """Return a robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m.
+
+    ``frames`` take off and land; without any the centre of mass is marked in their place.
+    """
+    solids = rendered_solids(robot)
     corners = max(len(solid.points) for solid in solids)
     positions = []
     for solid in solids:
@@ -180,8 +187,8 @@ def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArr
         corners=CAMERA(placed),
         radius=np.zeros(len(solids)),
         segment=np.array([solid.segment for solid in solids]),
-        takeoff=CAMERA(poses.frame(problem.robot, problem.takeoff.frame)),
-        landing=CAMERA(poses.frame(problem.robot, problem.landing.frame)),
+        takeoff=com if frames is None else CAMERA(poses.frame(robot, frames[0])),
+        landing=com if frames is None else CAMERA(poses.frame(robot, frames[1])),
         depth=placed @ CAMERA.toward,
         faces=[solid.faces for solid in solids],
     )
