@@ -6,11 +6,14 @@ comes at least 10 mm into them; links keep apart that it keeps apart, and that p
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+import coal  # which Pinocchio brings
 import numpy as np
+import pinocchio as pin
 from measuring import PROBLEMS
 
 import floatplan as fp
@@ -29,6 +32,7 @@ PASSED = (0.003, 0.010)  # [m] by which the drawn motion is clear of obstacles
 DEEP_ENOUGH = 0.01  # [m] by which the plan made without an obstacle is inside it
 RADII = (0.03, 0.5)  # [m]
 TRIES = 60  # [-] places for an obstacle
+NEAR = 0.05  # [m] between balls around shapes, below which these are looked at
 ANY_DEGREE = fp.Motion(degree="auto")
 
 
@@ -194,3 +198,76 @@ def obstructed(count: int) -> Iterator[fp.Problem]:
             problem = replace(drawn.problem, obstacles=tuple(obstacles))
         made += 1
         yield replace(problem, name=f"obstructed_{seed}")
+
+
+def least_seen(plan: fp.Plan, instants: int) -> float:
+    """Least distance, m, beyond what is asked, of a plan to its obstacles and between its links, at so many instants.
+
+    Where the links are is Pinocchio's, of the robot's own file, what shapes they have is what it reads there, and how far
+    these are from obstacles or one another is Coal's: nothing of it is floatplan's. What balls around two shapes leave
+    farther apart than ``NEAR`` is not looked at.
+    """
+    robot, problem, model = plan.robot, plan.problem, plan.robot.free_flyer()
+    folders = [str(folder) for folder in robot.path.parents]
+    geometry = pin.buildGeomFromUrdf(model, str(robot.path), pin.GeometryType.COLLISION, package_dirs=folders)
+    shapes = geometry.geometryObjects
+    links = [model.frames[shape.parentFrame].name for shape in shapes]
+    times = np.unique(np.concatenate((np.linspace(0, plan.duration, instants), *_windows(problem))))
+    data, placed = model.createData(), geometry.createData()
+    centers, rotations = np.empty((len(times), len(shapes), 3)), np.empty((len(times), len(shapes), 3, 3))
+    for k, q in enumerate(plan.q(times)):
+        pin.forwardKinematics(model, data, q)
+        pin.updateGeometryPlacements(model, data, geometry, placed)
+        for i, where in enumerate(placed.oMg):
+            centers[k, i], rotations[k, i] = where.translation, where.rotation
+    balls = []
+    for shape in shapes:
+        shape.geometry.computeLocalAABB()
+        balls.append((np.array(shape.geometry.aabb_center), float(shape.geometry.aabb_radius)))
+    middles = centers + np.stack([rotations[:, i] @ ball[0] for i, ball in enumerate(balls)], axis=1)
+    radii = np.array([ball[1] for ball in balls])
+    least = np.inf
+
+    def look(k: int, first: int, other: object, where: coal.Transform3s) -> float:
+        own = coal.Transform3s(rotations[k, first], centers[k, first])
+        return float(coal.distance(shapes[first].geometry, own, other, where, coal.DistanceRequest(), coal.DistanceResult()))
+
+    for obstacle in problem.obstacles:
+        low, high = obstacle.window or (-np.inf, np.inf)
+        there = (times >= low) & (times <= high)
+        shift = times[:, None] * np.array(obstacle.velocity)
+        as_coal, ends, around = _as_coal(obstacle)
+        for i in range(len(shapes)):
+            from_middle = SpatialSegments(middles[:, [i]], middles[:, [i]], radii[[i]])
+            bound = from_middle.distances(obstacle, times).min(axis=1)
+            for k in np.flatnonzero(there & (bound < NEAR)):
+                where = coal.Transform3s(around, ends + shift[k])
+                least = min(least, look(int(k), i, as_coal, where) - obstacle.margin)
+    for pair in problem.self_clearances:
+        first, second = ([i for i, link in enumerate(links) if link == name] for name in pair.links)
+        for i, j in itertools.product(first, second):
+            bound = np.linalg.norm(middles[:, i] - middles[:, j], axis=1) - radii[i] - radii[j]
+            for k in np.flatnonzero(bound < NEAR):
+                where = coal.Transform3s(rotations[k, j], centers[k, j])
+                least = min(least, look(int(k), i, shapes[j].geometry, where) - pair.margin)
+    return least
+
+
+def _windows(problem: fp.Problem) -> list[Array]:
+    """Ends of the obstacles' windows within the flight, s."""
+    return [np.clip(each.window, 0, problem.flight.duration) for each in problem.obstacles if each.window]
+
+
+def _as_coal(obstacle: SpatialObstacle) -> tuple[object, Array, Array]:
+    """An obstacle as Coal knows it, and where it is at takeoff: place (3,) m, and rotation (3, 3)."""
+    still = np.eye(3)
+    if isinstance(obstacle, fp.Sphere):
+        return coal.Sphere(obstacle.radius), np.array(obstacle.center), still
+    if isinstance(obstacle, fp.Box):
+        return coal.Box(*obstacle.size), np.array(obstacle.center), still
+    if isinstance(obstacle, fp.HalfSpace):
+        normal = np.array(obstacle.unit_normal)
+        return coal.Halfspace(normal, 0.0), np.array(obstacle.point), still
+    start, end = np.array(obstacle.start), np.array(obstacle.end)
+    turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end - start).matrix()
+    return coal.Capsule(obstacle.radius, float(np.linalg.norm(end - start))), (start + end) / 2, turned
