@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from floatplan.arguments import number, pair, shortened
+from floatplan.arguments import shortened
 from floatplan.keys import Key
 from floatplan.problem.attitude import Triple
 from floatplan.problem.parts import SHORTEST_NORMAL, Obstacle
@@ -29,9 +29,7 @@ class SpatialObstacle(Obstacle):
         When it exists: from, to, since takeoff; for the whole flight, where left out.
     """
 
-    velocity: Annotated[  # type: ignore[assignment]  # three numbers in the place of two
-        Triple, Key(unit="m/s", check=pair(number("velocity"), count=3))
-    ] = (0.0, 0.0, 0.0)
+    velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # in place of two
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,14 +115,14 @@ class LevelGround(HalfSpace):
 class Box(SpatialObstacle):
     """A box whose edges are along the world's axes: middle and edges, m.
 
-    A link is clear of it where one of its six faces is between them: at an edge or a corner of the box that is more than
-    it need be.
+    A link is clear of it where one of its six faces is between them: at its edges and corners that is more than need
+    be.
     """
 
     kind: ClassVar[str] = "box"
     about: ClassVar[str] = "A box with edges along x, y and z, kept clear of by one of its faces"
     center: Annotated[Triple, Key("x, y, z", "m")]
-    size: Annotated[Triple, Key("Its edges along x, y and z", "m", check=pair(number("radius"), count=3))]
+    size: Annotated[Triple, Key("Its edges along x, y and z", "m", "radius")]
     bounded = True
 
     @property

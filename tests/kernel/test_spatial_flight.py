@@ -149,7 +149,9 @@ def test_distances_are_those_of_numpy(root):
     expected = [(segments.distances(each, times) - each.margin) / 0.1 for each in problem.obstacles]
     expected.append(motion.heights(times)[0] / 0.1)
     for pair in PAIRS:
-        ends = (segments.of(np.array([i for i, link in enumerate(flight.links) if link == name])) for name in pair.links)
+        ends = (
+            segments.of(np.array([i for i, link in enumerate(flight.links) if link == name])) for name in pair.links
+        )
         expected.append((pair_distances_in_space(*ends) - pair.margin) / 0.1)
     rows = np.concatenate(expected, axis=1).T
     applies = np.isfinite(values)

@@ -1,4 +1,4 @@
-"""Obstacles of flights in space, links that keep apart, and the ground: kept, seen, refused where they make no sense."""
+"""Obstacles of flights in space, links that keep apart, and the ground: kept, seen by others, or refused."""
 
 from __future__ import annotations
 
@@ -75,7 +75,8 @@ class TestDistances:
         box = coal.Box(*size), coal.Transform3s(np.eye(3), middle)
         expected = coal.distance(*_as_coal(start, end, 0.1), *box, coal.DistanceRequest(), coal.DistanceResult())
         assert found <= expected + 1e-6
-        facing = SpatialSegments((middle + [0, 0, 2.0])[None, None], (middle + [0.01, 0, 3.0])[None, None], np.array([0.1]))
+        ends = (middle + np.array([along, 0.0, 2.0 + along])[None, None] for along in (0.0, 1.0))
+        facing = SpatialSegments(*ends, np.array([0.1]))
         straight = facing.distances(fp.Box(center=tuple(middle), size=tuple(size)), np.zeros(1)).item()
         assert straight == pytest.approx(2.0 - size[2] / 2 - 0.1, abs=1e-12)
 
@@ -212,9 +213,13 @@ def test_what_makes_no_sense_is_refused(made, said):
 
 def test_what_does_not_fit_the_flight_is_refused(diver):
     late = fp.Sphere(center=(0, 0, 3), radius=0.1, window=(2.0, 3.0))
-    with pytest.raises(fp.InputError, match=r"obstacles\[0\]\.window: the window \[2\.0, 3\.0\] s lies outside the flight"):
+    with pytest.raises(
+        fp.InputError, match=r"obstacles\[0\]\.window: the window \[2\.0, 3\.0\] s lies outside the flight"
+    ):
         replace(diver, obstacles=(late,))
-    with pytest.raises(fp.InputError, match=r"obstacles\[0\]: a Circle is for flights in a plane; give a Sphere, Capsule"):
+    with pytest.raises(
+        fp.InputError, match=r"obstacles\[0\]: a Circle is for flights in a plane; give a Sphere, Capsule"
+    ):
         replace(diver, obstacles=(fp.Circle(center=(0, 3), radius=0.1),))
     with pytest.raises(fp.InputError, match="no link 'tail' with a shape"):
         replace(diver, self_clearances=(fp.SelfClearance(("trunk", "tail")),))
