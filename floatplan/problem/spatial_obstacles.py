@@ -37,8 +37,8 @@ class Sphere(SpatialObstacle):
     """A ball: centre (x, y, z) and radius, m."""
 
     kind: ClassVar[str] = "sphere"
-    about: ClassVar[str] = "A ball"
-    center: Annotated[Triple, Key("x, y, z", "m")]
+    about: ClassVar[str] = "A ball, in space"
+    center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
     radius: Annotated[float, Key("Of the ball", "m")]
     bounded = True
 
@@ -59,7 +59,7 @@ class Capsule(SpatialObstacle):
     """A bar with round ends: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 
     kind: ClassVar[str] = "capsule"
-    about: ClassVar[str] = "A bar with round ends"
+    about: ClassVar[str] = "A bar with round ends, in space"
     start: Annotated[Triple, Key("One end of its middle line: x, y, z", "m")]
     end: Annotated[Triple, Key("The other end", "m")]
     radius: Annotated[float, Key("Of the bar", "m")]
@@ -82,7 +82,7 @@ class HalfSpace(SpatialObstacle):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-space"
-    about: ClassVar[str] = "Ground or a wall, solid on one side of a plane"
+    about: ClassVar[str] = "Ground or a wall in space, solid on one side of a plane"
     point: Annotated[Triple, Key("A place on the plane: x, y, z", "m")] = (0.0, 0.0, 0.0)
     normal: Annotated[Triple, Key("Direction away from what is solid: x, y, z; of any length")] = (0.0, 0.0, 1.0)
     bounded = False
@@ -120,8 +120,8 @@ class Box(SpatialObstacle):
     """
 
     kind: ClassVar[str] = "box"
-    about: ClassVar[str] = "A box with edges along x, y and z, kept clear of by one of its faces"
-    center: Annotated[Triple, Key("x, y, z", "m")]
+    about: ClassVar[str] = "A box in space with edges along x, y and z, kept clear of by one of its faces"
+    center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
     size: Annotated[Triple, Key("Its edges along x, y and z", "m", "radius")]
     bounded = True
 
