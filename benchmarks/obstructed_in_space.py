@@ -215,7 +215,7 @@ def least_seen(plan: fp.Plan, instants: int) -> float:
     """Least distance, m, beyond what is asked, of a plan to obstacles and between its links, at so many instants.
 
     Pinocchio says where the links are, and reads their shapes from the robot's own file; Coal says how far these are
-    from obstacles, or from one another. What balls around two shapes leave farther apart than ``NEAR`` is not looked at.
+    from obstacles, or from one another. Shapes around which balls are more than ``NEAR`` apart are not looked at.
     """
     robot, problem, model = plan.robot, plan.problem, plan.robot.free_flyer()
     folders = [str(folder) for folder in robot.path.parents]
