@@ -399,7 +399,7 @@ OBSTACLES: Mapping[str, Mapping[str, Check]] = {
 SHARED_IN_SPACE: Mapping[str, Check] = {**SHARED, "velocity": TRIPLE}
 OBSTACLES_IN_SPACE: Mapping[str, Mapping[str, Check]] = {
     "sphere": {"center": TRIPLE, "radius": positive()},
-    "capsule": {"start": TRIPLE, "end": TRIPLE, "radius": positive()},
+    "capsule": {"radius": positive(), "start": TRIPLE, "end": TRIPLE},
     "half-space": {"point": TRIPLE, "normal": direction(TRIPLE)},
     "box": {"center": TRIPLE, "size": pair(positive(), count=3)},
 }

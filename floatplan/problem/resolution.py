@@ -444,7 +444,7 @@ def resting_height(robot: Robot, landing: str, ground: float, final: JointState)
 
 
 def _lowest_in_space(robot: Robot, frame: str, state: JointState, attitude: Attitude) -> float:
-    """Height over the centre of mass, m, of the lowest point of what a frame stands with; of the frame without a shape."""
+    """Height over the centre of mass, m, of the lowest point with which a frame stands; without a shape its own."""
     joint = robot.joint_tree.joint.get(frame)
     standing = robot.contact_link(frame if joint is None else joint.child)
     data = robot.model.createData()

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from floatplan.arguments import number, pair, shortened
+from floatplan.arguments import shortened
 from floatplan.keys import Key
 from floatplan.problem.attitude import Triple
 from floatplan.problem.parts import SHORTEST_NORMAL, Obstacle
@@ -29,9 +29,7 @@ class SpatialObstacle(Obstacle):
         When it exists: from, to, since takeoff; for the whole flight, where left out.
     """
 
-    velocity: Annotated[  # type: ignore[assignment]  # three numbers in the place of two
-        Triple, Key(unit="m/s", check=pair(number("velocity"), count=3))
-    ] = (0.0, 0.0, 0.0)
+    velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # in place of two
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +37,8 @@ class Sphere(SpatialObstacle):
     """A ball: centre (x, y, z) and radius, m."""
 
     kind: ClassVar[str] = "sphere"
-    about: ClassVar[str] = "A ball"
-    center: Annotated[Triple, Key("x, y, z", "m")]
+    about: ClassVar[str] = "A ball, in space"
+    center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
     radius: Annotated[float, Key("Of the ball", "m")]
     bounded = True
 
@@ -61,7 +59,7 @@ class Capsule(SpatialObstacle):
     """A bar with round ends: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 
     kind: ClassVar[str] = "capsule"
-    about: ClassVar[str] = "A bar with round ends"
+    about: ClassVar[str] = "A bar with round ends, in space"
     start: Annotated[Triple, Key("One end of its middle line: x, y, z", "m")]
     end: Annotated[Triple, Key("The other end", "m")]
     radius: Annotated[float, Key("Of the bar", "m")]
@@ -84,7 +82,7 @@ class HalfSpace(SpatialObstacle):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-space"
-    about: ClassVar[str] = "Ground or a wall, solid on one side of a plane"
+    about: ClassVar[str] = "Ground or a wall in space, solid on one side of a plane"
     point: Annotated[Triple, Key("A place on the plane: x, y, z", "m")] = (0.0, 0.0, 0.0)
     normal: Annotated[Triple, Key("Direction away from what is solid: x, y, z; of any length")] = (0.0, 0.0, 1.0)
     bounded = False
@@ -117,14 +115,14 @@ class LevelGround(HalfSpace):
 class Box(SpatialObstacle):
     """A box whose edges are along the world's axes: middle and edges, m.
 
-    A link is clear of it where one of its six faces is between them: at an edge or a corner of the box that is more than
-    it need be.
+    A link is clear of it where one of its six faces is between them: at its edges and corners that is more than need
+    be.
     """
 
     kind: ClassVar[str] = "box"
-    about: ClassVar[str] = "A box with edges along x, y and z, kept clear of by one of its faces"
-    center: Annotated[Triple, Key("x, y, z", "m")]
-    size: Annotated[Triple, Key("Its edges along x, y and z", "m", check=pair(number("radius"), count=3))]
+    about: ClassVar[str] = "A box in space with edges along x, y and z, kept clear of by one of its faces"
+    center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
+    size: Annotated[Triple, Key("Its edges along x, y and z", "m", "radius")]
     bounded = True
 
     @property

@@ -14,10 +14,12 @@ from scipy.spatial.transform import Rotation
 import floatplan as fp
 from floatplan import tables
 from floatplan.kernel import library
-from floatplan.motion.sine_polynomial import basis
+from floatplan.motion.sine_polynomial import WrittenMotion, basis
 from floatplan.motion.spatial.attitude import LEVELS, cells
+from floatplan.motion.spatial.clearance import pair_distances_in_space
 from floatplan.motion.spatial.flight import spatial_flight
 from floatplan.motion.spatial.rotations import exponential, logarithm
+from floatplan.planning.constraints import Clearance
 from floatplan.planning.lifting import LiftedFlight, close, starts
 from floatplan.planning.search import Search
 
@@ -86,6 +88,76 @@ def test_derivatives_are_those_of_differences(root, kernel, momentum, objective,
         assert np.abs(computed @ column - expected).max() < 1e-6 * (1 + np.abs(expected).max())
     eigenvalues = np.linalg.eigvalsh(here["hessian"])
     assert eigenvalues.min() > 1e-7 * eigenvalues.max()
+
+
+OBSTACLES = (
+    fp.Sphere(center=(0.5, 0.2, 2.0), radius=0.2, margin=0.02, velocity=(0.1, -0.3, 0.2)),
+    fp.Capsule(start=(1.0, 0.0, 1.0), end=(1.0, 0.5, 2.5), radius=0.1, window=(0.2, 0.9)),
+    fp.HalfSpace(point=(0.0, 0.0, -0.5), normal=(0.1, 0.2, 1.0)),
+    fp.Box(center=(-0.8, 0.4, 1.5), size=(0.3, 0.5, 0.7), velocity=(0.2, 0.0, 0.0)),
+)
+PAIRS = (fp.SelfClearance(("left_arm", "legs"), 0.01), fp.SelfClearance(("left_arm", "right_arm")))
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize("others", [True, False])
+def test_derivatives_of_distances_are_those_of_differences(root, kernel, momentum, others, instructions, monkeypatch):
+    """To obstacles that move, between links, and over the ground, by each variable; a nearest place may jump at one."""
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    coupled = {"right_abduction": "left_abduction"}
+    limits = LIMITS if others else {}
+    problem = replace(
+        diver(root, MOMENTA[momentum], limits=limits, coupled=coupled),
+        obstacles=OBSTACLES,
+        self_clearances=PAIRS,
+        ground=True,
+    )
+    program, x = program_and_point(problem, 1)
+    here, step = program.whole(x), 2e-5
+    known = np.isfinite(here["values"])
+    count = sum(len(block.labels) for block in Search(problem).spec.constraints if isinstance(block, Clearance))
+    known[count:] = False
+    assert known[:count].any(axis=1).all()
+    jumped = 0
+    for column in np.linalg.inv(program.of.metric).T:
+        ahead, behind, far_ahead, far_behind = (
+            program.whole(x + share * step * column)["values"][known] for share in (1, -1, 2, -2)
+        )
+        expected = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * step)
+        off = np.abs(here["slopes"][known] @ column - expected)
+        jumped += int((off > 1e-5 * (1 + np.abs(expected).max())).sum())
+    assert jumped <= len(program.of.metric) * 3
+
+
+def test_distances_are_those_of_numpy(root):
+    """Of the whole motion's capsules, at the nodes, and the heights of its solids over the ground."""
+    problem = replace(diver(root, limits={}), obstacles=OBSTACLES, self_clearances=PAIRS, ground=True)
+    program, x = program_and_point(problem, 2)
+    values = program.whole(x)["values"]
+    s = np.concatenate((cells(*LEVELS[LEVEL]).s, EXTRA))
+    variables, flight = program.of, spatial_flight(problem)
+    h, z = variables.angular_momentum(x), variables.free_coefficients(x)
+    motions = variables.motion_class(h)
+    b, low, high = motions.powers_of_seconds(z), motions.centre, motions.amplitude
+    written = WrittenMotion.from_powers(low, high, b, problem.flight.duration)
+    motion = flight.whole_motion(written, h, flight.ballistics)
+    times = s * problem.flight.duration
+    segments = motion.segments(times)
+    expected = [(segments.distances(each, times) - each.margin) / 0.1 for each in problem.obstacles]
+    expected.append(motion.heights(times)[0] / 0.1)
+    for pair in PAIRS:
+        ends = (
+            segments.of(np.array([i for i, link in enumerate(flight.links) if link == name])) for name in pair.links
+        )
+        expected.append((pair_distances_in_space(*ends) - pair.margin) / 0.1)
+    rows = np.concatenate(expected, axis=1).T
+    applies = np.isfinite(values)
+    assert applies.mean() > 0.8
+    back_off = values[applies] - rows[applies]
+    assert np.abs(back_off).max() < 1e-7
 
 
 def test_torques_and_rates_are_pinocchio_s(root):

@@ -28,6 +28,11 @@ def angles(*numbers, axes="yxz"):
     return {"angles": list(numbers), "axes": axes}
 
 
+def ball(**others):
+    return {"kind": "sphere", "center": [0, 0, 5], "radius": 0.1, **others}
+
+
+OBSTACLE, KINDS = "obstacles", "is not a table with kind = 'sphere', 'capsule', 'half-space' or 'box'"
 GOAL, H, SPEED, LEAVES, LANDS = (
     "goal.orientation",
     "flight.angular_momentum",
@@ -78,13 +83,29 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
     (LANDS, {"frame": "nose"}, f"{LANDS}.frame", "the robot has no frame 'nose'"),
     ("start.velocities", "takeoff", "start.velocities", NOT_YET),
     ("goal.velocities", "landing", "goal.velocities", NOT_YET),
-    ("ground", True, "ground", NOT_YET),
     ("jump", {}, "jump", NOT_YET),
-    ("obstacles", [{"kind": "circle", "center": [0, 0], "radius": 1}], "obstacles", NOT_YET),
-    ("obstacles", [{"kind": "sphere", "center": [0, 0, 0], "radius": 1}], "obstacles", NOT_YET),
-    ("obstacles", [{"kind": "capsule", "start": [0, 0, 0], "end": [0, 0, 1], "radius": 1}], "obstacles", NOT_YET),
-    ("obstacles", [{"kind": "half-space", "normal": [0, 0, 1]}], "obstacles", NOT_YET),
-    ("self_clearance", [{"links": ["base", "forearm"]}], "self_clearance", NOT_YET),
+    (OBSTACLE, [{"kind": "circle", "center": [0, 0], "radius": 1}], f"{OBSTACLE}[0]", KINDS),
+    (OBSTACLE, [{"kind": "half-plane", "normal": [0, 1]}], f"{OBSTACLE}[0]", KINDS),
+    (
+        OBSTACLE,
+        [{"kind": "capsule", "start": [0, 0], "end": [0, 1], "radius": 1}],
+        f"{OBSTACLE}[0].start",
+        "three numbers",
+    ),
+    (OBSTACLE, [ball(center=[0, 0])], f"{OBSTACLE}[0].center", "three numbers"),
+    (OBSTACLE, [ball(radius=0)], f"{OBSTACLE}[0].radius", "is 0, and what has no volume keeps nothing away"),
+    (OBSTACLE, [ball(velocity=[0, 1])], f"{OBSTACLE}[0].velocity", "three numbers"),
+    (OBSTACLE, [ball(window=[90, 91])], f"{OBSTACLE}[0].window", "lies outside the flight"),
+    (OBSTACLE, [ball(window=[2, 1])], f"{OBSTACLE}[0].window", "the window ends"),
+    (OBSTACLE, [ball(size=1)], f"{OBSTACLE}[0].size", "unknown key"),
+    (
+        OBSTACLE,
+        [{"kind": "box", "center": [0, 0, 0], "size": [1, 1, 0]}],
+        f"{OBSTACLE}[0].size",
+        "has an edge that is 0",
+    ),
+    (OBSTACLE, [{"kind": "half-space", "normal": [0, 0, 0]}], f"{OBSTACLE}[0].normal", "length zero"),
+    ("self_clearance", [{"links": ["base", "forearm"]}], "self_clearance[0].links", "no link 'forearm' with a shape"),
     ("robot.base", "free", "robot.base", "must be 'planar' or 'free-flyer', not 'free'"),
     ("robot.base", "planar", "start.orientation", "must be an angle, where the robot flies in a plane"),
     ("robot.plane", "xz", "robot.plane", "a flight in space has none"),

@@ -159,7 +159,9 @@ def test_figures_hold_the_robot_and_its_ground(diver: fp.Plan, arm: fp.Plan) -> 
     assert placed.high.imag.max() < high
     assert outlines.floor(arm) == []  # it floats
     for line in outlines.floor(diver):
-        np.testing.assert_allclose(line[:, 2], diver.whole.heights(np.zeros(1))[0].min() + diver.whole.ground)
+        np.testing.assert_allclose(
+            line[:, 2], diver.whole.heights(np.zeros(1))[0].min() + diver.problem.ground_plane.point[2]
+        )
 
 
 def test_plans_of_either_kind_are_not_compared() -> None:
@@ -181,7 +183,7 @@ def test_links_below_the_ground_are_told(diver: fp.Plan) -> None:
     assert warning.value == pytest.approx(-0.2, abs=1e-6)
     assert warning.subject == "legs"
     assert warning.instant == pytest.approx(diver.duration)
-    assert "in space that is not kept yet" in warning.message
+    assert "ground = true keeps it above" in warning.message
 
 
 def test_the_page_s_robot_is_the_robot(diver: fp.Plan, browser: Browser, tmp_path: Path) -> None:

@@ -67,7 +67,7 @@ class SpatialShapes:
         ends = [(each.start, each.end) for each in capsules] + [(np.zeros(3), np.zeros(3))] * len(hulls)
         return cls(
             links=tuple(each.link for each in capsules),
-            body=np.array([each.body for each in (*capsules, *hulls)], np.int64),
+            body=np.array([each.body for each in capsules] + [each.body for each in hulls], np.int64),
             ends=np.array(ends).reshape(-1, 2, 3),
             radius=np.array([each.radius for each in capsules] + [0.0] * len(hulls)),
             hulls=hulls,
@@ -117,8 +117,8 @@ def _box(segments: SpatialSegments, obstacle: Box, shift: Array) -> Array:
     return np.asarray(beyond.max(axis=2) - segments.radius)
 
 
-# Distances to a kind of obstacle, from its displacements (K, 3) since takeoff, m; and how many rows per capsule they are:
-# one of the nearest point along it, or two, of its ends.
+# Distances to a kind of obstacle, from its displacements (K, 3) since takeoff, m; and how many rows per capsule they
+# are: one of the nearest point along it, or two, of its ends.
 SPATIAL_DISTANCES: dict[str, tuple[Callable[[SpatialSegments, Any, Array], Array], int]] = {
     "sphere": (_sphere, 1),
     "capsule": (_bar, 1),

@@ -90,7 +90,7 @@ class SpatialFlight:
         return self.link_shapes.links
 
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
-        """Return each capsule's link; for a half-space each twice, since it is measured to both ends; or each hull's."""
+        """Return each capsule's link, or each hull's; for a half-space twice, since it is measured to both ends."""
         if isinstance(obstacle, LevelGround):
             return tuple(hull.link for hull in self.link_shapes.hulls)
         return self.links * SPATIAL_DISTANCES[obstacle.kind][1]

@@ -42,9 +42,9 @@ def _slowest_contact(
     robot = problem.robot
     dynamics = spatial_dynamics(robot)
     attitude = attitude_of(state).matrix
-    inertia, joint_map = (each[0] for each in dynamics.momentum_maps(state.positions[None]))
-    rates = np.linalg.solve(inertia, attitude.T @ angular_momentum - joint_map @ state.velocities)
-    ahead = sign * SOON * np.arange(2)
+    inertia, joint_map = dynamics.momentum_maps(state.positions[None])
+    rates: Array = np.linalg.solve(inertia[0], attitude.T @ angular_momentum - joint_map[0] @ state.velocities)
+    ahead: Array = np.array([0.0, sign * SOON])
     positions = state.positions + ahead[:, None] * state.velocities
     attitudes = attitude @ exponential(ahead[:, None] * rates)
     poses = BodyPoses.of(robot, attitudes, positions, problem.path.positions(instant + ahead))

@@ -116,14 +116,14 @@ def _fit_one(points: Array, radius: float) -> Ends:
 
 def _directions(points: Array, spread: Array) -> Array:
     """Unit vectors (d, 3) in which the axis of a capsule may lie: principal axes, some in all directions, edges."""
-    principal = np.linalg.eigh(spread.T @ spread)[1].T
+    principal: Array = np.linalg.eigh(spread.T @ spread)[1].T
     found = [principal, evenly(2 * DIRECTIONS)[:DIRECTIONS]]
     if len(points) <= FEW:
         first, second = np.triu_indices(len(points), 1)
         edges = points[second] - points[first]
         lengths = np.linalg.norm(edges, axis=1)
         found.append(edges[lengths > SAME] / lengths[lengths > SAME, None])
-    return np.concatenate(found)
+    return np.asarray(np.concatenate(found))
 
 
 def _middles(places: Array) -> Array:
@@ -142,7 +142,7 @@ def _middles(places: Array) -> Array:
         nearer = offset[rows, farthest] < least
         best[nearer], least[nearer] = middle[nearer], offset[rows, farthest][nearer]
         middle = middle + (places[rows, farthest] - middle) / (step + 2)
-    return best
+    return np.asarray(best)
 
 
 def _hull(points: Array) -> tuple[Array, IntArray, float]:
