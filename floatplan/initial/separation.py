@@ -36,9 +36,8 @@ def separated(problem: Problem, positions: Callable[[Array], Array], duration: f
     robot = problem.robot
     separated_pairs = [frozenset(pair.links) for pair in problem.self_clearances]
     in_motion = overlaps(robot, positions, duration, separated_pairs)
-    pairs = [
-        SelfClearance(overlap.links, link_pairs(robot).thickness) for overlap in in_motion if overlap.joint is None
-    ]
+    thickness = link_pairs(robot).thickness
+    pairs = [SelfClearance(overlap.links, thickness) for overlap in in_motion if overlap.joint is None]
     ranges = dict[str, tuple[float, float]]()
     if len(pairs) < len(in_motion):  # neighbours do, of which another motion may fold other joints
         for index, joint in enumerate(robot.joints):

@@ -223,7 +223,7 @@ def _limits(flight: FirstFlight) -> list[str]:
     robot = flight.problem.robot
     lines = ["[limits]"]
     ranges = limits.position if isinstance(limits.position, Mapping) else {}
-    has_range = np.isfinite(robot.position_limits).all(axis=1).tolist()
+    has_range: list[bool] = np.all(np.isfinite(robot.position_limits), axis=1).tolist()
     if not all(limited or name in ranges for name, limited in zip(robot.joints, has_range, strict=True)):
         lines.append("# Joints without a range in their file have -180 to 180 degrees.")
     if ranges:
