@@ -9,7 +9,7 @@ momentum and, relative to the plan's, every body's mass and inertia are the stat
 changes by (4), they are constant. D is linear in the inertias; by a mass m_b the coupling C of
 :mod:`floatplan.motion.planar.closed_form` changes by ``conj(w_b) w_b``, w_b the weights of its centre of mass. With
 only masses wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while the robot
-tucks and stretches: a filter of only h would lag behind it. The angles, too, say something of h: by the base's rotation.
+tucks and stretches: a filter of only h would lag behind it. The angles, too, depend on h: by the base's rotation.
 """
 
 import math
