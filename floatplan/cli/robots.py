@@ -200,8 +200,8 @@ def init(
     """
     from floatplan.cli import asked as typed
     from floatplan.cli.results import check_folder
-    from floatplan.initial.asked import Asked
-    from floatplan.initial.flight import asked_flight
+    from floatplan.initial.flight import requested_flight
+    from floatplan.initial.options import InitOptions
     from floatplan.initial.text import problem_file_text
     from floatplan.robot.asked import blamed
 
@@ -216,7 +216,7 @@ def init(
 
     robot_choices = typed.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
-    asked = Asked(
+    options = InitOptions(
         takeoff=takeoff,
         landing=landing,
         turns=turns,
@@ -228,7 +228,9 @@ def init(
         angles="deg" if degrees else "rad",
     )
     with progress("init", quiet, tell=True) as bar, blamed(robot_choices, typed.PLACE, "--"):
-        chosen, flight = asked_flight(robot, asked, robot_choices, words, seed, lambda line: bar.say(escaped(line)))
+        chosen, flight = requested_flight(
+            robot, options, robot_choices, words, seed, lambda line: bar.say(escaped(line))
+        )
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:

@@ -120,7 +120,7 @@ class Present:
     def of(cls, replanner: fp.Replanner, now: float) -> Present:
         """As a replanner knows it, not before the last measurement."""
         known = replanner._estimate
-        path = Ballistics(*known.place(now), known.gravity)
+        path = Ballistics(*known.com_at(now), known.gravity)
         orientation = known.inertial.orientation + replanner._update.turned
         dynamics = estimate.adapted(replanner.plan.robot.tree, known.inertial.state[2:])
         return cls(now, orientation, known.inertial.angular_momentum, path, dynamics)

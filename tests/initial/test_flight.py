@@ -16,12 +16,12 @@ from jumps import GO2, INSTALLED, backflip
 from legged_samples import biped
 
 import floatplan as fp
-from floatplan.initial import barely, flight
-from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.asked import Asked
-from floatplan.initial.barely import as_clear_as_it_lands, barely_kept, feet_rise
+from floatplan.initial import flight
+from floatplan.initial.afloat import problems_afloat
 from floatplan.initial.flight import FirstFlight, first_flight
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.initial.shortcomings import feet_rise, shortcomings, with_largest_pitch_error
 from floatplan.initial.text import problem_file_text
 from floatplan.jumps import planner
 from floatplan.jumps.check import touchdown_height
@@ -69,7 +69,7 @@ def test_of_a_jump_the_flight_stands_between_its_ends(monkeypatch: pytest.Monkey
     assert guess.jump is not None
     assert guess.final.orientation - guess.initial.orientation == pytest.approx(-2 * np.pi)
     assert first.reasons == ()
-    assert first.turn == pytest.approx(-2 * np.pi)
+    assert first.base_rotation == pytest.approx(-2 * np.pi)
     again = fp.plan(first.problem, prove=True)
     np.testing.assert_array_equal(first.plan.coefficients, again.coefficients)
     flown = backflip().flight
@@ -122,18 +122,18 @@ def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_kee
     """It is written with the largest error at which it is clear, and a warning where that is less than usual."""
     not_clear = asked_to_land_turned(0.5)
     assert not not_clear.ok
-    clear = as_clear_as_it_lands(not_clear)
+    clear = with_largest_pitch_error(not_clear)
     assert clear.ok
     error = clear.request.pitch_error
     assert clear.problem.jump == clear.request
     assert 0.07 < error < 0.5
     assert math.degrees(error) == pytest.approx(round(math.degrees(error), 1), abs=1e-9)
     assert touchdown_height(clear, error) >= 0.0 > touchdown_height(clear, error + math.radians(0.11))
-    assert as_clear_as_it_lands(clear) is clear
-    assert barely_kept(clear) == []
+    assert with_largest_pitch_error(clear) is clear
+    assert shortcomings(clear) == []
     chosen = go2_s()
     monkeypatch.setattr(flight, "jump", lambda problem, **_: not_clear)
-    monkeypatch.setattr(barely, "USUAL", 0.5)
+    monkeypatch.setattr("floatplan.initial.shortcomings.USUAL_PITCH_ERROR", 0.5)
     first = first_flight(chosen)
     assert first.jump is not None
     path = tmp_path / "go2.toml"
@@ -150,7 +150,7 @@ def test_what_fails_elsewhere_is_no_jump_for_landing_less_turned() -> None:
     """Torques take more than their share too."""
     request = replace(backflip().request, pitch_error=0.4, margin={"torque": 0.1})
     found = replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
-    assert as_clear_as_it_lands(found) is found
+    assert with_largest_pitch_error(found) is found
 
 
 @pytest.mark.long
@@ -165,7 +165,7 @@ def test_slow_legs_hop_with_feet_that_rise_by_less(
     if known:
         monkeypatch.setattr(planner, "_search", lambda *_: planner._Search(None, None, 1))
     said: list[str] = []
-    problem = flight.jump_problem(chosen_robot(path), 0, Asked())
+    problem = flight.jump_problem(chosen_robot(path), 0, InitOptions())
     found = fp.jump(problem, starts=1, helps=False, progress=said.append)
     assert found.ok
     assert "with feet that rise by 8 mm in place of 20 mm" in said
@@ -186,13 +186,13 @@ def test_how_far_the_feet_rise_is_as_in_the_motion() -> None:
         height.append(min(foot @ found.problem.robot.plane.vertical for foot in feet))
     ground = found.before[0].ground + found.before[0].contacts[0].depth
     assert feet_rise(found) == pytest.approx(max(height) - ground, abs=1e-6)
-    assert barely_kept(found) == []
+    assert shortcomings(found) == []
 
 
 @needs_jumps
 def test_feet_that_hardly_rise_are_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(barely, "feet_rise", lambda _: 0.0041)
-    assert barely_kept(backflip()) == ["In flight its feet rise by 4.1 mm only."]
+    monkeypatch.setattr("floatplan.initial.shortcomings.feet_rise", lambda _: 0.0041)
+    assert shortcomings(backflip()) == ["In flight its feet rise by 4.1 mm only."]
 
 
 @needs_jumps
@@ -235,7 +235,7 @@ def test_without_casadi_the_turn_is_afloat(root: Path, monkeypatch: pytest.Monke
 
 def test_joints_swing_to_where_they_turn_the_base_farthest(root: Path) -> None:
     chosen = chosen_robot(root / "urdf" / "high_jumper.urdf")
-    first = next(turns_afloat(chosen))
+    first = next(problems_afloat(chosen))
     turn = first.final.orientation
     swing = first.final.positions - first.initial.positions
     for joint in range(len(swing)):

@@ -10,10 +10,10 @@ import pytest
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.asked import Asked
+from floatplan.initial.afloat import problems_afloat
 from floatplan.initial.feet import feet, standing_height, upright
 from floatplan.initial.flight import jump_problem
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import chosen_robot
 from floatplan.jumps.contacts import contact_at, ground_below
 from floatplan.jumps.setup import jump_setup
@@ -100,7 +100,7 @@ def test_a_wheel_is_no_foot_and_may_turn_on(tmp_path):
     chosen = chosen_robot(written(tmp_path, trunk, wheel, joint("wheel", -0.1, "continuous")))
     assert wheels(chosen.robot) == {"wheel_joint": "wheel"}
     assert chosen.feet == ()
-    first = next(turns_afloat(chosen))
+    first = next(problems_afloat(chosen))
     assert abs(first.final.positions[0]) > 4 * math.pi
     (told,) = explain_wheels(chosen.robot)
     assert told.endswith(PLANNED)
@@ -194,7 +194,7 @@ def test_legs_on_wheels_stand_on_them(tmp_path, make, count):
     rolls = {name for name in chosen.robot.joint_tree.joint if name.endswith("roll")}
     assert rolls <= set(chosen.robot.locked)
     assert dict(chosen.choices["locked"]) == dict.fromkeys(rolls, 0.0)
-    problem = jump_problem(chosen, 0, Asked())
+    problem = jump_problem(chosen, 0, InitOptions())
     assert problem.jump is not None
     assert problem.jump.feet == "rolling"
     setup = jump_setup(problem, problem.jump)
@@ -239,7 +239,7 @@ def test_steered_wheels_of_any_size_are_held_upright(tmp_path, radius):
     assert len(chosen.feet) == 1
     assert "joints" in chosen.choices
     assert {chosen.robot.locked[name] for name in ("left_roll", "right_roll", "left_steer", "right_steer")} == {0.0}
-    problem = jump_problem(chosen, 0, Asked())
+    problem = jump_problem(chosen, 0, InitOptions())
     assert problem.jump is not None
     setup = jump_setup(problem, problem.jump)
     assert [contact.radius for contact in setup.phases[0].contacts] == pytest.approx([radius], abs=1e-3)

@@ -13,9 +13,9 @@ from legged_samples import biped, quadruped
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.initial.asked import Asked
 from floatplan.initial.flight import jump_problem
 from floatplan.initial.legs import Leg
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.jumps.contacts import BENT, contact_at
 from floatplan.jumps.setup import jump_setup
@@ -69,7 +69,7 @@ def test_where_the_zero_posture_does_not_stand_one_that_does_is_found(chosen: Lo
     robot = chosen(ROBOTS[name])
     assert robot.feet
     assert robot.stance is not None
-    assert robot.stance.sought
+    assert robot.stance.fault
     check_stands(robot)
 
 
@@ -79,12 +79,12 @@ def test_a_posture_that_stands_is_kept(chosen: Load) -> None:
     assert stands.stance is not None
     assert not stands.stance.own
     np.testing.assert_array_equal(stands.posture, stands.robot.resting)
-    assert jump_problem(stands, 0, Asked()).jump == fp.JumpRequest()
+    assert jump_problem(stands, 0, InitOptions()).jump == fp.JumpRequest()
 
 
 def test_the_jump_begins_in_the_posture_that_was_found(chosen: Load) -> None:
     robot = chosen(ROBOTS["folded flat"])
-    problem = jump_problem(robot, 0, Asked())
+    problem = jump_problem(robot, 0, InitOptions())
     assert problem.jump is not None
     setup = jump_setup(problem, problem.jump)
     np.testing.assert_allclose(setup.standing[:, 1:], [robot.posture, robot.posture], atol=1e-3)
@@ -94,7 +94,7 @@ def test_the_jump_begins_in_the_posture_that_was_found(chosen: Load) -> None:
 def test_on_one_point_it_stands_as_balanced_as_numbers_are(chosen: Load, from_: dict[str, float] | None) -> None:
     """From round numbers: what is off there is a moment about the point, at rest, which nothing takes up."""
     robot = chosen(biped(knee=(0.0, 2.4)))
-    problem = jump_problem(robot, 0, Asked())
+    problem = jump_problem(robot, 0, InitOptions())
     assert problem.jump is not None
     if from_ is not None:
         problem = replace(problem, jump=replace(problem.jump, takeoff=fp.JumpTakeoff(from_=from_)))
@@ -131,12 +131,12 @@ def test_a_foot_on_which_nothing_stands_is_a_reason_and_no_error() -> None:
     """The end of a finger's link is lower than the frame that carries its shape."""
     finger = chosen_robot(f"{PREFIX}finger_edu_description/robots/finger_edu.urdf")
     assert finger.stance is not None
-    assert "is a point 169 mm above the lowest of its link" in finger.stance.sought
+    assert "is a point 169 mm above the lowest of its link" in finger.stance.fault
 
 
 def test_a_locked_joint_is_refused_with_its_option(chosen: Load) -> None:
     with pytest.raises(InputError, match="'fl_knee' is not a planned joint: it is locked; give --locked"):
-        chosen(quadruped(), given={"locked": {"fl_knee": 0.5, "fr_knee": 0.5}}, posture={"fl_knee": 0.4})
+        chosen(quadruped(), options={"locked": {"fl_knee": 0.5, "fr_knee": 0.5}}, posture={"fl_knee": 0.4})
 
 
 def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path: Path) -> None:
@@ -159,7 +159,7 @@ def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path
     assert robot.choices["reference"] == "ready to jump"
     assert robot.stance is None or not robot.stance.own
     check_stands(robot)
-    asked = chosen(quadruped(), given={"reference": "standing"})
+    asked = chosen(quadruped(), options={"reference": "standing"})
     assert asked.choices["reference"] == "standing"
     assert asked.stance is not None
     assert asked.stance.own
@@ -172,11 +172,11 @@ def test_why_there_is_no_stance_is_said_by_options(chosen: Load) -> None:
     stuck = chosen(
         quadruped(turned=(0.9, 0.0), knee=(-0.1, 0.1)).replace('lower="-2.5" upper="2.5"', 'lower="-0.1" upper="0.1"')
     )
-    problem = jump_problem(stuck, 0, Asked())
+    problem = jump_problem(stuck, 0, InitOptions())
     assert problem.jump is not None
     with pytest.raises(InputError, match=r"jump\.takeoff") as caught:
         jump_setup(problem, problem.jump)
-    told = Asked().reason(caught.value, stuck)
+    told = InitOptions().reason(caught.value, stuck)
     assert "jump." not in told
     assert "--posture" in told
 

@@ -17,8 +17,8 @@ from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
-from floatplan.initial.asked import Asked
 from floatplan.initial.flight import jump_problem
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import chosen_robot
 from floatplan.jumps import planner
 from floatplan.jumps.check import TOUCHDOWN, touchdown_height
@@ -125,7 +125,7 @@ def test_lines_beside_a_foot_s_geometry_touch_nothing_where_it_lands_turned(tmp_
     path = tmp_path / "robot.urdf"
     path.write_text(text.replace("</robot>", "".join(more) + "</robot>"))
     chosen = chosen_robot(path)
-    found = fp.jump(jump_problem(chosen, 0, Asked()), starts=1, helps=False)
+    found = fp.jump(jump_problem(chosen, 0, InitOptions()), starts=1, helps=False)
     assert found.ok, found.explanation
     y, ends = np.append(0.0, chosen.posture), corners(chosen.robot.link_hulls["left_ankle_link"])
     under = (

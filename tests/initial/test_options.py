@@ -15,8 +15,8 @@ import floatplan as fp
 from floatplan.cli.asked import contacts
 from floatplan.errors import InputError
 from floatplan.initial import flight
-from floatplan.initial.asked import Asked
-from floatplan.initial.flight import NoFlightError, asked_flight, first_flight, jump_problem
+from floatplan.initial.flight import NoFlightError, first_flight, jump_problem, requested_flight
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
 from floatplan.jumps.jump import Jump
@@ -31,22 +31,25 @@ def go2() -> ChosenRobot:
 
 
 REFUSED = {
-    "no turn backwards": (Asked(turns=0, backwards=True), "backwards: no turn is neither"),
-    "a takeoff from nowhere": (Asked(takeoff="nose"), "takeoff: the robot has no frame 'nose'"),
-    "a landing nowhere": (Asked(landing="nose"), "landing: the robot has no frame 'nose'"),
-    "a contact of nothing": (Asked(contacts=(("RL_foot", "nose"),)), "contacts: the robot has no frame 'nose'"),
+    "no turn backwards": (InitOptions(turns=0, backwards=True), "backwards: no turn is neither"),
+    "a takeoff from nowhere": (InitOptions(takeoff="nose"), "takeoff: the robot has no frame 'nose'"),
+    "a landing nowhere": (InitOptions(landing="nose"), "landing: the robot has no frame 'nose'"),
+    "a contact of nothing": (InitOptions(contacts=(("RL_foot", "nose"),)), "contacts: the robot has no frame 'nose'"),
     "two takeoffs": (
-        Asked(takeoff="FL_foot", contacts=(("RL_foot", "FL_foot"), ("RL_foot",))),
+        InitOptions(takeoff="FL_foot", contacts=(("RL_foot", "FL_foot"), ("RL_foot",))),
         'takeoff: --contacts "RL_foot,FL_foot;RL_foot" has RL_foot next to the flight',
     ),
-    "no time": (Asked(duration=0.0), "duration: 0.0 s is not positive"),
-    "hardly any time": (Asked(duration=2e-3), "duration: it jumps .* give 0.016 to 1.6 s"),
-    "too much time": (Asked(duration=30.0), "duration: it jumps .* m high in 30 s"),
-    "a hip": (Asked(takeoff="FL_hip"), "takeoff: '.*' is in the air"),
-    "the base": (Asked(landing="base"), "landing: the frame there is the base's own"),
-    "a foot that comes later": (Asked(contacts=(("RL_foot",), ("FL_foot",))), "contacts: 'FL_foot' would come to"),
-    "a knee": (Asked(contacts=(("RL_foot", "FL_calf"),)), "contacts: 'FL_calf' is a point .* such as 'FL_foot'"),
-    "a thigh": (Asked(landing_contacts=(("FL_thigh",),)), "landing-contacts: 'FL_thigh.tip' is in the air"),
+    "no time": (InitOptions(duration=0.0), "duration: 0.0 s is not positive"),
+    "hardly any time": (InitOptions(duration=2e-3), "duration: it jumps .* give 0.016 to 1.6 s"),
+    "too much time": (InitOptions(duration=30.0), "duration: it jumps .* m high in 30 s"),
+    "a hip": (InitOptions(takeoff="FL_hip"), "takeoff: '.*' is in the air"),
+    "the base": (InitOptions(landing="base"), "landing: the frame there is the base's own"),
+    "a foot that comes later": (
+        InitOptions(contacts=(("RL_foot",), ("FL_foot",))),
+        "contacts: 'FL_foot' would come to",
+    ),
+    "a knee": (InitOptions(contacts=(("RL_foot", "FL_calf"),)), "contacts: 'FL_calf' is a point .* such as 'FL_foot'"),
+    "a thigh": (InitOptions(landing_contacts=(("FL_thigh",),)), "landing-contacts: 'FL_thigh.tip' is in the air"),
 }
 
 
@@ -72,7 +75,7 @@ def test_phases_are_frames_by_commas_and_semicolons() -> None:
 def test_what_is_asked_is_what_is_searched(go2: ChosenRobot) -> None:
     """Feet, side, turns and duration; the landing mirrors the takeoff where it is left open."""
     rear, front = go2.feet
-    asked = Asked(takeoff=front, turns=2, duration=0.5)
+    asked = InitOptions(takeoff=front, turns=2, duration=0.5)
     (turns,) = asked.whole_turns(go2)
     assert turns == -2
     problem = jump_problem(go2, turns * int(go2.robot.plane.turn), asked)
@@ -85,16 +88,16 @@ def test_what_is_asked_is_what_is_searched(go2: ChosenRobot) -> None:
     (before, last), (first, after) = request.takeoff.contacts or (), request.landing.contacts or ()
     assert (set(before), last) == (set(after), (front,))
     assert [*first] == [name for name in before if name != front]
-    given = jump_problem(go2, 0, Asked(contacts=((rear, front),))).jump
+    given = jump_problem(go2, 0, InitOptions(contacts=((rear, front),))).jump
     assert given is not None
     assert [*map(set, given.takeoff.contacts or ()), *map(set, given.landing.contacts or ())] == [{rear, front}] * 2
 
 
 def test_left_open_it_turns_over_the_side_that_takes_off(go2: ChosenRobot) -> None:
     rear, front = go2.feet
-    turns = [each.whole_turns(go2) for each in (Asked(), Asked(takeoff=rear), Asked(takeoff=front))]
+    turns = [each.whole_turns(go2) for each in (InitOptions(), InitOptions(takeoff=rear), InitOptions(takeoff=front))]
     assert turns == [(1, 0), (1, 0), (-1, 0)]
-    assert Asked(backwards=True).whole_turns(go2) == (1,)
+    assert InitOptions(backwards=True).whole_turns(go2) == (1,)
 
 
 def test_what_was_asked_is_in_the_file(go2: ChosenRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -102,7 +105,7 @@ def test_what_was_asked_is_in_the_file(go2: ChosenRobot, monkeypatch: pytest.Mon
     problem = found.problem
     assert problem.jump is not None
     assert found.flight is not None
-    asked = Asked(duration=found.flight.duration, backwards=True)
+    asked = InitOptions(duration=found.flight.duration, backwards=True)
     held = replace(problem, flight=replace(problem.flight, duration=found.flight.duration))
     kept = Jump(held, replace(found.request, fixed=("duration",)), found.flight, found.before, found.after)
     monkeypatch.setattr(flight, "jump", lambda *_, **__: replace(kept, status="found"))
@@ -126,7 +129,7 @@ def test_where_none_is_found_what_stands_in_the_way_is_said(monkeypatch: pytest.
         return Jump(problem, problem.jump, explanation="It is too long.") if problem.jump.fixed else backflip()
 
     monkeypatch.setattr(flight, "jump", searched)
-    asked, words = Asked(backwards=True, duration=0.9), dict[str, str]()
+    asked, words = InitOptions(backwards=True, duration=0.9), dict[str, str]()
     with pytest.raises(NoFlightError, match=r"with --backwards --duration 0\.9\..*too long.*Without --duration 0\.9 a"):
-        asked_flight(GO2, asked, {}, words, 0, lambda _: None)
+        requested_flight(GO2, asked, {}, words, 0, lambda _: None)
     assert [each.flight.duration == 0.9 for each in tried][:4] == [True, True, True, False]

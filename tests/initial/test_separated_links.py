@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.initial.apart import MOST_PAIRS, STEP, kept_apart, open_range
+from floatplan.initial.separation import MOST_PAIRS, STEP, open_range, separated
 from floatplan.plans.overlaps import overlaps
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -40,15 +40,15 @@ def test_the_range_ends_where_neighbours_meet(problem, joint):
 def test_neighbours_have_ranges_and_others_a_distance(problem):
     folded = through([0.0, 0.0], [0.0, 3.1], [2.2, 2.2])
     assert {each.joint for each in overlaps(problem.robot, folded, 1.0)} == {None, "q2"}
-    apart = kept_apart(problem, folded, 1.0)
+    apart = separated(problem, folded, 1.0)
     assert apart is not None
     (pair,) = apart.self_clearances
     assert set(pair.links) == {"body0", "body2"}
     assert pair.margin == pytest.approx(2 * 0.055 * 0.4)
     assert np.abs(apart.position_limits).max() < np.pi - 3 * STEP
-    assert kept_apart(apart, through([0.0, 0.0], [0.3, 0.4]), 1.0) is None
+    assert separated(apart, through([0.0, 0.0], [0.3, 0.4]), 1.0) is None
 
 
 def test_nothing_is_asked_of_a_motion_without_overlaps(problem):
-    assert kept_apart(problem, through([0.0, 0.0], [1.0, -1.0]), 1.0) is None
+    assert separated(problem, through([0.0, 0.0], [1.0, -1.0]), 1.0) is None
     assert MOST_PAIRS >= 1

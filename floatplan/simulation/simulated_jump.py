@@ -1,4 +1,4 @@
-"""The motion that a robot made of a jump, as a jump is: pictures, pages and exports read it as they read a plan's."""
+"""The motion that a simulated robot made of a jump: pictures, pages and exports read it as they read a plan's."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -14,8 +14,8 @@ STANDING = 1.0  # [s] that a jump is to stand at the end
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FlownJump(JumpMotion):
-    """What a robot made of a jump: a motion as this is, between recorded instants; it goes on for ``STANDING``."""
+class SimulatedJump(JumpMotion):
+    """What a robot made of a jump: its motion between recorded instants; it goes on for ``STANDING``."""
 
     recorded: JumpState | None = None
 
@@ -28,12 +28,12 @@ class FlownJump(JumpMotion):
         """State at times (N,) s from the jump's start; errors as of a jump's."""
         assert self.recorded is not None
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64)).ravel()
-        known = self.recorded.times
+        recorded = self.recorded.times
 
         def between(values: Any) -> Any:
             if isinstance(values, dict):
                 return {name: between(own) for name, own in values.items()}
-            return read_only(np.stack([np.interp(instants, known, column) for column in values.T], axis=1))
+            return read_only(np.stack([np.interp(instants, recorded, column) for column in values.T], axis=1))
 
         values = [between(getattr(self.recorded, row.name)) for row in fields(self.recorded)[1:]]
         return JumpState(read_only(instants), *values)
