@@ -13,6 +13,7 @@ from floatplan.arrays import read_only
 from floatplan.plans.reading import robot_record
 from floatplan.plans.record import FORMAT_IN_SPACE, PlanRecord
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.tree import urdf_path
 
 URDF = Path(__file__).parents[2] / "urdf"
 BASE = 6
@@ -40,7 +41,7 @@ class FreeRobot:
     """Pinocchio's model of a file on a free base, with one coordinate for each joint that is planned."""
 
     def __init__(self, urdf: str, joints: tuple[str, ...]):
-        self.model = pin.buildModelFromUrdf(urdf, pin.JointModelFreeFlyer())
+        self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
         self.model.gravity.linear[:] = 0.0
         self.data = self.model.createData()
         self.columns = np.array([self.model.joints[self.model.getJointId(name)].idx_v for name in joints])
@@ -96,7 +97,7 @@ class Flown:
 
 def flown(record, times, with_torques=True):
     """Fly a record's motion by DOP853."""
-    body = free_robot(record.robot.urdf, record.robot.joints)
+    body = free_robot(urdf_path(record.robot.urdf), record.robot.joints)
     h = np.array(record.angular_momentum, dtype=float)
     start = np.array(record.orientation["start"]["quaternion_xyzw"], dtype=float)
 
@@ -105,7 +106,9 @@ def flown(record, times, with_torques=True):
         x, y_, z, w = y
         omega = body.rate(Rotation.from_quat(y).as_matrix(), h, q, dq)
         a, b, c = omega
-        return 0.5 * np.array([w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a, -x * a - y_ * b - z * c])
+        return 0.5 * np.array(
+            [w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a, -x * a - y_ * b - z * c]
+        )
 
     end = record.duration
     found = solve_ivp(slope, (0.0, end), start / np.linalg.norm(start), "DOP853", t_eval=times, rtol=RTOL, atol=ATOL)
@@ -160,7 +163,7 @@ def make_record(
         asked_start, asked_goal = ({"angles": turned[k].tolist(), "axes": axes} for k in (0, -1))
         goal = {"quaternion_xyzw": Rotation.from_euler(axes.upper(), turned[-1]).as_quat(canonical=True).tolist()}
     takeoff, landing = frames
-    body = free_robot(blank.robot.urdf, blank.robot.joints)
+    body = free_robot(urdf_path(blank.robot.urdf), blank.robot.joints)
     position = -body.frame(takeoff, dense.attitudes[0], np.zeros(3), dense.positions[0])
     velocity = np.array([0.3, -0.2, 2.0])
     com_end = position + velocity * duration - np.array([0.0, 0.0, 9.81 / 2 * duration**2])
