@@ -1,8 +1,8 @@
 """Tamper with plans at random and count what the certificate says: no false proof is allowed.
 
 Usage: ``python scripts/mutations.py [COUNT] [SEED] [PROCESSES] [plane|space]`` (default: 10000 mutations, seed 1, one
-process, in a plane). The judge (``tests/helpers/proof_judge.py``) evaluates each motion at 20 001 instants and shares no
-code with the proof: doubles decide where a violation is beyond 1e-9 of its unit, 50 digits near it. In space
+process, in a plane). The judge (``tests/helpers/proof_judge.py``) evaluates each motion at 20 001 instants and shares
+no code with the proof: doubles decide where a violation is beyond 1e-9 of its unit, 50 digits near it. In space
 (``tests/helpers/space_mutations.py``) Pinocchio and DOP853 fly the motion. Exit 1 where a violated plan was proved, or
 fewer than 99 % of the valid ones were.
 """

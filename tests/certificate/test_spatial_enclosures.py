@@ -1,4 +1,4 @@
-"""Flights in space: every model encloses what sums over the links give with 200 bits, Newton's and Euler's equations."""
+"""Flights in space: every model encloses what Newton's and Euler's equations of the links give with 200 bits."""
 
 import flint
 import numpy as np

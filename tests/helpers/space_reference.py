@@ -1,4 +1,4 @@
-"""Flights in space by Pinocchio and DOP853, which share nothing with the proof: plans that are true, and their judge."""
+"""Flights in space by Pinocchio and DOP853, which share nothing with the proof: plans that are true."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -218,8 +218,7 @@ def draw_coefficients(rng, n, duration, swing, degree=7):
     nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
     values = swing * rng.normal(size=(n, 3)) @ np.array([np.sin(np.pi * (k + 1) * (nodes + 1) / 2) for k in range(3)])
     values += swing * rng.normal(size=(n, 1))
-    powers = np.polynomial.polynomial.polyfit((nodes + 1) / 2 * duration, values.T, degree).T
-    return powers
+    return np.polynomial.polynomial.polyfit((nodes + 1) / 2 * duration, values.T, degree).T
 
 
 def chain_file(folder: Path, joints: int, seed: int) -> Path:

@@ -111,7 +111,7 @@ class SharpRobot:
         return sum((body[index] * body[1] for body in bodies), column("0 0 0")) * (1 / total)
 
     def _loads(self, bodies):
-        """Moment about the centre of mass by which each link's motion differs from free fall, and force, at its centre."""
+        """Of each link what free fall does not do: the moment about its centre, the force on it, and that place."""
         pulled = self._center(bodies, 6)
         loads = {}
         for name, mass, place, inertia, rate, push, pull in bodies:
@@ -125,9 +125,8 @@ class SharpRobot:
         slow = list(self._bodies(self._motions(q, dq, zero, omega, still)))
         middle = self._center(slow, 2)
         total = still
-        for _, mass, place, inertia, rate, _, _ in slow:
+        for _, _, _, inertia, rate, _, _ in slow:
             total = total + inertia * rate
-        # velocities of the centres: those of rigid motions along the tree, by differences of the links' own
         velocities = self._velocities(q, dq, omega)
         mean = sum((velocities[b[0]] * b[1] for b in slow), still) * (1 / sum((b[1] for b in slow), arb(0)))
         for name, mass, place, *_ in slow:
