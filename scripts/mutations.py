@@ -95,4 +95,5 @@ def main(count: int = 10_000, seed: int = 1, processes: int = 1, where: str = "p
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:4]), *sys.argv[4:5]))
+    numbers = dict(zip(("count", "seed", "processes"), map(int, sys.argv[1:4]), strict=False))
+    sys.exit(main(**numbers, where=sys.argv[4] if len(sys.argv) > 4 else "plane"))

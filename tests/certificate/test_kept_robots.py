@@ -11,9 +11,9 @@ import pytest
 from proof_plans import URDF, example_a
 from proof_records import certify_record
 
-from floatplan.certificate.kept import MOST, _kept
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot, planar_robot
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.robots.kept import MOST, _kept
+from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 

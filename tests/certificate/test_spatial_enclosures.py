@@ -8,7 +8,7 @@ from space_reference import URDF, chain_file, draw_coefficients, make_record
 from space_sharp import BITS, SharpRobot, column, cross, joints, turned
 
 import floatplan as fp
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.certificate.spatial import bound
 from floatplan.certificate.spatial.attitude import approximate
 from floatplan.certificate.spatial.flight import fly
@@ -76,7 +76,7 @@ def test_nothing_lies_outside_its_enclosure(name, tmp_path):
 
 def enclosed(record, instants, rng):
     """Compare all models at so many instants of a flight."""
-    path = urdf_path(record.robot.urdf)
+    path = urdf_path(record.robot.file)
     robot = spatial_robot(read_urdf(path.read_bytes(), path), record.robot)
     momentum = np.array(record.angular_momentum)
     start = np.array(record.orientation["start"]["quaternion_xyzw"])

@@ -97,7 +97,7 @@ class Flown:
 
 def flown(record, times, with_torques=True):
     """Fly a record's motion by DOP853."""
-    body = free_robot(urdf_path(record.robot.urdf), record.robot.joints)
+    body = free_robot(urdf_path(record.robot.file), record.robot.joints)
     h = np.array(record.angular_momentum, dtype=float)
     start = np.array(record.orientation["start"]["quaternion_xyzw"], dtype=float)
 
@@ -118,7 +118,7 @@ def flown(record, times, with_torques=True):
     torques = np.zeros_like(joints[0])
     if with_torques:
         torques = np.array([body.torques(*each) for each in zip(rates, *joints, strict=True)])
-    return Flown(np.asarray(times), attitudes, rates, *joints, torques)
+    return Flown(np.asarray(times), attitudes, rates, joints[0], joints[1], joints[2], torques)
 
 
 def angle(one, other):
@@ -163,7 +163,7 @@ def make_record(
         asked_start, asked_goal = ({"angles": turned[k].tolist(), "axes": axes} for k in (0, -1))
         goal = {"quaternion_xyzw": Rotation.from_euler(axes.upper(), turned[-1]).as_quat(canonical=True).tolist()}
     takeoff, landing = frames
-    body = free_robot(urdf_path(blank.robot.urdf), blank.robot.joints)
+    body = free_robot(urdf_path(blank.robot.file), blank.robot.joints)
     position = -body.frame(takeoff, dense.attitudes[0], np.zeros(3), dense.positions[0])
     velocity = np.array([0.3, -0.2, 2.0])
     com_end = position + velocity * duration - np.array([0.0, 0.0, 9.81 / 2 * duration**2])

@@ -58,7 +58,7 @@ class SharpRobot:
     """The links and joints of a file. To be made and asked with the precision set."""
 
     def __init__(self, urdf, joints):
-        root = ElementTree.parse(urdf).getroot()
+        root: Any = ElementTree.parse(urdf).getroot()
         self.names = list(joints)
         self.joints = {joint.find("child").get("link"): joint for joint in root.findall("joint")}
         self.links = {link.get("name"): link.find("inertial") for link in root.findall("link")}
