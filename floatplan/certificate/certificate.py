@@ -28,7 +28,7 @@ from floatplan.certificate.planar.flight import fly
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
 from floatplan.certificate.planar.limits import flight_findings, orientation_findings
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
-from floatplan.certificate.planar.taken import NotReadError
+from floatplan.certificate.robots.taken import NotReadError
 from floatplan.certificate.spatial import findings as spatial_findings
 from floatplan.certificate.spatial import flight as spatial_flight
 from floatplan.certificate.spatial import robot as spatial_robot
@@ -219,7 +219,7 @@ def _certificate(
     bounds = {name: [-peak.bound for peak in each] for name, each in peaks.items()}
     return Certificate(
         verdict=worst([*resolved, *findings]),
-        orientation_end=None,
+        orientation_end=(-math.inf, math.inf),
         clearance_min=None,
         torque_peak=read_only(bounds["torque_peak"]),
         velocity_peak=read_only(bounds["velocity_peak"]),
@@ -235,7 +235,7 @@ def _undecided(robot: RobotRecord, reason: str) -> Certificate:
     unknown = read_only([math.inf] * len(robot.joints))
     return Certificate(
         verdict="undecided",
-        orientation_end=(-math.inf, math.inf) if robot.base is None else None,
+        orientation_end=(-math.inf, math.inf),
         attitude_bound=None if robot.base is None else math.inf,
         clearance_min=None,
         torque_peak=unknown,

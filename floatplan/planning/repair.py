@@ -76,8 +76,8 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
         corrected = None
         if missing is not None:
             LOG.info("proof: %s, tightened by the shortfalls of %d constraints", certificate.verdict, len(missing))
-            ends = certificate.orientation_end
-            tighter = tightened(tighter, missing, asked.final.orientation - sum(ends) / 2 if ends else 0.0)
+            turn = asked.final.orientation - sum(certificate.orientation_end) / 2 if ORIENTATION in missing else 0.0
+            tighter = tightened(tighter, missing, turn)
             corrected = polished(found, tighter)
         if corrected is None:
             break
@@ -137,7 +137,7 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
         if finding.kind in CONSEQUENCES:
             continue
         is_goal = (finding.kind, finding.subject) == ORIENTATION
-        correctable = finding.kind in CORRECTABLE or (is_goal and certificate.orientation_end is not None)
+        correctable = finding.kind in CORRECTABLE or (is_goal and certificate.attitude_bound is None)
         if finding.bound is None or finding.limit is None or not correctable:
             return None
         shortfall = abs(finding.bound - finding.limit)
@@ -168,7 +168,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     rate = limits.orientation_rate
     return replace(
         problem,
-        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if ORIENTATION in missing else problem.goal,
+        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if turn else problem.goal,
         limits=replace(
             limits,
             **of_joints,
@@ -191,13 +191,13 @@ def _claims_proved(plan: Plan, certificate: Certificate) -> tuple[Plan, Certific
     if {finding.kind for finding in certificate.unproved} != {"recorded"}:
         return plan, certificate
     record = plan.record
-    ends = certificate.orientation_end
+    end = {} if record.in_space else {"end": sum(certificate.orientation_end) / 2}
     claims = replace(
         record,
         torque_peak=read_only(certificate.torque_peak),
         velocity_peak=read_only(certificate.velocity_peak),
         clearance_min=certificate.clearance_min,
-        orientation={**record.orientation, "end": sum(ends) / 2} if ends else record.orientation,
+        orientation={**record.orientation, **end},
     )
     if not np.isfinite([*claims.torque_peak, *claims.velocity_peak, claims.clearance_min or 0.0]).all():
         return plan, certificate

@@ -75,6 +75,7 @@ def result_rows(plan: Plan) -> list[Row]:
 def proof_rows(plan: Plan) -> list[Row]:
     """Return what was proved of a plan, and what was not; nothing where it has no certificate."""
     certificate = plan.certificate
+    goal = plan.problem.final.orientation
     if certificate is None:
         return []
     tone = TONES[certificate.verdict]
@@ -84,16 +85,10 @@ def proof_rows(plan: Plan) -> list[Row]:
     rows = [Row("certificate", f"{certificate.verdict}: {many} constraints hold at every instant ({took})", tone)]
     if unproved:
         rows.append(Row("not proved", _cut(", ".join(unproved)), tone))
-    bounds = []
-    if certificate.attitude_bound is not None:
-        bounds += (
-            [f"attitude within {certificate.attitude_bound:.1e} rad"]
-            if math.isfinite(certificate.attitude_bound)
-            else []
-        )
-    elif certificate.orientation_end is not None and math.isfinite(certificate.orientation_end[0]):
-        off = max(abs(end - plan.problem.final.orientation) for end in certificate.orientation_end)
-        bounds.append(f"orientation within {off:.1e} rad")
+    low, high = certificate.orientation_end
+    bounds = [] if math.isinf(low) else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
+    if certificate.attitude_bound is not None and math.isfinite(certificate.attitude_bound):
+        bounds.append(f"attitude within {certificate.attitude_bound:.1e} rad")
     torque = max(certificate.motor_torque_peak.values(), default=0.0)
     bounds += [] if math.isinf(torque) else [f"torque at most {torque:.4g} N m"]
     if certificate.clearance_min is not None:

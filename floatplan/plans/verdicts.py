@@ -43,12 +43,12 @@ class Finding:
     Attributes
     ----------
     kind : which constraint
-        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "attitude" are the terms of the theorem by
-        which flights in space are proved: "residual" (rad), "amplification", "condition" and "bound" (rad); "position", "velocity", "torque",
-        "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle", "self_clearance", "ground" and
-        "mesh" belong to clearances; "robot" is what of its file is not read; "resolved" says that the proof is of the
-        URDF that the plan file holds of an MJCF; "recorded" is what the file claims of the motion, "stated" and
-        "angular_momentum" are numbers that the file gives twice.
+        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "attitude" are the terms of the theorem
+        by which flights in space are proved: "residual" (rad), "amplification", "condition" and "bound" (rad);
+        "position", "velocity", "torque", "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle",
+        "self_clearance", "ground" and "mesh" belong to clearances; "robot" is what of its file is not read; "resolved"
+        says that the proof is of the URDF that the plan file holds of an MJCF; "recorded" is what the file claims of
+        the motion, "stated" and "angular_momentum" are numbers that the file gives twice.
     subject : whose
         The joint, the obstacle's index and kind, both links, the mesh file, or the quantity's key; empty where the kind
         says everything.
@@ -95,7 +95,7 @@ class Certificate:
     ----------
     verdict : "proved", "refuted" or "undecided"
     orientation_end : (low, high) rad
-        Encloses the orientation at the end; None of flights in space.
+        Encloses the orientation at the end; of flights in space, which have no such number, infinite.
     attitude_bound : rad
         Of flights in space: at all times the attitude is within it of what the plan's numbers say; None of others.
     clearance_min : float or None
@@ -110,7 +110,7 @@ class Certificate:
     """
 
     verdict: Verdict
-    orientation_end: tuple[float, float] | None
+    orientation_end: tuple[float, float]
     clearance_min: float | None
     torque_peak: Array
     velocity_peak: Array
@@ -168,13 +168,12 @@ class Certificate:
             A key is missing, or its value is of the wrong kind.
         """
         try:
-            ends = content["orientation_end"]
-            in_space = "attitude_bound" in content and ends is None
+            low, high = content["orientation_end"]
             motors = (content.get("motor_torque_peak") or {}).items()
             torques, rates = ([_number(peak) for peak in content[f"{of}_peak"]] for of in ("torque", "velocity"))
             return cls(
                 verdict=_verdict(content["verdict"]),
-                orientation_end=None if in_space else (_number(ends[0], -math.inf), _number(ends[1])),
+                orientation_end=(_number(low, -math.inf), _number(high)),
                 clearance_min=_number(content["clearance_min"], None),
                 torque_peak=read_only(torques),
                 velocity_peak=read_only(rates),
@@ -182,7 +181,7 @@ class Certificate:
                 findings=tuple(Finding.from_dict(finding) for finding in content["findings"]),
                 subintervals=int(content["subintervals"]),
                 seconds=_number(content["seconds"]),
-                attitude_bound=_number(content["attitude_bound"]) if in_space else None,
+                attitude_bound=_number(content.get("attitude_bound"), None),
             )
         except KeyError as error:
             raise InputError("is missing", element=f"certificate.{error.args[0]}") from None

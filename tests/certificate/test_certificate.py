@@ -13,7 +13,7 @@ from proof_records import certify_record
 
 from floatplan.arrays import read_only
 from floatplan.certificate.certificate import shapes_of
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import urdf_path

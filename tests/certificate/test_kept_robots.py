@@ -11,9 +11,9 @@ import pytest
 from proof_plans import URDF, example_a
 from proof_records import certify_record
 
-from floatplan.certificate import kept
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot, planar_robot
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.robots.kept import MOST, _kept
+from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 
@@ -80,6 +80,6 @@ def test_the_file_is_looked_at_every_time(record, tmp_path):
 
 def test_no_more_than_a_few_are_kept(record, tmp_path):
     last = record.joints[-1]
-    for step in range(2 * kept.MOST):
+    for step in range(2 * MOST):
         kept(tmp_path / "robot.urdf", replace(record, joints=record.joints[:-1], locked={last: 0.1 * step}))
-        assert len(kept._kept) <= kept.MOST
+        assert len(_kept) <= MOST

@@ -1,4 +1,4 @@
-"""Flights in space by Pinocchio and DOP853, which share nothing with the proof: plans that are true, and their judge."""
+"""Flights in space by Pinocchio and DOP853, which share nothing with the proof: plans that are true."""
 
 from dataclasses import dataclass, replace
 from functools import cache
@@ -13,6 +13,7 @@ from floatplan.arrays import read_only
 from floatplan.plans.reading import robot_record
 from floatplan.plans.record import FORMAT_IN_SPACE, PlanRecord
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.tree import urdf_path
 
 URDF = Path(__file__).parents[2] / "urdf"
 BASE = 6
@@ -40,7 +41,7 @@ class FreeRobot:
     """Pinocchio's model of a file on a free base, with one coordinate for each joint that is planned."""
 
     def __init__(self, urdf: str, joints: tuple[str, ...]):
-        self.model = pin.buildModelFromUrdf(urdf, pin.JointModelFreeFlyer())
+        self.model = pin.buildModelFromUrdf(str(urdf), pin.JointModelFreeFlyer())
         self.model.gravity.linear[:] = 0.0
         self.data = self.model.createData()
         self.columns = np.array([self.model.joints[self.model.getJointId(name)].idx_v for name in joints])
@@ -96,7 +97,7 @@ class Flown:
 
 def flown(record, times, with_torques=True):
     """Fly a record's motion by DOP853."""
-    body = free_robot(record.robot.urdf, record.robot.joints)
+    body = free_robot(urdf_path(record.robot.file), record.robot.joints)
     h = np.array(record.angular_momentum, dtype=float)
     start = np.array(record.orientation["start"]["quaternion_xyzw"], dtype=float)
 
@@ -117,7 +118,7 @@ def flown(record, times, with_torques=True):
     torques = np.zeros_like(joints[0])
     if with_torques:
         torques = np.array([body.torques(*each) for each in zip(rates, *joints, strict=True)])
-    return Flown(np.asarray(times), attitudes, rates, *joints, torques)
+    return Flown(np.asarray(times), attitudes, rates, joints[0], joints[1], joints[2], torques)
 
 
 def angle(one, other):
@@ -162,7 +163,7 @@ def make_record(
         asked_start, asked_goal = ({"angles": turned[k].tolist(), "axes": axes} for k in (0, -1))
         goal = {"quaternion_xyzw": Rotation.from_euler(axes.upper(), turned[-1]).as_quat(canonical=True).tolist()}
     takeoff, landing = frames
-    body = free_robot(blank.robot.urdf, blank.robot.joints)
+    body = free_robot(urdf_path(blank.robot.file), blank.robot.joints)
     position = -body.frame(takeoff, dense.attitudes[0], np.zeros(3), dense.positions[0])
     velocity = np.array([0.3, -0.2, 2.0])
     com_end = position + velocity * duration - np.array([0.0, 0.0, 9.81 / 2 * duration**2])
@@ -217,8 +218,7 @@ def draw_coefficients(rng, n, duration, swing, degree=7):
     nodes = np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
     values = swing * rng.normal(size=(n, 3)) @ np.array([np.sin(np.pi * (k + 1) * (nodes + 1) / 2) for k in range(3)])
     values += swing * rng.normal(size=(n, 1))
-    powers = np.polynomial.polynomial.polyfit((nodes + 1) / 2 * duration, values.T, degree).T
-    return powers
+    return np.polynomial.polynomial.polyfit((nodes + 1) / 2 * duration, values.T, degree).T
 
 
 def chain_file(folder: Path, joints: int, seed: int) -> Path:

@@ -14,8 +14,8 @@ from robot_samples import TWO_LINKS, inertial, joint, robot_text
 
 import floatplan as fp
 from floatplan.certificate.planar.inertia import kept_robot
-from floatplan.certificate.planar.taken import NotReadError, as_recorded
-from floatplan.certificate.planar.urdf import read_urdf
+from floatplan.certificate.robots.taken import NotReadError, as_recorded
+from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.plans.reading import robot_record
 from floatplan.problem.file import load_robot, save_problem

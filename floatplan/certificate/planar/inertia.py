@@ -22,11 +22,11 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.certificate import kept
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.taken import as_recorded
-from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared
+from floatplan.certificate.robots import kept
+from floatplan.certificate.robots.taken import as_recorded
+from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, check_roles, is_geared, joint_ratios
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 
@@ -36,7 +36,7 @@ LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the n
 
 
 def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
-    """Return the robot of a record in its plane, see :func:`~floatplan.certificate.kept.kept_robot`."""
+    """Return the robot of a record in its plane, see :func:`~floatplan.certificate.robots.kept.kept_robot`."""
     return kept.kept_robot(content, path, record, planar_robot)
 
 
@@ -227,19 +227,6 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
         position = float(record.locked.get(joint.name, offset))
         placed[joint.child] = at if joint.kind == "fixed" else at * turned.motion(position)
     return placed, signs
-
-
-def joint_ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
-    """Derivatives of the positions of the joints to be moved by those of the planned joints, and of the motors."""
-    ratios = {}
-    for name in (*record.joints, *record.coupled):
-        coupling = record.coupled.get(name, {"leader": name})
-        leader = coupling["leader"]
-        ratio = float(coupling.get("ratio", 1.0))
-        motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
-        by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
-        ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]
-    return ratios
 
 
 def _segments(

@@ -138,7 +138,7 @@ def _approximated(approximation: Approximation, cells: TimeCells, momentum: Arra
 
 
 def _factor(quaternions: Array, sign: float) -> Matrices:
-    """Matrices ``[w 1 +- [v]x, -v]`` (3, 4) of quaternions (cells, K, 4): each entry is a part of one, or minus that."""
+    """Matrices ``[w 1 +- [v]x, -v]`` (3, 4) of quaternions (cells, K, 4), each entry a part of one or minus that."""
     c = np.empty((len(quaternions), 1, ORDER, 3, 4))
     c[:, 0, :, :, :3] = sign * cross_matrices(quaternions[..., :3]) + quaternions[..., 3, None, None] * np.eye(3)
     c[:, 0, :, :, 3] = -quaternions[..., :3]

@@ -20,13 +20,14 @@ from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
 from floatplan.certificate.limits import JointState, LimitedQuantity, least_of, same
 from floatplan.certificate.spatial.attitude import rotation
 from floatplan.certificate.spatial.bound import LARGEST
-from floatplan.certificate.spatial.flight import ROUNDING, SpatialEnclosure
+from floatplan.certificate.spatial.flight import SpatialEnclosure
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
 from floatplan.tables import A_TURN_OFF, ORIENTATION, PLACE, STEEPEST
 
 LETTERS = "xyz"
+SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
 TILT = 1e-2  # [rad] by which the tilt may pass its limit between the instants at which the search sees it
 STEP = 1.0  # [rad] by which first and third angle change at most between the instants at which they are counted
 MOST_INSTANTS = 100_000  # [-] at which they are
@@ -44,9 +45,10 @@ def attitude_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Find
         start, goal = (_asked(problem[end]["orientation"]) for end in ("start", "goal"))
         stated = {name: [flint.arb(part) for part in recorded[name]["quaternion_xyzw"]] for name in recorded}
         last = flight.last_quaternion
+        reached = _angle_finding("goal", ("orientation",), _angle(last, goal), eps, ORIENTATION, duration)
         return [
-            *_theorem(flight),
-            _angle_finding("goal", ("orientation",), _angle(last, goal), eps, ORIENTATION, duration),
+            *_theorem(flight, is_enough=reached.verdict != "undecided"),
+            reached,
             *_turn_findings(record, flight),
             _angle_finding("stated", ("orientation", "start"), _angle(stated["start"], start), 0.0, SAME, 0.0),
             _angle_finding("stated", ("orientation", "goal"), _angle(stated["goal"], goal), 0.0, SAME, duration),
@@ -54,8 +56,8 @@ def attitude_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Find
         ]
 
 
-def _theorem(flight: SpatialEnclosure) -> list[Finding]:
-    """The terms of (S3), and, where they prove nothing, which of them is too coarse and what would help."""
+def _theorem(flight: SpatialEnclosure, is_enough: bool) -> list[Finding]:
+    """The terms of (S3), and, where they do not prove enough, which of them is too coarse and what would help."""
     attitude = flight.attitude
     terms = (("residual", attitude.residual), ("amplification", attitude.amplification))
     found = [
@@ -65,7 +67,7 @@ def _theorem(flight: SpatialEnclosure) -> list[Finding]:
         _below("condition", attitude.condition, 1.0),
         _below("bound", attitude.bound, LARGEST),
     ]
-    if any(finding.verdict != "proved" for finding in found):
+    if not is_enough or any(finding.verdict != "proved" for finding in found):
         found.append(Finding("attitude", (_advice(flight),), "undecided", None))
     return found
 
@@ -78,16 +80,18 @@ def _below(name: str, value: float, limit: float) -> Finding:
 
 
 def _advice(flight: SpatialEnclosure) -> str:
+    """Which term is too coarse, and what would help."""
     attitude = flight.attitude
+    more = "a larger budget of cells of time may help"
     if not math.isfinite(attitude.residual):
-        return "too coarse is the motion of the joints in the cells of time; a larger budget of them may help"
+        return f"the motion is too coarse in {len(flight.cells)} cells; {more}"
     if not math.isfinite(attitude.amplification):
-        return "too coarse are the transitions between cells of time; a larger budget of them may help"
-    if attitude.residual > ROUNDING * 1e3:
-        return "too coarse is the residual; a larger budget of cells of time may help"
+        return f"the transitions are too coarse in {len(flight.cells)} cells; {more}"
+    if attitude.residual > SHARP:
+        return f"the residual of {attitude.residual:.1e} rad is too coarse; {more}"
     return (
-        f"a small turn grows {attitude.amplification:.0f} times, too much for doubles; a motion with fewer twists or "
-        "a shorter flight would help, and in flight it needs corrections"
+        f"a small turn grows {attitude.amplification:.0f} times, too much for double precision; fewer twists or a "
+        "shorter flight may help, and in flight it needs corrections"
     )
 
 

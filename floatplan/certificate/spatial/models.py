@@ -52,7 +52,7 @@ class Matrices:
 
     @classmethod
     def of(cls, c: Array, entries: Array, e: Array | None = None, norm: Array | None = None) -> Matrices:
-        """Of each radius the smaller one; norms are at most what the coefficients say, and ``norm`` where it is known."""
+        """Of each radius the smaller one; norms are at most what the coefficients say, or ``norm``, if it is known."""
         length = up(frobenius(entries))
         e = length if e is None else np.fmin(e, length)
         entries = np.fmin(entries, e[..., None, None])

@@ -23,12 +23,11 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate import kept
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.columns import cross, diagonal
-from floatplan.certificate.planar.inertia import joint_ratios
-from floatplan.certificate.planar.taken import as_recorded
-from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared
+from floatplan.certificate.robots import kept
+from floatplan.certificate.robots.columns import cross, diagonal
+from floatplan.certificate.robots.taken import as_recorded
+from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, check_roles, is_geared, joint_ratios
 from floatplan.certificate.spatial.models import BlockMatrix
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
@@ -98,13 +97,17 @@ class SpatialRobot:
 
 
 def kept_robot(content: bytes, path: Path, record: RobotRecord) -> SpatialRobot:
-    """Return the robot of a record in space, see :func:`~floatplan.certificate.kept.kept_robot`."""
+    """Return the robot of a record in space, see :func:`~floatplan.certificate.robots.kept.kept_robot`."""
     return kept.kept_robot(content, path, record, spatial_robot)
 
 
 @dataclass
 class _Body:
-    """A body while it is gathered: of what it is carried by, and its parts: mass, centre (3, 1), second moment (3, 3)."""
+    """A body while it is gathered.
+
+    ``placed`` is its joint's placement in the body before it; ``parts`` are triples of mass, centre (3, 1) and second
+    moment (3, 3) about that, in its own axes.
+    """
 
     parent: int
     joint: Joint | None

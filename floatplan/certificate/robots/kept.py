@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from floatplan.certificate.planar.taken import NotReadError
-from floatplan.certificate.planar.urdf import Urdf, read_urdf
+from floatplan.certificate.robots.taken import NotReadError
+from floatplan.certificate.robots.urdf import Urdf, read_urdf
 from floatplan.errors import InputError
 from floatplan.files import check_hash, plain
 from floatplan.plans.record import RobotRecord
@@ -36,9 +36,9 @@ def kept_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[
     ------
     InputError
         The content has another SHA-256; or as ``make`` and
-        :func:`~floatplan.certificate.planar.urdf.read_urdf`.
+        :func:`~floatplan.certificate.robots.urdf.read_urdf`.
     NotReadError
-        The record holds no URDF of an MJCF; or as :func:`~floatplan.certificate.planar.taken.as_recorded`.
+        The record holds no URDF of an MJCF; or as :func:`~floatplan.certificate.robots.taken.as_recorded`.
     """
     check_hash(content, record.sha256, path)
     digest = record.sha256

@@ -7,7 +7,7 @@ reader takes them; what is computed from them is enclosed.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -282,3 +282,16 @@ def is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bo
     coupling = record.coupled[name]
     said = (coupling["leader"], float(coupling.get("ratio", 1.0)), float(coupling.get("offset", 0.0)))
     return leader != name and said == (leader, ratio, offset)
+
+
+def joint_ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
+    """Derivatives of the positions of the joints to be moved by those of the planned joints, and of the motors."""
+    ratios = {}
+    for name in (*record.joints, *record.coupled):
+        coupling = record.coupled.get(name, {"leader": name})
+        leader = coupling["leader"]
+        ratio = float(coupling.get("ratio", 1.0))
+        motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
+        by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
+        ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]
+    return ratios

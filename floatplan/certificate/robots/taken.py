@@ -12,8 +12,8 @@ from typing import Any
 
 import flint
 
-from floatplan.certificate.planar.columns import cross, diagonal, dot, principal
-from floatplan.certificate.planar.urdf import Joint, Link, Placement, Urdf, number
+from floatplan.certificate.robots.columns import cross, diagonal, dot, principal
+from floatplan.certificate.robots.urdf import Joint, Link, Placement, Urdf, number
 from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import RobotRecord
 
