@@ -178,7 +178,7 @@ def clip_picture(jump: fp.Jump) -> Image.Image:
     figure = new_figure(7.6, 3.4)
     for axes, (name, each) in zip(figure.subplots(2, 1), (("clip", clip), ("repaired", repaired)), strict=True):
         (judged,) = fp.check_clip(each).flights
-        since = BETWEEN * np.arange(-1, POSTURES - 1)
+        since = BETWEEN * np.arange(-1, POSTURES - 1, dtype=np.float64)
         placed = seen_clip(each, judged.flight.begin + since)
         for index, passed in enumerate(since):
             middle = APART * index

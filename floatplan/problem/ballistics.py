@@ -11,7 +11,7 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.problem.parts import Flight, JointState, Landing, Takeoff
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import frame_place
+from floatplan.robot.shapes.solids import frame_position
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +68,6 @@ def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
     q = robot.configuration(state.positions)
     data = robot.model.createData()  # of its own, as others may be computing with the robot's
     com = pin.centerOfMass(robot.model, data, q)
-    joint, local = frame_place(robot.model, robot.joint_tree, frame)
+    joint, local = frame_position(robot.model, robot.joint_tree, frame)
     carrier = data.oMi[joint]
     return np.asarray(state.attitude.matrix @ (carrier.translation - com + carrier.rotation @ local))

@@ -1,8 +1,8 @@
 """One flight of a whole jump in MuJoCo with contact, by torques and by springs with dampers on the joints.
 
 500 times a second each motor gets the jump's torque at that time and joint feedback. Feedback compares delayed
-measurements with the target at their time. With corrections a replanner gets the same measurements while the robot is in
-the air. Nothing of the planner is used: the ground pushes as MuJoCo's contacts do.
+measurements with the target at their time. With corrections a replanner gets the same measurements while the robot is
+in the air. Nothing of the planner is used: the ground pushes as MuJoCo's contacts do.
 """
 
 from collections import Counter

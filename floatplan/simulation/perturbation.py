@@ -35,8 +35,8 @@ class Perturbation(Checked):
     Attributes
     ----------
     h, mass, inertia, torque, rise : relative
-        Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia, independently,
-        of every body; of every joint's torque; of the vertical velocity at takeoff, with which the centre of mass is
+        Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia of every body,
+        independently; of every joint's torque; of the vertical velocity at takeoff, with which the centre of mass is
         measured too.
     friction : relative
         Of the ground under a jump.

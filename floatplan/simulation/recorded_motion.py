@@ -86,8 +86,8 @@ class RecordedMotion(ABC):
     def base_velocity(self, state: ModelState, angular_momentum: Any) -> tuple[Array, Array, Array]:
         """Velocity of the base with no momentum but this angular one, in the base's axes.
 
-        Also of the inertia matrix's first rows, which are those of the momenta: the inverse of the base's block, and the
-        joints' block.
+        Also of the inertia matrix's first rows, which are those of the momenta: the inverse of the base's block, and
+        that of the joints.
         """
         of_joints = self.reduced.of_joints[1]
         rows = pin.crba(self._model, self._data, state.positions)[: of_joints.start]
