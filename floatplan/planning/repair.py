@@ -168,7 +168,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     rate = limits.orientation_rate
     return replace(
         problem,
-        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if turn else problem.goal,
+        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if ORIENTATION in missing else problem.goal,
         limits=replace(
             limits,
             **of_joints,

@@ -253,7 +253,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
 
 
 def _check_stated(plan: Plan, record: PlanRecord) -> None:
-    """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
+    """Refuse what a file in space states of its motion where that is of another one."""
     problem = plan.problem
     peaks = plan.peaks
     h = plan.problem.flight.angular_momentum

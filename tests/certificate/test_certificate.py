@@ -74,6 +74,7 @@ def test_to_dict_holds_the_documented_keys(plan_b):
         "findings",
         "subintervals",
         "seconds",
+        "attitude_bound",
     }
     json.dumps(values, allow_nan=False)
     assert {"label", "verdict", "bound", "instant"} <= set(values["findings"][0])

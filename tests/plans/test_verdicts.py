@@ -31,6 +31,7 @@ CONSTRAINTS: dict[str, tuple[Kind, Subject]] = {
     "obstacles[12] half-plane": ("obstacle", (12, "half-plane")),
     "self_clearance foot hand": ("self_clearance", ("foot", "hand")),
     "ground": ("ground", ()),
+    "attitude.bound": ("attitude", ("bound",)),
     "hash of mesh meshes/a b.stl": ("mesh", ("meshes/a b.stl",)),
     'robot: body "foot": inertia from a mesh is not read': ("robot", ('body "foot": inertia from a mesh is not read',)),
     "robot.resolved: the proof is of this URDF, not of the MJCF that it was made from": ("resolved", ()),
