@@ -43,11 +43,11 @@ ROUGHNESS = 1e-4  # [-] weight of the polynomials' order, squared: without it fe
 RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
 SHORTEST = 0.05  # [s] of a repaired flight
 FULL = 1.0  # [-] share of a limit
+HOPELESS = 20.0  # [-] share of a limit, above which no flight within the limits is looked for: it takes seconds
 INSIDE = 0.97  # [-] of the limits that a flight which exceeds them is planned again within
 LARGEST_CHANGE = math.radians(30.0)  # [rad] of a joint: a flight that is changed more is another motion
 HALF_TURN = math.pi / 2  # [rad] of rotation from takeoff to landing, below which the shortest way is the clip's
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
-BUDGET = 2.0  # [s] of one plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,14 +119,14 @@ def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | 
     problem = flight_problem(clip, flight, choice, degree, gravity)
     if problem is None:
         return _none(flight, choice, "the centre of mass does not rise over its heights at takeoff and landing")
-    plan = plan_flight(problem, budget=BUDGET)
+    plan = plan_flight(problem)
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     found = _judged(clip, flight, choice, plan)
-    if _largest_share(found) <= FULL:
+    if not FULL < _largest_share(found) <= HOPELESS:
         return found
     limits = _limits_within(problem, INSIDE)
-    within = plan_flight(replace(problem, limits=limits), budget=BUDGET)
+    within = plan_flight(replace(problem, limits=limits))
     return _judged(clip, flight, choice, within) if within.ok else found
 
 
