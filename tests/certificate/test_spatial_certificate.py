@@ -195,9 +195,9 @@ def test_what_is_too_coarse_is_named(plans):
 
 
 def test_distances_in_space_stay_undecided(plans):
-    obstacle = {"kind": "circle", "center": [5.0, 5.0], "radius": 0.1}
+    obstacle = {"kind": "sphere", "center": [5.0, 5.0, 5.0], "radius": 0.1}
     asked = {
-        "obstacles": ({"obstacles": [obstacle]}, "obstacles[0] circle"),
+        "obstacles": ({"obstacles": [obstacle]}, "obstacles[0] sphere"),
         "pair": ({"self_clearance": [{"links": ["l0", "l5"]}]}, "self_clearance l0 l5"),
         "ground": ({"ground": True}, "ground"),
     }
