@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
-from floatplan.inflight.prediction import distance_rows
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
-from floatplan.motion.planar.flight import planar_flight
 from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES
-from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, SumRows
 from floatplan.plans.record import OBSTACLES, OBSTACLES_IN_SPACE
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, SpatialObstacle
@@ -32,18 +27,6 @@ OF_KINDS = {
 OF_PIECES = {"motion": OBSTACLE_DISTANCES, "pictures": OUTLINES}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Unknown:
-    """Stands for an obstacle of a shape that the kernel does not know."""
-
-    kind: str = "unknown"
-    margin: float = 0.0
-
-    @property
-    def pieces(self):
-        return (self,)
-
-
 @pytest.mark.parametrize("room", OF_KINDS)
 def test_every_room_knows_every_kind(room):
     assert set(OF_KINDS[room]) == OBSTACLE_KINDS.keys()
@@ -56,32 +39,6 @@ def test_every_room_knows_what_every_kind_is_made_of(room, kind):
     assert {piece.kind for piece in example.pieces} <= OF_PIECES[room].keys()
     assert example.thickness > 0
     assert example.where
-
-
-def planar_rows(blocks):
-    problem = fp.load_problem(EXAMPLE)
-    return PlanarRows(problem.robot.tree, blocks, flight=planar_flight(problem))
-
-
-def test_the_kernel_says_which_limit_it_does_not_know():
-    with pytest.raises(TypeError, match="the kernel knows no limits of powers"):
-        planar_rows([SumRows(np.ones(1), {"powers": np.ones((1, 2))})])
-
-
-def test_the_kernel_says_which_obstacle_it_does_not_know():
-    with pytest.raises(AssertionError, match="the kernel knows no obstacles of kind 'unknown'"):
-        planar_rows([DistanceRows(Unknown(), 0.0, 1.0)])
-
-
-def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():
-    problem = SimpleNamespace(obstacles=(Unknown(),), ground=False, self_clearances=())
-    with pytest.raises(fp.InputError, match="corrections in flight do not know obstacles of kind 'unknown'"):
-        distance_rows(problem, ())
-
-
-def test_every_class_is_a_kind():
-    assert {*OBSTACLE_KINDS.values(), SpatialObstacle} == set(Obstacle.__subclasses__())
-    assert set(SPATIAL_OBSTACLE_KINDS.values()) == set(SpatialObstacle.__subclasses__())
 
 
 @pytest.mark.parametrize("kind", OBSTACLE_KINDS)

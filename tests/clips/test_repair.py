@@ -12,7 +12,6 @@ import clip_samples as samples
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import floatplan as fp
@@ -42,15 +41,6 @@ def test_a_flight_that_falls_wrongly_is_retimed(gravity: float, robot: fp.Robot,
     assert each.seam_base < 1e-6
     assert each.seam_turn < 1e-6
     assert each.seam_foot < 1e-4
-
-
-def test_a_flight_is_raised_in_its_own_time(robot: fp.Robot, tmp_path: Path) -> None:
-    clip = clip_of(samples.hops(60, (0.5,), gravity=6.0), robot, tmp_path)
-    repaired, told = fp.repair_clip(clip, "raise")
-    assert told.ok
-    assert repaired.duration == pytest.approx(clip.duration, abs=1.5 / clip.fps)
-    assert repaired.base_position[:, 2].max() > clip.base_position[:, 2].max() + 0.05
-    assert [each.verdict for each in fp.check_clip(repaired).flights] == ["physical"]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
@@ -174,28 +164,6 @@ def test_a_repaired_clip_needs_no_repair(robot: fp.Robot, tmp_path: Path) -> Non
     assert not nothing.changed
 
 
-def test_one_of_several_flights_is_repaired(robot: fp.Robot, tmp_path: Path) -> None:
-    clip = clip_of(samples.hops(60, (0.4, 0.5), gravity=7.0), robot, tmp_path)
-    repaired, told = fp.repair_clip(clip, flights=[1])
-    assert [each.repaired is not None for each in told.flights] == [False, True]
-    assert [each.verdict for each in fp.check_clip(repaired).flights] == ["unphysical", "physical"]
-    with pytest.raises(fp.InputError, match="no flight 5"):
-        fp.repair_clip(clip, flights=[5])
-    with pytest.raises(fp.InputError, match="choice"):
-        fp.repair_clip(clip, "sideways")  # type: ignore[arg-type]
-
-
-def test_configurations_are_continuous(robot: fp.Robot, tmp_path: Path) -> None:
-    clip = clip_of(samples.hops(200, (0.5,), gravity=6.0), robot, tmp_path)
-    repaired, _ = fp.repair_clip(clip)
-    assert repaired.velocities is not None
-    steps = np.abs(np.diff(repaired.positions, axis=0)).max() * repaired.fps
-    fastest = np.abs(repaired.velocities[:, 6:]).max()
-    assert steps <= 1.5 * fastest + 1e-3
-    turns = Rotation.from_quat(repaired.base_quaternion[:-1]).inv() * Rotation.from_quat(repaired.base_quaternion[1:])
-    assert np.linalg.norm(turns.as_rotvec(), axis=1).max() * repaired.fps < 20.0
-
-
 def test_every_format_is_written_back(robot: fp.Robot, model: Path, tmp_path: Path) -> None:
     sample = samples.hops(50, (0.5,), gravity=6.5)
     for name, path in samples.write_all(sample, tmp_path).items():
@@ -208,13 +176,6 @@ def test_every_format_is_written_back(robot: fp.Robot, model: Path, tmp_path: Pa
         clip = fp.load_clip(out, model=robot, fps=50)
         assert clip.layout.format == name
         assert [each.verdict for each in fp.check_clip(clip).flights] == ["physical"], name
-
-
-def test_an_unchanged_file_comes_back_equal(model: Path, tmp_path: Path) -> None:
-    path = samples.write_csv(samples.hops(60, (0.5,)), tmp_path / "true.csv")
-    done = CliRunner().invoke(app, ["clip", "repair", str(path), "--model", str(model), "--fps", "60", "-q"])
-    assert done.exit_code == 0, done.output
-    assert (tmp_path / "true_repaired.csv").read_bytes() == path.read_bytes()
 
 
 def test_a_flight_can_be_planned_as_a_problem(model: Path, tmp_path: Path) -> None:

@@ -6,16 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from jumps import GO2, INSTALLED, backflip
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.cli.asked import contacts
 from floatplan.errors import InputError
 from floatplan.initial import flight
-from floatplan.initial.flight import NoFlightError, first_flight, jump_problem, requested_flight
+from floatplan.initial.flight import NoFlightError, first_flight, requested_flight
 from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.text import problem_file_text
@@ -58,46 +56,6 @@ def test_what_cannot_be_is_refused_by_its_option(go2: ChosenRobot, name: str) ->
     asked, reason = REFUSED[name]
     with pytest.raises(InputError, match=f"^{reason}"):
         first_flight(go2, asked)
-
-
-def test_half_of_a_pair_cannot_be_locked() -> None:
-    with pytest.raises(InputError, match="'FR_thigh_joint', its mirror image, would move alone"):
-        chosen_robot(GO2, {"locked": {"FL_thigh_joint": 0.8}})
-
-
-def test_phases_are_frames_by_commas_and_semicolons() -> None:
-    assert contacts("--contacts", "a, b; a") == [("a", "b"), ("a",)]
-    for text in ("", ";", "a;", "a,,;"):
-        with pytest.raises(InputError, match=r"--contacts: .* has a phase without a frame"):
-            contacts("--contacts", text)
-
-
-def test_what_is_asked_is_what_is_searched(go2: ChosenRobot) -> None:
-    """Feet, side, turns and duration; the landing mirrors the takeoff where it is left open."""
-    rear, front = go2.feet
-    asked = InitOptions(takeoff=front, turns=2, duration=0.5)
-    (turns,) = asked.whole_turns(go2)
-    assert turns == -2
-    problem = jump_problem(go2, turns * int(go2.robot.plane.turn), asked)
-    assert problem.final.orientation - problem.initial.orientation == pytest.approx(4 * np.pi)
-    assert problem.flight.duration == 0.5
-    assert problem.takeoff.frame == front
-    request = problem.jump
-    assert request is not None
-    assert request.fixed == ("duration",)
-    (before, last), (first, after) = request.takeoff.contacts or (), request.landing.contacts or ()
-    assert (set(before), last) == (set(after), (front,))
-    assert [*first] == [name for name in before if name != front]
-    given = jump_problem(go2, 0, InitOptions(contacts=((rear, front),))).jump
-    assert given is not None
-    assert [*map(set, given.takeoff.contacts or ()), *map(set, given.landing.contacts or ())] == [{rear, front}] * 2
-
-
-def test_left_open_it_turns_over_the_side_that_takes_off(go2: ChosenRobot) -> None:
-    rear, front = go2.feet
-    turns = [each.whole_turns(go2) for each in (InitOptions(), InitOptions(takeoff=rear), InitOptions(takeoff=front))]
-    assert turns == [(1, 0), (1, 0), (-1, 0)]
-    assert InitOptions(backwards=True).whole_turns(go2) == (1,)
 
 
 def test_what_was_asked_is_in_the_file(go2: ChosenRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -15,9 +15,6 @@ from floatplan.jumps.contacts import contact_at, rolling
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Stance
-from floatplan.jumps.planner import MARGINS
-from floatplan.jumps.rows import Label
-from floatplan.jumps.setup import jump_setup
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot
 
@@ -64,31 +61,6 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
     columns = [robot.model.joints[robot.model.getJointId(each)].idx_v for each in held.efforts]
     assert len(columns) >= 4
     assert np.abs(found - torques[columns]).max() < 1e-9
-
-
-def test_twins_are_rows_once_and_only_where_they_bind() -> None:
-    program = jump_setup(go2_problem(), fp.JumpRequest()).program(MARGINS)
-    y, v, a, _ = program.motion(program.guess(np.random.default_rng(1)))
-    forces = [np.full((2 * len(phase.others), phase.intervals + 1), 30.0) for phase in program.phases]
-    program.node.bounds, program.node.extra = replace(program.node.bounds, locked=1e-3), (Label.CLEAR,)
-    assert program.node.missing_rows((y, v, a), forces, 1.0) == ("FL_hip_joint", "RL_hip_joint")
-    program.node.bounds = replace(program.node.bounds, locked=np.inf)
-    assert program.node.missing_rows((y, v, a), forces, 1.0) == ()
-
-
-def test_what_is_watched_in_flight_alone_becomes_rows_of_stances_where_it_is_low() -> None:
-    program = jump_setup(go2_problem(), fp.JumpRequest()).program(MARGINS)
-    node, phase = program.node, program.phases[0]
-    forces = [np.zeros((2 * len(each.others), each.intervals + 1)) for each in program.phases]
-    standing = np.tile(node.ends[0][:, None], program.nodes)
-    assert node.missing_rows((standing, 0 * standing, 0 * standing), forces, 1.0) == ()
-    few = [label for *_, label in node.stance(phase)[1]].count(Label.CLEAR)
-    fallen = standing.copy()
-    fallen[0, 3] += np.pi  # on its back, above the ground by no more than its feet are below
-    assert node.missing_rows((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == (Label.CLEAR,)
-    node.extra = (Label.CLEAR,)
-    assert node.missing_rows((fallen, 0 * fallen, 0 * fallen), forces, 1.0) == ()
-    assert [label for *_, label in node.stance(phase)[1]].count(Label.CLEAR) == len(node.points.spots) > few > 0
 
 
 @pytest.mark.long
