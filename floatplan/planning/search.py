@@ -20,7 +20,7 @@ from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.planning.kernel_problem import MOMENTUM_FRACTIONS, KernelProblem
 from floatplan.planning.options import ATTEMPTS, Allowance, SearchOptions, expiry
 from floatplan.planning.result import AttemptResult, SearchResult, Work
-from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.spec import FlightSpec, plain_start, spec_of
 from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
 
@@ -53,6 +53,8 @@ class Search:
     followed : KernelProblem, optional
         The problem with the structs of a batch, in which starts of it have been followed: what came of these is the
         first attempt.
+    plain_start : Start
+        The plain motion of the problem's own degrees.
     work : Work
         That was done.
     """
@@ -64,20 +66,14 @@ class Search:
         spec: FlightSpec | None = None,
         followed: KernelProblem | None = None,
     ) -> None:
-        self.spec = spec or FlightSpec.of(problem)
+        self.spec = spec or spec_of(problem)
         self.options = options or SearchOptions()
         self.work = Work()
         self._ends_hold = False  # as far as is known
         self._path_is_clear = False
         self._kernel_problem = followed
         self._is_followed = followed is not None  # and nobody has asked yet what came of it
-        if followed:
-            self.plain_start = followed.start
-
-    @cached_property
-    def plain_start(self) -> Start:
-        """The plain motion of the problem's own degrees."""
-        return plain_start(self.spec, self.spec.problem.degrees)
+        self.plain_start = followed.start if followed else plain_start(self.spec, self.spec.problem.degrees)
 
     def run(self, most_starts: int = MOST_ATTEMPTS) -> SearchResult:
         """Follow starts until so many of them are solved, the budget is used up, or no start is left.

@@ -33,12 +33,6 @@ class FlightSpec:
     problem: Problem
     given_momentum: MomentumSet | None = None
 
-    @staticmethod
-    @lru_cache(maxsize=8)
-    def of(problem: Problem) -> FlightSpec:
-        """Return a problem's: each search of a problem begins with it, with another seed, or for another best one."""
-        return FlightSpec(problem)
-
     @cached_property
     def momentum(self) -> MomentumSet:
         """The angular momenta h to choose from."""
@@ -81,6 +75,9 @@ class FlightSpec:
         z = lower.free_coefficients(x)
         padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
         return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
+
+
+spec_of = lru_cache(maxsize=8)(FlightSpec)  # that of a problem is made once: searches with other seeds share it
 
 
 @lru_cache(maxsize=8)

@@ -62,12 +62,12 @@ class Attitude(Keyed):
         assert self.angles is not None
         return Rotation.from_euler(self.axes.upper(), self.angles)
 
-    @property
+    @cached_property
     def matrix(self) -> Array:
         """Rotation (3, 3) from the base's axes to the world's."""
         return read_only(self._turned.as_matrix())
 
-    @property
+    @cached_property
     def quaternion(self) -> Array:
         """Unit quaternion (4,) x, y, z, w, with w not negative."""
         return read_only(self._turned.as_quat(canonical=True))
