@@ -144,7 +144,7 @@ class AttemptResult:
             return self.integral
         if self.spec.problem.reference is not None:
             return self._distance_from(self.spec.problem.reference)
-        if self.spec.problem.robot.in_plane:
+        if self.spec.problem.minimises_b:
             return float(np.linalg.norm(self.written))
         return float(np.linalg.norm(self.x[: self.variables.coefficients]))
 

@@ -206,7 +206,7 @@ class Search:
                 from floatplan.planning.explanation import impossible_ends  # here, since most searches need none
 
                 kernel_problem = self._of_start(self.plain_start)
-                kernel_problem.follow(range(0), np.inf, 0, reach=self.spec.reach)
+                kernel_problem.follow(range(0), np.inf, 0, reach=self.spec.flight.central_reach)
                 reasons += impossible_ends(self.spec, self.plain_start, kernel_problem.end_values.copy())
             reasons += self.spec.flight.impossibilities(self._path_is_clear)
         for reason in reasons:
@@ -273,7 +273,7 @@ class Search:
         """Follow starts by number, of which 0 is the given one, unless the first one has been followed in a batch."""
         kernel_problem = self._of_start(start)
         if not self._is_followed:
-            reach = self.spec.reach if asks else 0.0
+            reach = self.spec.flight.central_reach if asks else 0.0
             kernel_problem.follow(numbers, most_work, self.options.seed, reach=reach, expired=expired)
         self._is_followed = False
         result = kernel_problem.result(self.spec)

@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
-from floatplan.motion.flight import PlanarFlight, central_reach, flight_of
+from floatplan.motion.flight import PlanarFlight, flight_of
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
@@ -61,11 +61,6 @@ class FlightSpec:
             return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
         return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
-
-    @cached_property
-    def reach(self) -> float:
-        """How far the robot's point that stays nearest to the centre of mass is from it, m; in space not known."""
-        return central_reach(self.problem.robot) if self.problem.robot.in_plane else np.inf
 
     def raised(self, lower: DecisionVariables, x: Array, degrees: tuple[int, ...]) -> Start:
         """Return the motion x of some variables as a start at higher degrees."""

@@ -56,12 +56,12 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
     )
 
 
-def _not_so(robot: Robot, element: str, in_plane: str, in_space: str) -> InputError:
+def _not_so(robot: Robot, element: str, planar: str, spatial: str) -> InputError:
     """What a flight in a plane, or in space, is not asked with."""
     if robot.in_plane is None:
-        return InputError(f"must be {in_space}, where the robot flies in space", element=element)
+        return InputError(f"must be {spatial}, where the robot flies in space", element=element)
     advice = 'in space it may be: [robot] base = "free-flyer"'
-    return InputError(f"must be {in_plane}, where the robot flies in a plane", element=element, advice=advice)
+    return InputError(f"must be {planar}, where the robot flies in a plane", element=element, advice=advice)
 
 
 def flight_errors(robot: Robot, flight: parts.Flight) -> Iterator[InputError]:

@@ -51,6 +51,7 @@ class SpatialFlight:
     duration: float
     bodies: int
     tangent: int = 3
+    central_reach: float = np.inf
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
 
     @cached_property

@@ -137,6 +137,15 @@ class SpatialMotion:
         """Where they are in a given posture, the centre of mass where it is at a time, s."""
         return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
 
+    def orientation(self, times: Array) -> Array:
+        """Refused: the orientation is no number."""
+        raise self.problem.robot.not_in_plane
+
+    @property
+    def final_orientation(self) -> float:
+        """Refused as well."""
+        raise self.problem.robot.not_in_plane
+
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses, solids = self.bodies(instants), self.problem.robot.solids
