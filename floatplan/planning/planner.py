@@ -18,9 +18,9 @@ from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.batch import follow_unconstrained
 from floatplan.planning.in_space import SpatialSearch
 from floatplan.planning.kernel_input.numbers import Numbers
-from floatplan.planning.options import SearchOptions, expiry
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import SearchedPlan, SearchResult, motion_of
-from floatplan.planning.search import Search
+from floatplan.planning.search import Search, expiry
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start, decision_variables
 from floatplan.plans.plan import Plan

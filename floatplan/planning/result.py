@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,6 +18,8 @@ from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import Answer
 from floatplan.problem.reference import REFERENCE_NODES, distance_from
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,3 +264,32 @@ def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Arr
     variables, x = result.variables, result.x
     h = variables.angular_momentum(x)
     return variables.motion_class(h), variables.free_coefficients(x), h, result.coefficients
+
+
+def count_starts(results: Sequence[AttemptResult]) -> int:
+    """How many starts were followed."""
+    return sum(result.starts for result in results)
+
+
+def log_attempt(results: Sequence[AttemptResult]) -> None:
+    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
+    if LOG.isEnabledFor(logging.INFO):
+        LOG.info("%s", _said(results))
+
+
+def _said(results: Sequence[AttemptResult]) -> str:
+    result = results[-1]
+    spec = result.spec
+    degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
+    start = count_starts(results)
+    steps = f"start {start}, degree {degrees}, {result.iterations} steps"
+    least = f"best violation {min(each.violation for each in results):.3g}"
+    if result.holds:
+        return f"{steps}; {result.status}, {spec.problem.motion.objective} {result.objective_value:.6g}; {least}"
+    if result.violation == np.inf:
+        return f"{steps}; no motion to the goal"
+    of = " rad of the goal's orientation"
+    if -result.worst.least >= result.violation:
+        block, row, _, s = result.worst.lowest
+        of = f" of {spec.constraints[block].labels[row]} at {s * spec.problem.flight.duration:.3g} s"
+    return f"{steps}; violation {result.violation:.3g}{of}; {least}"

@@ -15,8 +15,8 @@ from reduced_program import Derivatives, Evaluation, dual_step
 from starts_problems import starts_problems
 
 import floatplan as fp
-from floatplan.planning import options, repair, search
-from floatplan.planning.options import DEFAULT_WORK, SearchOptions
+from floatplan.planning import repair, search
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.planning.repair import alternatives
 from floatplan.planning.result import SearchedPlan, SearchResult
@@ -76,7 +76,7 @@ class TestWork:
 
     @pytest.fixture
     def short(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr(options, "DEFAULT_WORK", DEFAULT_WORK / 300)
+        monkeypatch.setattr(search, "DEFAULT_WORK", search.DEFAULT_WORK / 300)
 
     @pytest.fixture
     def hopeless(self) -> fp.Problem:

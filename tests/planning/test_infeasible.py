@@ -22,7 +22,7 @@ from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.planar import bounds
 from floatplan.motion.planar.bounds import impossibilities
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.planning.options import DEFAULT_WORK
+from floatplan.planning.search import DEFAULT_WORK
 from floatplan.problem.file import save_problem
 from floatplan.problem.parts import Obstacle
 
@@ -206,7 +206,7 @@ def as_seen(problem: fp.Problem, amount: float) -> float:
 @pytest.fixture
 def short_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end after less work than usual: the same on every machine, unlike a budget of seconds."""
-    monkeypatch.setattr("floatplan.planning.options.DEFAULT_WORK", WORK)
+    monkeypatch.setattr("floatplan.planning.search.DEFAULT_WORK", WORK)
 
 
 @pytest.mark.usefixtures("short_search")

@@ -14,6 +14,7 @@ from floatplan.motion.flight import flight_of
 from floatplan.planning import kernel_problem
 from floatplan.planning.constraints import applies
 from floatplan.planning.explanation import impossible_ends
+from floatplan.planning.kernel_input import rows
 from floatplan.planning.kernel_problem import LEVEL_OF_DRAWS, KernelProblem
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import AttemptResult
@@ -42,7 +43,7 @@ def begun(ready: Search, number: int) -> AttemptResult:
 def ends_fail(ready: Search) -> list[str]:
     start = ready.plain_start
     asked = KernelProblem.of(ready.spec, start)
-    asked.follow(range(0), np.inf, 0, reach=ready.spec.reach)
+    asked.follow(range(0), np.inf, 0, reach=ready.spec.flight.central_reach)
     return list(impossible_ends(ready.spec, start, asked.end_values))
 
 
@@ -51,11 +52,9 @@ def test_where_a_start_ends_hangs_little_on_which_rows_are_differentiated(reach,
     """A G1 whose rows contradict one another at first; it leads elsewhere where such steps are not solved exactly."""
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
-    monkeypatch.setattr(kernel_problem, "EXCHANGE", replace(EXCHANGE, reach=reach, looked_ahead=reach / 2))
-    kernel_problem._numbers_of_search.cache_clear()
+    monkeypatch.setattr(rows, "EXCHANGE", replace(EXCHANGE, reach=reach, looked_ahead=reach / 2))
     g1 = Search(fp.load_problem(root / "problems" / "gallery" / "g1.toml"))
     ended = g1.follow(g1.plain_start)
-    kernel_problem._numbers_of_search.cache_clear()
     assert ended.is_optimal
     assert ended.objective_value == pytest.approx(428.7169660, rel=1e-8)
 

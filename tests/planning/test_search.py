@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.planning import options
 from floatplan.planning import search as room
-from floatplan.planning.options import Allowance, SearchOptions, expiry
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import SearchResult
-from floatplan.planning.search import MOST_ATTEMPTS, Search
+from floatplan.planning.search import MOST_ATTEMPTS, Allowance, Search, expiry
 from floatplan.pool import executor
 
 MANY = 10**6
@@ -106,7 +105,7 @@ def test_unsolved_attempts_are_counted_at_each_degree(hopeless):
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
-    monkeypatch.setattr(options, "DEFAULT_WORK", 3e6)
+    monkeypatch.setattr(room, "DEFAULT_WORK", 3e6)
     found = run(hopeless)
     again = run(hopeless)
     assert found.ran_out_of_time
