@@ -131,14 +131,20 @@ class AttemptResult:
         degrees, momentum = self.start_variables.degrees, self.start_variables.momentum
         return decision_variables(self.spec.problem, degrees, branches, momentum)
 
+    @property
+    def motion(self) -> tuple[SinePolynomials, Array, Array]:
+        """Where it ended: a class of motions, their free coefficients z (n, width), and h (e,), kg m^2/s."""
+        variables, x = self.variables, self.x
+        h = variables.angular_momentum(x)
+        return variables.motion_class(h), variables.free_coefficients(x), h
+
     @cached_property
     def written(self) -> Array:
         """Coefficients b (n, k+1) of (12), powers of t in seconds."""
         if self.coefficients is not None:
             return self.coefficients
-        variables, x = self.variables, self.x
-        motions = variables.motion_class(variables.angular_momentum(x))
-        return motions.powers_of_seconds(variables.free_coefficients(x))
+        motions, z, _ = self.motion
+        return motions.powers_of_seconds(z)
 
     @cached_property
     def objective_value(self) -> float:
@@ -153,11 +159,10 @@ class AttemptResult:
 
     def _distance_from(self, reference: Array) -> float:
         """Root mean square, rad, of the joints' differences from a recorded motion (K, n)."""
-        variables, x = self.variables, self.x
-        motions = variables.motion_class(variables.angular_momentum(x))
+        motions, z, _ = self.motion
         grid = gauss_legendre(REFERENCE_NODES)
         values = basis(motions.form).values(grid.nodes)
-        positions = motions.motion(variables.free_coefficients(x), values).positions
+        positions = motions.motion(z, values).positions
         return distance_from(reference, grid.nodes, grid.weights, positions)
 
 
@@ -257,13 +262,6 @@ class SearchedPlan:
     def best(self) -> AttemptResult:
         """The attempt that the plan was made of."""
         return self.result() if callable(self.result) else self.result
-
-
-def motion_of(result: AttemptResult) -> tuple[SinePolynomials, Array, Array, Array | None]:
-    """Where an attempt ended: its polynomials, their free coefficients z (n, width), h (e,), kg m^2/s, and b."""
-    variables, x = result.variables, result.x
-    h = variables.angular_momentum(x)
-    return variables.motion_class(h), variables.free_coefficients(x), h, result.coefficients
 
 
 def count_starts(results: Sequence[AttemptResult]) -> int:
