@@ -84,7 +84,8 @@ class JumpMotion(MotionInFile):
     def dynamics(self) -> PinocchioDynamics:
         """The robot's rigid-body dynamics."""
         assert self.flight is not None
-        return self.flight.in_plane.dynamics
+        dynamics: PinocchioDynamics = self.flight.dynamics
+        return dynamics
 
     @cached_property
     def whole_problem(self) -> Problem:

@@ -65,6 +65,10 @@ class FlightDynamics(Hashable, Protocol):
         """Path of the centre of mass."""
 
     @property
+    def central_reach(self) -> float:
+        """How far the point of the robot that stays nearest to the centre of mass is from it, m; else infinite."""
+
+    @property
     def momentum_set(self) -> MomentumSet:
         """The angular momenta that the problem leaves to choose."""
 
@@ -180,6 +184,13 @@ class WholeMotion(Protocol):
 
     def forces(self, state: FlightState) -> Array:
         """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state."""
+
+    def orientation(self, times: Array) -> Array:
+        """Orientation (N,) rad at times (N,); refused in space."""
+
+    @property
+    def final_orientation(self) -> float:
+        """Orientation at the end of the flight, rad; refused in space."""
 
     def segments(self, instants: Array, hulls: bool = False) -> PlacedShapes:
         """The links' capsules at times (N,) s; with ``hulls`` what distances to the ground are measured by."""

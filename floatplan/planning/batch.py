@@ -294,7 +294,7 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
         count=1,
         most_work=most_work,
         thickness=thickness,
-        reach=spec.reach,  # it is asked first whether there is a chance
+        reach=spec.flight.central_reach,  # it is asked first whether there is a chance
         minima=minima,
     )
     batch.follow()

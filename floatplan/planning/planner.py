@@ -18,9 +18,9 @@ from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.batch import follow_unconstrained
 from floatplan.planning.in_space import SpatialSearch
 from floatplan.planning.kernel_input.numbers import Numbers
-from floatplan.planning.options import SearchOptions, expiry
-from floatplan.planning.result import SearchedPlan, SearchResult, motion_of
-from floatplan.planning.search import Search
+from floatplan.planning.options import SearchOptions
+from floatplan.planning.result import SearchedPlan, SearchResult
+from floatplan.planning.search import Search, expiry
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start, decision_variables
 from floatplan.plans.plan import Plan
@@ -188,7 +188,8 @@ def searched_plan(result: SearchResult) -> SearchedPlan:
     unsolved = "interrupted" if result.interrupted and not result.impossible else "infeasible"
     plan = Plan.of_motion(
         result.spec.problem,
-        *motion_of(best),
+        *best.motion,
+        best.coefficients,
         status=best.status if best.holds else unsolved,
         ok=best.holds,
         explanation=_explanation(result),

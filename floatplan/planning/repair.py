@@ -16,7 +16,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.result import AttemptResult, SearchedPlan, motion_of
+from floatplan.planning.result import AttemptResult, SearchedPlan
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start
@@ -89,7 +89,7 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
 def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
     for result in found.others or _not_kept(found):
-        moved = found.plan.moving_as(*motion_of(result))
+        moved = found.plan.moving_as(*result.motion, result.coefficients)
         yield SearchedPlan(replace(moved, status=result.status), result)
 
 
@@ -114,7 +114,9 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     if not result.holds:
         return None
     more = {name: plan.solver[name] + getattr(result, name) for name in ("iterations", "evaluations")}
-    return SearchedPlan(replace(plan.moving_as(*motion_of(result)), solver={**plan.solver, **more}), result)
+    return SearchedPlan(
+        replace(plan.moving_as(*result.motion, result.coefficients), solver={**plan.solver, **more}), result
+    )
 
 
 def judged(plan: Plan, certificate: Certificate) -> Plan:

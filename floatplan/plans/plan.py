@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from copy import copy
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import InitVar, dataclass, field
 from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -78,7 +78,7 @@ class Plan(Outputs, PlannedMotion):
         coefficients: Array | None = None,
         **answer: Any,
     ) -> Plan:
-        """Return the plan that moves as a search's motion.
+        """Return the plan that moves as a search's motion, with the states at both ends that were chosen.
 
         Parameters
         ----------
@@ -90,8 +90,18 @@ class Plan(Outputs, PlannedMotion):
             b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
+        if problem.chooses_ends:
+            ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
+            problem = problem.settled(ends.velocities, ends.accelerations)
+        if coefficients is None:
+            coefficients = polynomials.powers_of_seconds(z)
+        in_one_number = len(angular_momentum) == 1
         return cls(
-            **_motion(problem, polynomials, z, angular_momentum, coefficients),
+            problem=problem,
+            centre=read_only(polynomials.centre),
+            amplitude=read_only(polynomials.amplitude),
+            coefficients=read_only(coefficients),
+            angular_momentum=float(angular_momentum[0]) if in_one_number else read_only(angular_momentum),
             ballistics=problem.path,
             angular_momentum_bounds=problem.angular_momentum_bounds,
             **answer,
@@ -101,7 +111,8 @@ class Plan(Outputs, PlannedMotion):
         self, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None = None
     ) -> Plan:
         """Return the plan with another motion, given as to :meth:`of_motion`."""
-        return replace(self, **_motion(self.problem, polynomials, z, angular_momentum, coefficients))
+        answer = {name: getattr(self, name) for name in ("status", "ok", "explanation", "solver")}
+        return Plan.of_motion(self.problem, polynomials, z, angular_momentum, coefficients, **answer)
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -195,22 +206,6 @@ class Plan(Outputs, PlannedMotion):
             f"Plan({self.status}{proved}, angular_momentum={in_line(self.angular_momentum, 6)} kg m^2/s,"
             f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
         )
-
-
-def _motion(
-    problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None
-) -> dict[str, Any]:
-    """The fields of a plan that are its motion's; its problem with the states at both ends that were chosen."""
-    if problem.chooses_ends:
-        ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
-        problem = problem.settled(ends.velocities, ends.accelerations)
-    return {
-        "problem": problem,
-        "centre": read_only(polynomials.centre),
-        "amplitude": read_only(polynomials.amplitude),
-        "coefficients": read_only(polynomials.powers_of_seconds(z) if coefficients is None else coefficients),
-        "angular_momentum": float(angular_momentum[0]) if len(angular_momentum) == 1 else read_only(angular_momentum),
-    }
 
 
 @cache

@@ -405,25 +405,63 @@ OBSTACLES_IN_SPACE: Mapping[str, Mapping[str, Check]] = {
 }
 
 
+def _obstacle(value: Any, element: str) -> None:
+    _check_obstacle(value, element, OBSTACLES, SHARED)
+
+
+def _spatial_obstacle(value: Any, element: str) -> None:
+    _check_obstacle(value, element, OBSTACLES_IN_SPACE, SHARED_IN_SPACE)
+
+
+def _check_obstacle(
+    value: Any, element: str, kinds: Mapping[str, Mapping[str, Check]], shared: Mapping[str, Check]
+) -> None:
+    table(value, element)
+    kind = one_of(*kinds)(value.get("kind"), f"{element}.kind")
+    KeyedTable({"kind": text, **kinds[kind]}, shared)(value, element)
+    window = value.get("window")
+    if window is not None and not window[0] <= window[1]:
+        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
+
+
+OF_FORMAT: dict[str, dict[str, Check]] = {  # what the two formats tell in other ways
+    FORMAT: {
+        "orientation": number,
+        "angular_momentum": one_of("midpoint", "free", or_number=number),
+        "position": POINT,
+        "horizontal_velocity": number,
+        "obstacle": _obstacle,
+    },
+    FORMAT_IN_SPACE: {
+        "orientation": attitude,
+        "angular_momentum": momentum_in_space,
+        "position": TRIPLE,
+        "horizontal_velocity": speed_in_space,
+        "obstacle": _spatial_obstacle,
+    },
+}
+
+
 @lru_cache(maxsize=8)
-def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bool = False) -> KeyedTable:
+def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str = FORMAT) -> KeyedTable:
     """What a problem may hold whose planned joints are ``joints``, and those with a motor ``moving``."""
     n = len(joints)
+    own = OF_FORMAT[format_]
     numbers = many(number, "numbers", n)
     limits = many(optional(number), "numbers", n)
     postures = {
         end: KeyedTable(
-            {"orientation": attitude if in_space else number, **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
+            {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
         )
         for end, rest in REST.items()
     }
     flight: dict[str, Check] = {
         "duration": positive(),
-        "angular_momentum": momentum_in_space if in_space else one_of("midpoint", "free", or_number=number),
-        "takeoff": KeyedTable({"frame": text, "position": TRIPLE if in_space else POINT}),
+        "angular_momentum": own["angular_momentum"],
+        "takeoff": KeyedTable({"frame": text, "position": own["position"]}),
         "landing": KeyedTable({"frame": text, "height": number}),
-        "horizontal_velocity": speed_in_space if in_space else number,
+        "horizontal_velocity": own["horizontal_velocity"],
         "gravity": number,
     }
     kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
@@ -445,30 +483,11 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
         {
             "name": text,
             "ground": flag,
-            "obstacles": many(_spatial_obstacle if in_space else _obstacle, "obstacles"),
+            "obstacles": many(own["obstacle"], "obstacles"),
             "self_clearance": many(_pair, "tables"),
             "jump": table,  # around the flight, of which nothing is proved
         },
     )
-
-
-def _obstacle(value: Any, element: str) -> None:
-    _check_obstacle(value, element, OBSTACLES, SHARED)
-
-
-def _spatial_obstacle(value: Any, element: str) -> None:
-    _check_obstacle(value, element, OBSTACLES_IN_SPACE, SHARED_IN_SPACE)
-
-
-def _check_obstacle(
-    value: Any, element: str, kinds: Mapping[str, Mapping[str, Check]], shared: Mapping[str, Check]
-) -> None:
-    table(value, element)
-    kind = one_of(*kinds)(value.get("kind"), f"{element}.kind")
-    KeyedTable({"kind": text, **kinds[kind]}, shared)(value, element)
-    window = value.get("window")
-    if window is not None and not window[0] <= window[1]:
-        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
 
 
 def _pair(value: Any, element: str) -> None:
@@ -490,7 +509,7 @@ def check_asked(record: PlanRecord) -> None:
     problem = record.problem
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
-    problem_table(joints, (*joints, *record.robot.coupled), record.in_space)(problem, "problem")
+    problem_table(joints, (*joints, *record.robot.coupled), record.format)(problem, "problem")
     for name in ("obstacles", "self_clearance"):
         count = len(problem.get(name) or ())
         if count > MOST_OBSTACLES:

@@ -78,6 +78,7 @@ class Problem(Checked):
     angular_momentum : kg m^2/s, or None where it is free, and in space
         The h that is asked for as a number: (10) in place of the word.
     has_inequalities : whether more is asked than what holds at both ends
+    minimises_b : whether (17) is its objective, the size of b, as of "coefficients" in a plane
     is_standard : whether it asks for (17) in a plane, between given states at a given h: batches plan such problems
     is_plain : whether it is standard, and has no inequalities
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
@@ -114,6 +115,7 @@ class Problem(Checked):
     angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     angular_momentum: float | None = field(init=False)
     has_inequalities: bool = field(init=False)
+    minimises_b: bool = field(init=False)
     is_standard: bool = field(init=False)
     is_plain: bool = field(init=False)
     chooses_ends: bool = field(init=False)
@@ -181,11 +183,13 @@ class Problem(Checked):
         is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
         has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
         chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
-        is_given = self.angular_momentum is not None and not chooses_ends and len(self.robot.joints) > 0
-        is_standard = is_given and self.motion.objective == "coefficients"
+        minimises_b = self.angular_momentum_bounds is not None and self.motion.objective == "coefficients"
+        is_given = self.angular_momentum is not None and not chooses_ends
+        is_standard = minimises_b and is_given and len(self.robot.joints) > 0
         vars(self).update(
             landing_height=self.landing.height or 0.0,
             has_inequalities=has_inequalities,
+            minimises_b=minimises_b,
             is_standard=is_standard,
             is_plain=is_standard and not has_inequalities,
             chooses_ends=chooses_ends,

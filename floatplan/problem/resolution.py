@@ -56,25 +56,33 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
     )
 
 
-def _not_so(robot: Robot, element: str, in_plane: str, in_space: str) -> InputError:
+def _not_so(robot: Robot, element: str, planar: str, spatial: str) -> InputError:
     """What a flight in a plane, or in space, is not asked with."""
     if robot.in_plane is None:
-        return InputError(f"must be {in_space}, where the robot flies in space", element=element)
+        return InputError(f"must be {spatial}, where the robot flies in space", element=element)
     advice = 'in space it may be: [robot] base = "free-flyer"'
-    return InputError(f"must be {in_plane}, where the robot flies in a plane", element=element, advice=advice)
+    return InputError(f"must be {planar}, where the robot flies in a plane", element=element, advice=advice)
 
 
 def flight_errors(robot: Robot, flight: parts.Flight) -> Iterator[InputError]:
     """What the flight asks in space of a robot that flies in a plane, or the other way round."""
-    momentum, speed, in_plane = flight.angular_momentum, flight.horizontal_velocity, robot.in_plane is not None
-    in_space = isinstance(momentum, tuple) or momentum == "suggested"
-    if in_space if in_plane else not (in_space or isinstance(momentum, str) or momentum == 0):
+    momentum = flight.angular_momentum
+    speed = flight.horizontal_velocity
+    if robot.in_plane:
+        momentum_fits = not isinstance(momentum, tuple) and momentum != "suggested"
+        speed_fits = not isinstance(speed, tuple)
+        coordinates = 2
+    else:
+        momentum_fits = isinstance(momentum, tuple | str) or momentum == 0
+        speed_fits = isinstance(speed, tuple) or speed == 0
+        coordinates = 3
+    if not momentum_fits:
         asked = "0, three numbers, 'suggested' or 'free'"
         yield _not_so(robot, "flight.angular_momentum", "a number, 'midpoint' or 'free'", asked)
-    if isinstance(speed, tuple) if in_plane else not (isinstance(speed, tuple) or speed == 0):
+    if not speed_fits:
         yield _not_so(robot, "flight.horizontal_velocity", "a number", "two numbers, along x and y")
     place = (0.0, 0.0) if flight.takeoff is None else flight.takeoff.position
-    if (len(place) == 2) != in_plane and any(place):
+    if len(place) != coordinates and any(place):
         yield _not_so(robot, "flight.takeoff.position", "two numbers", "three numbers")
 
 

@@ -284,7 +284,7 @@ class Robot:
             )
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
-                plane = everything.in_plane.name
+                plane = everything.given_plane.name
                 coupled = mirror_couplings(tree, everything, joints)
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
@@ -362,9 +362,7 @@ class Robot:
     @cached_property
     def tree(self) -> PlanarTree:
         """Bodies in the plane; refused in space."""
-        if self.in_plane is None:
-            raise self.not_in_plane
-        return self.in_plane.planar_tree
+        return self.layout.planar_tree
 
     @cached_property
     def frames(self) -> Mapping[str, Frame]:
@@ -603,7 +601,7 @@ class Robot:
     @property
     def mass(self) -> float:
         """Mass of the whole robot, kg."""
-        return float(pin.computeTotalMass(self.model) if self.in_plane is None else self.tree.mass.sum())
+        return float(pin.computeTotalMass(self.model))
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as it is, but for read-only mappings, which cannot be pickled."""

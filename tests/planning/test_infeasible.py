@@ -19,7 +19,7 @@ import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.planar.bounds import impossibilities
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.planning.options import DEFAULT_WORK
+from floatplan.planning.search import DEFAULT_WORK
 from floatplan.problem.parts import Obstacle
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"

@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 import floatplan as fp
-from floatplan.planning import options
+from floatplan.planning import search as search_module
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import SearchResult
-from floatplan.planning.search import MOST_ATTEMPTS, Search
+from floatplan.planning.search import MOST_ATTEMPTS, Allowance, Search, expiry
 from floatplan.pool import executor
 
 
@@ -54,7 +54,7 @@ def test_the_best_of_those_wanted_comes_first(problem):
 
 
 def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
-    monkeypatch.setattr(options, "DEFAULT_WORK", 3e6)
+    monkeypatch.setattr(search_module, "DEFAULT_WORK", 3e6)
     found = run(hopeless)
     again = run(hopeless)
     assert found.ran_out_of_time

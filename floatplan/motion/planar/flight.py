@@ -98,6 +98,11 @@ class PlanarFlight:
         return MomentumSet(read_only([(low + high) / 2]), read_only([[reach]]))
 
     @property
+    def central_reach(self) -> float:
+        """How far the robot's point that stays nearest to the centre of mass is from it, m."""
+        return bounds.central_reach(self.problem.robot)
+
+    @property
     def equations(self) -> Dynamics:
         """Momentum and torques in closed form."""
         return self.other_equations or tree_dynamics(self.tree)

@@ -16,11 +16,10 @@ from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import LEVELS
 from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES, SpatialShapes, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dynamics
-from floatplan.motion.spatial.goal import angle_changes, attitude_of
 from floatplan.motion.spatial.ground import motion_into_ground
 from floatplan.motion.spatial.momentum import spatial_momentum_set
 from floatplan.motion.spatial.whole import SpatialMotion
-from floatplan.problem.attitude import Attitude
+from floatplan.problem.attitude import Attitude, required
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -51,6 +50,7 @@ class SpatialFlight:
     duration: float
     bodies: int
     tangent: int = 3
+    central_reach: float = np.inf
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
 
     @cached_property
@@ -100,7 +100,7 @@ class SpatialFlight:
 def spatial_flight(problem: Problem) -> SpatialFlight:
     """Prepare a problem's flight once for all motions."""
     robot = problem.robot
-    start, goal = attitude_of(problem.initial), attitude_of(problem.final)
+    start, goal = required(problem.initial.attitude), required(problem.final.attitude)
     return SpatialFlight(
         problem=problem,
         dynamics=spatial_dynamics(robot),
@@ -110,7 +110,7 @@ def spatial_flight(problem: Problem) -> SpatialFlight:
         goal=goal,
         initial_attitude=start.matrix,
         final_attitude=goal.matrix,
-        change=angle_changes(start, goal),
+        change=goal.turned_from(start),
         duration=problem.flight.duration,
         bodies=WORK_OF_A_BODY * robot.model.njoints,
     )

@@ -8,8 +8,8 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import spatial_dynamics
-from floatplan.motion.spatial.goal import attitude_of
 from floatplan.motion.spatial.rotations import exponential
+from floatplan.problem.attitude import required
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.tables import CLEARANCE, ROUNDED_REST
@@ -41,7 +41,7 @@ def _slowest_contact(
     """Of the links on the ground the one whose lowest point is slowest upwards, or downwards for sign -1; m/s."""
     robot = problem.robot
     dynamics = spatial_dynamics(robot)
-    attitude = attitude_of(state).matrix
+    attitude = required(state.attitude).matrix
     inertia, joint_map = dynamics.momentum_maps(state.positions[None])
     rates: Array = np.linalg.solve(inertia[0], attitude.T @ angular_momentum - joint_map[0] @ state.velocities)
     ahead: Array = np.array([0.0, sign * SOON])

@@ -17,13 +17,13 @@ from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
+from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn, wrong_way
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
-from floatplan.motion.spatial.goal import attitude_of, wrong_way
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
+from floatplan.problem.attitude import required
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
@@ -51,7 +51,7 @@ class SpatialMotion:
             positions, velocities, _ = self.joints.at(fine.s * duration)
             inertia, joint_map = self.dynamics.momentum_maps(positions)
             relative = np.einsum("kan,kn->ka", joint_map, velocities)
-            start = attitude_of(self.problem.initial).matrix
+            start = required(self.problem.initial.attitude).matrix
             try:
                 turning = turn(fine, duration, inertia, relative, self.angular_momentum, start)
             except IntegrationError:
@@ -137,6 +137,15 @@ class SpatialMotion:
         """Where they are in a given posture, the centre of mass where it is at a time, s."""
         return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
 
+    def orientation(self, times: Array) -> Array:
+        """Refused: the orientation is no number."""
+        raise self.problem.robot.not_in_plane
+
+    @property
+    def final_orientation(self) -> float:
+        """Refused as well."""
+        raise self.problem.robot.not_in_plane
+
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses, solids = self.bodies(instants), self.problem.robot.solids
@@ -146,7 +155,7 @@ class SpatialMotion:
     @property
     def orientation_at_ends(self) -> Mapping[str, Any]:
         """Quaternions x, y, z, w at the start, at the end and of the goal, with w not negative."""
-        start, goal = (attitude_of(state).quaternion for state in (self.problem.initial, self.problem.final))
+        start, goal = (required(state.attitude).quaternion for state in (self.problem.initial, self.problem.final))
         end = quaternions_of(self.turning.ends[-1:])[0]
         named = (("start", start), ("end", read_only(end)), ("goal", goal))
         return {name: {"quaternion_xyzw": quaternion} for name, quaternion in named}
@@ -154,14 +163,14 @@ class SpatialMotion:
     @property
     def missed(self) -> float:
         """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
-        start, goal = attitude_of(self.problem.initial), attitude_of(self.problem.final)
+        start, goal = required(self.problem.initial.attitude), required(self.problem.final.attitude)
         missed = float(np.linalg.norm(logarithm(goal.matrix.T[None] @ self.turning.ends[-1:])))
         return math.inf if wrong_way(start, goal, self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
         """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
         found = unwrapped_angles(axes, self.turning.way)
-        asked = attitude_of(self.problem.initial).angles_about(axes)
+        asked = required(self.problem.initial.attitude).angles_about(axes)
         found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
         return found
 

@@ -21,6 +21,8 @@ NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
 class Bodies:
     """Bodies (m,) of a tree that turn differently, for joint ranges of the given centres and amplitudes (n,), rad.
 
+    Left out, the bodies are by the joints' own positions, of any range.
+
     Body 0 does not turn against the base.
 
     Attributes
@@ -45,7 +47,10 @@ class Bodies:
         The same for the kernel.
     """
 
-    def __init__(self, tree: PlanarTree, centre: Array, amplitude: Array) -> None:
+    def __init__(self, tree: PlanarTree, centre: Array | None = None, amplitude: Array | None = None) -> None:
+        joints = tree.turns.shape[1]
+        centre = np.zeros(joints) if centre is None else centre
+        amplitude = np.ones(joints) if amplitude is None else amplitude
         constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
         turns, self.group = tree.distinct_turns
         # Of each body's turns (m, n) the one before it that needs fewest terms to become it, and these terms.
@@ -73,7 +78,7 @@ class Bodies:
         is_real = bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
         self.struct = Struct(
             "Robot",
-            joints=turns.shape[1],
+            joints=joints,
             bodies=len(turns),
             real=self.real,
             imaginary=self.imaginary,
@@ -96,8 +101,4 @@ class Bodies:
         return np.asarray(points.conj() if self.is_mirrored else points)
 
 
-@lru_cache(maxsize=64)
-def unscaled_bodies(tree: PlanarTree) -> Bodies:
-    """Return a tree's bodies by its joints' own positions, of any range."""
-    joints = tree.turns.shape[1]
-    return Bodies(tree, np.zeros(joints), np.ones(joints))
+unscaled_bodies = lru_cache(maxsize=64)(Bodies)  # of a tree alone: they are made once

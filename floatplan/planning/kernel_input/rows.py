@@ -18,6 +18,7 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, enumeration, integers
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, SETTINGS, Exchange, Settings
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
@@ -124,6 +125,7 @@ class KernelRows:
     bodies : how many an evaluation moves, by which its work is counted
     work_of_body : of one at an instant, relative to one in a plane
     node_counts : of the grids, by their level, rising
+    settings, exchange : numbers of their search, see :mod:`floatplan.kernel.tolerances`
     attempt, evaluate : functions of the kernel
         They follow starts, and evaluate a program.
     nodes : function
@@ -133,6 +135,8 @@ class KernelRows:
     bodies: int
     work_of_body: float = 1.0
     node_counts: tuple[int, ...]
+    settings: Settings
+    exchange: Exchange
     attempt: Any
     evaluate: Any
     nodes: Callable[[Form], StructArray]
@@ -215,6 +219,8 @@ class PlanarRows(KernelRows):
         self.evaluate = compiled.evaluate
         self.bodies = len(tree.mass)
         self.node_counts = NODE_COUNTS
+        self.settings = CONSTRAINED_SETTINGS if blocks else SETTINGS
+        self.exchange = EXCHANGE
         self.nodes = nodes_of_levels
         self.own_bodies = unscaled_bodies(tree)
         self.path: Array = np.full(5, np.nan)

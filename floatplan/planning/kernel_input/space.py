@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, integers
-from floatplan.kernel.tolerances import WORK_IN_SPACE
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE_IN_SPACE, WORK_IN_SPACE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
@@ -29,6 +30,8 @@ class SpatialRows(KernelRows):
         self.bodies = flight.bodies
         self.work_of_body = WORK_IN_SPACE
         self.node_counts = flight.node_counts
+        self.settings = CONSTRAINED_SETTINGS
+        self.exchange = replace(EXCHANGE_IN_SPACE, watched_at_most=len(flight.node_counts) - 1)
         self.nodes = nodes_in_space
         self._flight = flight
         self._bodies: dict[MomentumSet, Struct] = {}

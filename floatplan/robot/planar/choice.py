@@ -191,7 +191,7 @@ class Choice:
     warnings: tuple[str, ...]
 
     @property
-    def in_plane(self) -> Plane:
+    def given_plane(self) -> Plane:
         """The plane, where there is one.
 
         Raises

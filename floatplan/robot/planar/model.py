@@ -39,7 +39,7 @@ def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
         rotation = rotations[joint.parent] @ joint.origin.placement.rotation
         exact_joint = joint
         if joint.name in choice.ratios:
-            exact = choice.signs[joint.name] * rotation.T @ choice.in_plane.normal
+            exact = choice.signs[joint.name] * rotation.T @ choice.given_plane.normal
             # rotations from roll, pitch and yaw carry errors of the order of 1e-12
             if abs(exact - joint.axis).max() >= 1e-12:
                 exact_joint = replace(joint, axis=exact / math.hypot(*exact))

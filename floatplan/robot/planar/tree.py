@@ -232,9 +232,9 @@ class TreeLayout:
                 body_of[joint.child] = len(bodies)
                 turns = bodies[parent].turns + sign * choice.ratios[joint.name]
                 motor_turns = bodies[parent].motor_turns + sign * choice.motor_ratios[joint.name]
-                origin = choice.in_plane.project(placements[joint.child].translation)
+                origin = choice.given_plane.project(placements[joint.child].translation)
                 bodies.append(_Body(joint.child, parent, turns, motor_turns, angle[joint.child], origin))
-        return cls(tree, choice.in_plane, tuple(bodies), body_of, placements)
+        return cls(tree, choice.given_plane, tuple(bodies), body_of, placements)
 
     def back(self, body: int) -> complex:
         """Rotation, as a factor, from the plane to a body's frame at planned positions zero."""
