@@ -223,23 +223,32 @@ def least_seen(plan: fp.Plan, instants: int) -> float:
     shapes = geometry.geometryObjects
     links = [model.frames[shape.parentFrame].name for shape in shapes]
     times = np.unique(np.concatenate((np.linspace(0, plan.duration, instants), *_windows(problem))))
-    data, placed = model.createData(), geometry.createData()
-    centers, rotations = np.empty((len(times), len(shapes), 3)), np.empty((len(times), len(shapes), 3, 3))
+    data = model.createData()
+    carriers = sorted({int(shape.parentJoint) for shape in shapes})
+    joint_places, joint_rotations = (
+        np.empty((len(carriers), len(times), 3)),
+        np.empty((len(carriers), len(times), 3, 3)),
+    )
     for k, q in enumerate(plan.q(times)):
         pin.forwardKinematics(model, data, q)
-        pin.updateGeometryPlacements(model, data, geometry, placed)
-        for i, where in enumerate(placed.oMg):
-            centers[k, i], rotations[k, i] = where.translation, where.rotation
+        for place, rotation, joint in zip(joint_places, joint_rotations, carriers, strict=True):
+            where = data.oMi[joint]
+            place[k], rotation[k] = where.translation, where.rotation
+    centers, rotations = [], []
+    for shape in shapes:
+        carrier, own = carriers.index(int(shape.parentJoint)), shape.placement
+        centers.append(joint_places[carrier] + joint_rotations[carrier] @ own.translation)
+        rotations.append(joint_rotations[carrier] @ own.rotation)
     balls = []
     for shape in shapes:
         shape.geometry.computeLocalAABB()
         balls.append((np.array(shape.geometry.aabb_center), float(shape.geometry.aabb_radius)))
-    middles = centers + np.stack([rotations[:, i] @ ball[0] for i, ball in enumerate(balls)], axis=1)
+    middles = [center + rotation @ ball[0] for center, rotation, ball in zip(centers, rotations, balls, strict=True)]
     radii = np.array([ball[1] for ball in balls])
     least = np.inf
 
     def look(k: int, first: int, other: object, where: coal.Transform3s) -> float:
-        own = coal.Transform3s(rotations[k, first], centers[k, first])
+        own = coal.Transform3s(rotations[first][k], centers[first][k])
         return float(
             coal.distance(shapes[first].geometry, own, other, where, coal.DistanceRequest(), coal.DistanceResult())
         )
@@ -250,7 +259,7 @@ def least_seen(plan: fp.Plan, instants: int) -> float:
         shift = times[:, None] * np.array(obstacle.velocity)
         as_coal, ends, around = _as_coal(obstacle)
         for i in range(len(shapes)):
-            from_middle = SpatialSegments(middles[:, [i]], middles[:, [i]], radii[[i]])
+            from_middle = SpatialSegments(middles[i][:, None], middles[i][:, None], radii[[i]])
             bound = from_middle.distances(obstacle, times).min(axis=1)
             for k in np.flatnonzero(there & (bound < NEAR)).tolist():
                 where = coal.Transform3s(around, ends + shift[k])
@@ -258,9 +267,9 @@ def least_seen(plan: fp.Plan, instants: int) -> float:
     for pair in problem.self_clearances:
         first, second = ([i for i, link in enumerate(links) if link == name] for name in pair.links)
         for i, j in itertools.product(first, second):
-            bound = np.linalg.norm(middles[:, i] - middles[:, j], axis=1) - radii[i] - radii[j]
+            bound = np.linalg.norm(middles[i] - middles[j], axis=1) - radii[i] - radii[j]
             for k in np.flatnonzero(bound < NEAR).tolist():
-                where = coal.Transform3s(rotations[k, j], centers[k, j])
+                where = coal.Transform3s(rotations[j][k], centers[j][k])
                 least = min(least, look(k, i, shapes[j].geometry, where) - pair.margin)
     return least
 

@@ -15,7 +15,7 @@ import floatplan as fp
 from floatplan.planning import search as search_module
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import SearchResult
-from floatplan.planning.search import MOST_ATTEMPTS, Allowance, Search, expiry
+from floatplan.planning.search import MOST_ATTEMPTS, Search
 from floatplan.pool import executor
 
 

@@ -15,6 +15,8 @@ from scipy.spatial.transform import Rotation
 import floatplan as fp
 from floatplan.robot.shapes.solids import LinkSolid
 from floatplan.view import outlines
+from floatplan.view.figures.figures import figures
+from floatplan.view.report.data import motion_data
 from floatplan.view.report.report import write_report
 from floatplan.view.sampled import SampledPlan
 from floatplan.view.scene.scene import scene
@@ -145,3 +147,30 @@ def test_the_scene_holds_solids_trails_and_momentum(diver: fp.Plan) -> None:
     if importlib.util.find_spec("viser") is None:
         skip_or_fail("viser is not installed: the extra view")
     assert "<title>floatplan: diver_half_twist</title>" in scene(diver)
+
+
+def test_obstacles_are_drawn_where_they_are() -> None:
+    """In pictures, in the page with their faces, and in the scene; a half-space is a grid."""
+    problem = fp.load_problem(SPACE / "diver_past_a_bar.toml")
+    wall = fp.HalfSpace(point=(0, 0, 4.9), normal=(0, 0.1, -1))
+    box = fp.Box(center=(2, 0, 0.4), size=(0.6, 1, 0.8), margin=0.1)
+    plan = fp.plan(replace(problem, obstacles=(*problem.obstacles, box, wall)))
+    assert plan.ok
+    (ball,) = (one for one in plan.problem.obstacles if isinstance(one, fp.Sphere))
+    (outline,) = outlines.obstacle_outlines(ball, 0.5, 0.1)
+    middle = CAMERA(np.array(ball.center) + 0.5 * np.array(ball.velocity))
+    np.testing.assert_allclose(np.abs(outline - middle).max(), ball.radius + 0.1, rtol=1e-2)
+    normal = np.array(wall.unit_normal)
+    on_the_wall = [line for line in outlines.grids(plan) if np.abs((line - wall.point) @ normal).max() < 1e-9]
+    assert len(on_the_wall) > 6
+    centre, radius = outlines.ball(plan)
+    corners = np.array(box.center) + np.array(box.size) / 2
+    assert np.abs(corners - centre).max() <= radius
+    data = motion_data(SampledPlan.of(plan, np.linspace(0, plan.duration, 9)))
+    assert len(data["obstacles"]) == 3
+    bar, moved, standing = data["obstacles"]
+    assert np.abs(np.array(standing["points"]) - box.center).max(axis=0) == pytest.approx(np.array(box.size) / 2)
+    assert moved["window"] == [0, 0.9]
+    assert np.shape(bar["grown"])[1] == 3
+    assert {"clearance.0", "clearance.3"} <= data["columns"].keys()
+    assert "clearance" in figures(plan)

@@ -97,7 +97,8 @@ def _sphere(segments: SpatialSegments, obstacle: Sphere, shift: Array) -> Array:
 
 
 def _bar(segments: SpatialSegments, obstacle: Capsule, shift: Array) -> Array:
-    start, end = ((np.array(place) + shift)[:, None] for place in (obstacle.start, obstacle.end))
+    start = (np.array(obstacle.start) + shift)[:, None]
+    end = (np.array(obstacle.end) + shift)[:, None]
     return _between(segments.start, segments.end, start, end) - segments.radius - obstacle.radius
 
 
@@ -111,9 +112,9 @@ def _half_space(segments: SpatialSegments, obstacle: HalfSpace, shift: Array) ->
 def _box(segments: SpatialSegments, obstacle: Box, shift: Array) -> Array:
     """By that of six faces from which the capsule's nearer end is farthest."""
     center = (np.array(obstacle.center) + shift)[:, None]
-    start, end = segments.start - center, segments.end - center
-    below, above = np.minimum(start, end), -np.maximum(start, end)
-    beyond = np.maximum(below, above) - np.array(obstacle.size) / 2
+    start = segments.start - center
+    end = segments.end - center
+    beyond = np.maximum(np.minimum(start, end), -np.maximum(start, end)) - np.array(obstacle.size) / 2
     return np.asarray(beyond.max(axis=2) - segments.radius)
 
 
@@ -130,7 +131,8 @@ SPATIAL_DISTANCES: dict[str, tuple[Callable[[SpatialSegments, Any, Array], Array
 def pair_distances_in_space(first: SpatialSegments, second: SpatialSegments) -> Array:
     """Distances between the capsules of two links, every pair a row."""
     pairs = np.indices((first.start.shape[1], second.start.shape[1]))
-    own, other = first.of(pairs[0].ravel()), second.of(pairs[1].ravel())
+    own = first.of(pairs[0].ravel())
+    other = second.of(pairs[1].ravel())
     return _between(own.start, own.end, other.start, other.end) - own.radius - other.radius
 
 
@@ -143,15 +145,26 @@ def _to_point(point: Array, start: Array, end: Array) -> Array:
 
 def _between(start: Array, end: Array, other_start: Array, other_end: Array) -> Array:
     """Distance between segments: that at one of four ends, or between the lines where these are nearest inside both."""
-    at_ends = [_to_point(point, other_start, other_end) for point in (start, end)]
-    at_ends += [_to_point(point, start, end) for point in (other_start, other_end)]
-    along, other_along, apart = end - start, other_end - other_start, start - other_start
-    a, b, e = ((one * two).sum(axis=-1) for one, two in ((along, along), (along, other_along), (other_along,) * 2))
-    c, f = (along * apart).sum(axis=-1), (other_along * apart).sum(axis=-1)
+    at_ends = [
+        _to_point(start, other_start, other_end),
+        _to_point(end, other_start, other_end),
+        _to_point(other_start, start, end),
+        _to_point(other_end, start, end),
+    ]
+    along = end - start
+    other_along = other_end - other_start
+    apart = start - other_start
+    # Where the lines are nearest, Ericson, Real-Time Collision Detection, section 5.1.9, with its letters.
+    a = (along * along).sum(axis=-1)
+    b = (along * other_along).sum(axis=-1)
+    c = (along * apart).sum(axis=-1)
+    e = (other_along * other_along).sum(axis=-1)
+    f = (other_along * apart).sum(axis=-1)
     squared = a * e - b * b
     meets = squared > PARALLEL * a * e
     squared = np.where(meets, squared, 1.0)
-    share, other_share = (b * f - c * e) / squared, (a * f - b * c) / squared
+    share = (b * f - c * e) / squared
+    other_share = (a * f - b * c) / squared
     inside = meets & (share > 0) & (share < 1) & (other_share > 0) & (other_share < 1)
     way = np.linalg.norm(apart + share[..., None] * along - other_share[..., None] * other_along, axis=-1)
     return np.asarray(np.minimum(np.minimum.reduce(at_ends), np.where(inside, way, np.inf)))

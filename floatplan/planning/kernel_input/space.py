@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE_IN_SPACE,
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
+from floatplan.motion.spatial.clearance import SpatialShapes
 from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
 from floatplan.planning.kernel_input.rows import Block, DistanceRows, KernelRows, Sums
 from floatplan.tables import A_TURN_OFF, STEEPEST
@@ -40,20 +42,11 @@ class SpatialRows(KernelRows):
         path = flight.ballistics
         places = {
             "needs_places": needs_places,
-            "capsules": len(shapes.radius) if shapes else 0,
-            "hulls": len(shapes.hulls) if shapes else 0,
-            "hull_first": integers(np.cumsum([0, *(len(hull.points) for hull in shapes.hulls)])) if shapes else None,
-            "hull_points": doubles(np.concatenate([np.empty((0, 3)), *(hull.points for hull in shapes.hulls)]))
-            if shapes
-            else None,
-            "hull_axes": doubles([hull.axes.T for hull in shapes.hulls]) if shapes else None,
-            "ends_real": None,
-            "ends_imaginary": None,
-            "body": integers(shapes.body - 1) if shapes else None,  # the base is the model's first joint
-            "ends": doubles(shapes.ends) if shapes else None,
-            "radius": doubles(shapes.radius) if shapes else None,
             "turn": 1.0,
             "path": doubles([*path.position0, *path.velocity0, path.gravity]),
+            "ends_real": None,
+            "ends_imaginary": None,
+            **_shapes(shapes),
         }
         super().__init__(Sums(flight.dynamics.selection, flight.transmission), blocks, also, places, shapes)
         self.needs_rates |= needs_places
@@ -63,6 +56,24 @@ class SpatialRows(KernelRows):
         if momentum not in self._bodies:
             self._bodies[momentum] = spatial_body(self._flight, momentum, self.needs_rates)
         return self._bodies[momentum].pointer, cells_of_levels().pointer
+
+
+def _shapes(shapes: SpatialShapes | None) -> dict[str, Any]:
+    """Return the capsules of the links, and the hulls among them; none where nothing is about places."""
+    if shapes is None:
+        arrays = ("body", "ends", "radius", "hull_first", "hull_points", "hull_axes")
+        return {"capsules": 0, "hulls": 0, **dict.fromkeys(arrays)}
+    points = [hull.points for hull in shapes.hulls]
+    return {
+        "capsules": len(shapes.radius),
+        "body": integers(shapes.body - 1),  # the base is the model's first joint
+        "ends": doubles(shapes.ends),
+        "radius": doubles(shapes.radius),
+        "hulls": len(shapes.hulls),
+        "hull_first": integers(np.cumsum([0, *map(len, points)])),
+        "hull_points": doubles(np.concatenate([np.empty((0, 3)), *points])),
+        "hull_axes": doubles([hull.axes.T for hull in shapes.hulls]),
+    }
 
 
 def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Struct:

@@ -76,7 +76,8 @@ def fit(points: Array, radius: float, splits: int = MOST_SPLITS) -> list[Ends]:
         halves = _halves(points, edges, direction, float(along.min() + cut * np.ptp(along)))
         volume = sum(_volume(_fit_one(half, radius)) for half in halves)
         if volume < least:
-            least, best = volume, halves
+            least = volume
+            best = halves
     return [capsule for half in best for capsule in fit(half, radius, splits - 1)] or [whole]
 
 
@@ -101,15 +102,19 @@ def _fit_one(points: Array, radius: float) -> Ends:
     most = np.hypot(least, np.ptp(height, axis=1) / 2)
     grown = least[:, None] + np.linspace(0.0, 1.0, RADII) * (most - least)[:, None]  # (directions, radii)
     reach = np.sqrt(np.maximum(grown[:, :, None] ** 2 - offset[:, None] ** 2, 0.0))
-    high, low = (height[:, None] - reach).max(axis=2), (height[:, None] + reach).min(axis=2)
+    high = (height[:, None] - reach).max(axis=2)
+    low = (height[:, None] + reach).min(axis=2)
     volume = (grown + radius) ** 2 * (np.maximum(high - low, 0.0) + 4 / 3 * (grown + radius))
     row, column = np.unravel_index(int(volume.argmin()), volume.shape)
-    lowest, highest = float(low[row, column]), float(high[row, column])
+    lowest = float(low[row, column])
+    highest = float(high[row, column])
     if highest - lowest < SAME:  # a ball: below zero, any centre between them holds all points
         lowest = highest = (lowest + highest) / 2
-    axis, aside = directions[row], across[row]
+    axis = directions[row]
+    aside = across[row]
     center = middle[row].real * aside + middle[row].imag * np.cross(axis, aside)
-    start, end = center + lowest * axis, center + highest * axis
+    start = center + lowest * axis
+    end = center + highest * axis
     held = -SolidCapsule("", 0, start, end, 0.0).depth(points)
     return start, end, float(held.max()) + radius
 
@@ -135,7 +140,8 @@ def _middles(places: Array) -> Array:
     rows = np.arange(len(places))
     middle = (places.real.max(axis=1) + places.real.min(axis=1)) / 2 + 0j
     middle += 1j * (places.imag.max(axis=1) + places.imag.min(axis=1)) / 2
-    best, least = middle.copy(), np.full(len(places), np.inf)
+    best = middle.copy()
+    least = np.full(len(places), np.inf)
     for step in range(MIDDLES):
         offset = np.abs(places - middle[:, None])
         farthest = offset.argmax(axis=1)
