@@ -84,10 +84,9 @@ def closed_loop(
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_JUMPS, "is for jumps")
     plan = given_plan(plan)
-    if plan.duration > MOST_PERIODS * PERIOD:
-        raise InputError(
-            f"a flight of {plan.duration:g} s is too long for closed loops: at most {MOST_PERIODS * PERIOD:g} s"
-        )
+    most = MOST_PERIODS * PERIOD
+    if plan.duration > most:
+        raise InputError(f"a flight of {plan.duration:g} s is too long for closed loops: at most {most:g} s")
     deadline = math.inf if budget is None else start_time + budget
     loop = _Loop(plan, rate, perturbation, feedback, engine, deadline)
     shown = 24  # flights whose paths are in the result

@@ -127,12 +127,8 @@ def replay_jump(
     jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    tried = 0
-    if gains == (None, None):
-        stiffness_and_damping, tried = search_gains(jump, progress)
-    else:
-        stiffness_and_damping = first_gains(jump, gains)
-    control = JumpControl(jump, stiffness_and_damping, replan)
+    of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
+    control = JumpControl(jump, of_joints, replan)
     corrected: list[SimulatedFlight[SimulatedJump]] = []
     uncorrected: list[SimulatedFlight[SimulatedJump]] = []
     for flight in range(flights):

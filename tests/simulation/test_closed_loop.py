@@ -112,7 +112,7 @@ def test_flights_that_end_in_the_budget_count(
         if next(looks) > 30:  # eleven a flight, and each is flown twice
             raise closed_loop_module._OutOfTimeError
 
-    monkeypatch.setattr(closed_loop_module._Loop, "_look_at_the_clock", look)
+    monkeypatch.setattr(closed_loop_module._Loop, "_stop_after_deadline", look)
     result = fp.closed_loop(plan, perturb=PERTURBED, flights=3, seed=5)
     assert (result.flights, result.asked) == (1, 3)
     assert result.statuses == single.statuses
