@@ -69,8 +69,7 @@ def closed_loop(
     Raises
     ------
     InputError
-        The plan reaches no goal, a number is wrong, the flight takes more than ``MOST_PERIODS`` periods, or the engine
-        is unknown or not installed.
+        The plan reaches no goal or is too long, a number is wrong, or the engine is unknown or not installed.
     FloatplanError
         A flight cannot be integrated, or not one landed within the budget.
     """

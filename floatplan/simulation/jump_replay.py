@@ -113,8 +113,7 @@ def replay_jump(
     Raises
     ------
     InputError
-        There is no jump, or its check does not hold; a number is wrong, a perturbation makes no sense, or MuJoCo is
-        not installed.
+        There is no jump, its check fails, a number or a perturbation is wrong, or MuJoCo is not installed.
     """
     start_time = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
