@@ -448,7 +448,7 @@ def test_where_nothing_can_be_written_nothing_is_searched_for(root, tmp_path, fl
     refused = tmp_path / "theirs"
     refused.mkdir()
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != refused and access(path, mode))
-    monkeypatch.setattr("floatplan.initial.flight.asked_flight", None)
+    monkeypatch.setattr("floatplan.initial.flight.requested_flight", None)
     run = floatplan("init", root / "urdf" / "gymnast.urdf", "-o", refused / "new" / "here.toml")
     assert run.code == 2
     assert "cannot be written to" in run.stderr
