@@ -18,7 +18,10 @@ from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool import one_thread
 
+SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried
+STEP = 0.01  # [-] from error to error that is tried, from zero outwards
+RESOLUTION = 0.001  # [-] of an interval's ends
 CORRECTIONS = 40  # [-] per flight
 
 
@@ -76,7 +79,7 @@ def authority(plan: Plan | str | Path) -> Authority:
     """
     plan = given_plan(plan)
     replanner = Replanner(plan, CORRECTIONS / plan.duration)
-    times = plan.duration * np.array([0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
+    times = plan.duration * np.array(SHARES)
     real = Update(plan.robot.tree, replanner.views, Rewriting(plan), 1.0, 1.0)
     links = np.ones(len(plan.robot.tree.mass))
     links[0] = 0.0
@@ -113,16 +116,14 @@ def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
 
 def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
     """Largest size up to ``most`` of an error of that sign from which, as from all smaller ones, a flight lands."""
-    step = 0.01  # from error to error
-    resolution = 0.001
     low = 0.0
-    for high in [*np.arange(step, most, step).tolist(), most]:
+    for high in [*np.arange(STEP, most, STEP).tolist(), most]:
         if not lands(sign * high, begin):
             break
         low = high
     else:
         return most
-    while high - low > resolution:
+    while high - low > RESOLUTION:
         middle = (low + high) / 2
         if lands(sign * middle, begin):
             low = middle

@@ -69,8 +69,7 @@ def closed_loop(
     Raises
     ------
     InputError
-        The plan reaches no goal, a number is wrong, the flight takes more than ``MOST_PERIODS`` periods, or the engine
-        is unknown or not installed.
+        The plan reaches no goal or is too long, a number is wrong, or the engine is unknown or not installed.
     FloatplanError
         A flight cannot be integrated, or not one landed within the budget.
     """
@@ -84,10 +83,9 @@ def closed_loop(
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_JUMPS, "is for jumps")
     plan = given_plan(plan)
-    if plan.duration > MOST_PERIODS * PERIOD:
-        raise InputError(
-            f"a flight of {plan.duration:g} s is too long for closed loops: at most {MOST_PERIODS * PERIOD:g} s"
-        )
+    most = MOST_PERIODS * PERIOD
+    if plan.duration > most:
+        raise InputError(f"a flight of {plan.duration:g} s is too long for closed loops: at most {most:g} s")
     deadline = math.inf if budget is None else start_time + budget
     loop = _Loop(plan, rate, perturbation, feedback, engine, deadline)
     shown = 24  # flights whose paths are in the result

@@ -78,9 +78,8 @@ def fly_with_free_base(
     motion = RecordedPlanarMotion(record, reduced)
     flying = MujocoRobot(MujocoSpec(robot, reduced, sample, free=True))
     couplings = {*robot.coupled, *(coupling.leader for coupling in robot.coupled.values())}
-    controlled = np.array(
-        [feedback is not None or name in robot.locked or name in couplings for name in reduced.joints]
-    )
+    always = {*robot.locked, *couplings}
+    controlled = np.array([feedback is not None or name in always for name in reduced.joints])
     plane = robot.plane
     axes = reduced.axes
     takeoff = flying.own_state(*_on_free_joint(robot, *perturbed_takeoff(record, reduced, sample)))

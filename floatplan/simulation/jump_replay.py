@@ -113,8 +113,7 @@ def replay_jump(
     Raises
     ------
     InputError
-        There is no jump, or its check does not hold; a number is wrong, a perturbation makes no sense, or MuJoCo is
-        not installed.
+        There is no jump, its check fails, a number or a perturbation is wrong, or MuJoCo is not installed.
     """
     start_time = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
@@ -127,12 +126,8 @@ def replay_jump(
     jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    tried = 0
-    if gains == (None, None):
-        stiffness_and_damping, tried = search_gains(jump, progress)
-    else:
-        stiffness_and_damping = first_gains(jump, gains)
-    control = JumpControl(jump, stiffness_and_damping, replan)
+    of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
+    control = JumpControl(jump, of_joints, replan)
     corrected: list[SimulatedFlight[SimulatedJump]] = []
     uncorrected: list[SimulatedFlight[SimulatedJump]] = []
     for flight in range(flights):

@@ -20,7 +20,7 @@ from floatplan.view.report.data import motion_data
 from floatplan.view.report.report import write_report
 from floatplan.view.sampled import SampledPlan
 from floatplan.view.scene.scene import scene
-from floatplan.view.solids import AZIMUTH, ELEVATION, rendered_solids
+from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, rendered_solids
 
 SPACE = Path(__file__).parents[2] / "problems" / "space"
 
