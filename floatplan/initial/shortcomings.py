@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.jumps.check import FIGURES, touchdown_height
+from floatplan.jumps.contacts import contact_depths, contact_positions
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.motion import flight_state
 from floatplan.problem.jump import JumpRequest
@@ -56,9 +57,7 @@ def feet_rise(jump: Jump) -> float:
     robot = jump.problem.robot
     state = flight_state(jump.flight, 0.0, np.linspace(0.0, jump.flight.duration, 101))
     y = state.planned(robot)[0]
-    contacts = [contact for stance in jump.stances for contact in stance.contacts]
-    over_com = heights_over_com(robot, [contact.spots[0] for contact in contacts], y).imag
-    undersides = over_com - [contact.depth for contact in contacts]
+    undersides = contact_positions(robot, jump.contacts, y).imag - contact_depths(jump.contacts)
     base_over_com = heights_over_com(robot, [Spot(0, 0j)], y).imag
     heights = undersides - base_over_com + state.positions[:, 1:2] - jump.before[-1].ground
     return float(heights.min(axis=1).max())

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import is_ground, links_of, near_contact
+from floatplan.jumps.contacts import contact_depths, contact_positions, is_ground, links_of, near_contact
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import BASE, JumpState, Stance, flight_state
 from floatplan.motion.planar.clearance import LinkShapes, pair_distances
@@ -258,7 +258,7 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     base = state.positions[:, 0] + 1j * state.positions[:, 1]
     com = base - heights_over_com(robot, [Spot(0, 0j)], y)[:, 0]
     own = () if stance is None else stance.contacts
-    feet = links_of(robot, [contact for other in jump.stances for contact in other.contacts])
+    feet = links_of(robot, jump.contacts)
     stands = links_of(robot, own)
     rolls = links_of(robot, [contact for contact in own if contact.radius])
     yield "ground", np.inf
@@ -299,9 +299,9 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
     then, whether it stands at that time or is still to come.
     """
     robot = jump.problem.robot
-    contacts = {contact.name: contact for stance in jump.stances for contact in stance.contacts}
+    contacts = list({contact.name: contact for contact in jump.contacts}.values())
     feet: dict[str | None, list[Spot]] = {}  # by link
-    for contact in contacts.values():
+    for contact in contacts:
         for frame, spot in zip(contact.frames, contact.spots, strict=True):
             feet.setdefault(robot.contact_link(robot.frames[frame].link), []).append(spot)
     points = []
@@ -311,7 +311,6 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
     if not points:
         return
     radii = np.array([corner.radius for corner in points])
-    depths = np.array([contact.depth for contact in contacts.values()])
     landing = jump.after[0].span[0]
     for stance in jump.after:
         begin = stance.span[0]
@@ -321,10 +320,10 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
         times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
         y = stance.grid.at(times)[0]
         of_points = heights_over_com(robot, points, y)
-        of_feet = heights_over_com(robot, [contact.spots[0] for contact in contacts.values()], y)
+        of_feet = contact_positions(robot, contacts, y)
         for sign in (1.0, -1.0):
             rotation = np.exp(1j * sign * error)
-            ground = ((of_feet * rotation).imag - depths).min(axis=1)
+            ground = ((of_feet * rotation).imag - contact_depths(contacts)).min(axis=1)
             yield float(((of_points * rotation).imag - radii - ground[:, None]).min())
 
 

@@ -104,9 +104,19 @@ def links_of(robot: Robot, contacts: Iterable[GroundContact]) -> set[str | None]
     return links
 
 
+def contact_positions(robot: Robot, contacts: Sequence[GroundContact], y: Array) -> ComplexArray:
+    """Positions (.., contacts) relative to the centre of mass in postures y (n+1, ..), m; of pairs, of one of both."""
+    return heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
+
+
+def contact_depths(contacts: Sequence[GroundContact]) -> Array:
+    """Heights (contacts,) of contacts over the ground on which they stand, m."""
+    return np.array([contact.depth for contact in contacts])
+
+
 def ground_below(robot: Robot, contact: GroundContact, y: Array) -> float:
     """Height of the ground on which a contact stands in a posture y (n+1,), over the centre of mass, m."""
-    return float(heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth)
+    return float(contact_positions(robot, [contact], y)[0].imag - contact.depth)
 
 
 def contact_at(robot: Robot, frame: str, y: Array) -> tuple[GroundContact, ...]:
@@ -198,7 +208,10 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
     tree = robot.tree
     home = robot.frames[frame]
     heights = _lowest_heights(robot, robot.limb_ends, y)
-    own_height = min([heights[link] for link in heights if robot.layout.body_of[link] == home.body], default=None)
+    own_height = None
+    for link, height in heights.items():
+        if robot.layout.body_of[link] == home.body:
+            own_height = height if own_height is None else min(own_height, height)
     feet = {tuple(tree.turns[home.body].tolist()): frame}  # by how they turn: one of left and right
     for link in sorted(heights, key=heights.__getitem__):
         if own_height is not None and heights[link] < own_height + LEVEL:

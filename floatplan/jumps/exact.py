@@ -360,7 +360,7 @@ def _one_point(
     scale = np.array([[1.0], [1 / span], [1 / span**2]])
     rows = [index - 1 for index in beyond.dependent]
     sampled = stance.sampled
-    of_nodes = [nodes.at(times)[:, 1:] for times in sampled]
+    of_nodes = _joints_at(nodes, sampled)
     # Quintics (3, 3, N) of which value, first or second derivative is 1 at the junction; all are 0 at the other end.
     units = (np.eye(3), np.zeros((3, 3)))[::outwards]
     shapes = [quintic(times, ends, *units) for times in sampled]
@@ -390,7 +390,7 @@ def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], home
     n = len(nodes.y) - 1
     ends = nodes.times[[0, -1]]
     sampled = stance.sampled
-    of_nodes = [nodes.at(times)[:, 1:] for times in sampled]
+    of_nodes = _joints_at(nodes, sampled)
     shapes = [_bumps(times, ends) for times in sampled]
 
     def follow(unknown: Array) -> Array:
@@ -404,6 +404,11 @@ def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], home
 
     unknown, _ = _least_norm_root(residual, np.zeros(2 * n))
     return follow(unknown)
+
+
+def _joints_at(grid: Grid, sampled: Sequence[Array]) -> list[Array]:
+    """Joints with two derivatives (3, n, N) at each of some times (N,), s."""
+    return [grid.at(times)[:, 1:] for times in sampled]
 
 
 def _bumps(times: Array, span: Array) -> Array:

@@ -246,13 +246,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     for index, table_of_stance in enumerate(content["stances"]):
         stance = _read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
         sides[table_of_stance["side"]].append(stance)
-    contacts = [contact for stances in sides.values() for stance in stances for contact in stance.contacts]
-    for contact in contacts:
-        if request.feet != "auto" and (contact.radius > 0) != (request.feet == "rolling"):
-            raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
-    if (flight is None) == all(sides.values()):
-        raise InputError("do not fit the flight", element="stances")
-    return Jump(
+    jump = Jump(
         problem,
         request,
         flight,
@@ -261,6 +255,12 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         status=content["status"],
         explanation=content["explanation"],
     )
+    for contact in jump.contacts:
+        if request.feet != "auto" and (contact.radius > 0) != (request.feet == "rolling"):
+            raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
+    if (flight is None) == all(sides.values()):
+        raise InputError("do not fit the flight", element="stances")
+    return jump
 
 
 @contextmanager

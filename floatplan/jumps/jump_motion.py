@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arguments import numbers
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
+from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
@@ -52,6 +53,11 @@ class JumpMotion(MotionInFile):
     def stances(self) -> tuple[Stance, ...]:
         """All stances."""
         return (*self.before, *self.after)
+
+    @property
+    def contacts(self) -> list[GroundContact]:
+        """Contacts of all stances, by stance."""
+        return [contact for stance in self.stances for contact in stance.contacts]
 
     @property
     def takeoff_time(self) -> float:
@@ -153,17 +159,23 @@ class JumpMotion(MotionInFile):
             raise InputError("no jump was found", element="times")
         if not ((instants >= 0) & (instants <= self.duration)).all():
             raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
-        phases = self.phases
-        index = np.searchsorted([phase.end for phase in phases[:-1]], instants)
         motions: list[Callable[[Array], JumpState]] = [stance.at for stance in self.stances]
         motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
+        phase_of = self._phase_of(instants)
         pieces = []
         for number, motion in enumerate(motions):
-            rows = np.flatnonzero(index == number)
+            rows = np.flatnonzero(phase_of == number)
             if len(rows):
                 pieces.append((rows, motion(instants[rows])))
-        size = self.problem.robot.model.nv
-        return joined(instants, size, pieces, [name for phase in phases for name in phase.contacts])
+        names: list[str] = []
+        for contact in self.contacts:
+            names += contact.names
+        return joined(instants, self.problem.robot.model.nv, pieces, names)
+
+    def _phase_of(self, times: Array) -> IntArray:
+        """Indices (N,) of the phases at times (N,), s; at a change of contacts that of the phase before."""
+        ends = [phase.end for phase in self.phases]
+        return np.searchsorted(ends[:-1], times)
 
     def state(self, times: npt.ArrayLike) -> FlightState:
         """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
@@ -210,11 +222,10 @@ class JumpMotion(MotionInFile):
     def planned_positions(self, times: Array) -> Array:
         """Planned positions (N, n), rad, at times (N,) s from the jump's start; there has to be a flight."""
         assert self.flight is not None
-        ends = np.array([phase.end for phase in self.phases])
-        index = np.searchsorted(ends[:-1], times)
+        phase_of = self._phase_of(times)
         positions = np.empty((len(times), len(self.problem.robot.joints)))
         for number, stance in enumerate((*self.before, None, *self.after)):
-            rows = np.flatnonzero(index == number)
+            rows = np.flatnonzero(phase_of == number)
             if not len(rows):
                 continue
             if stance is None:

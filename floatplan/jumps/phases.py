@@ -10,9 +10,8 @@ from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import LEVEL, GroundContact
+from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions
 from floatplan.robot import PlanarTree, Robot
-from floatplan.robot.standing import heights_over_com
 
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
 STILL = 1e-6  # [m, rad] what counts as level, and as within limits
@@ -203,20 +202,18 @@ def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Ar
     target : (n+1,) rad
     limits : (n+1, 2) rad
     """
-    spots = [contact.spots[0] for contact in contacts]
-    depths = np.array([contact.depth for contact in contacts])
-
-    on_one_point = np.ptp(heights_over_com(robot, spots, target).real) < STILL
+    depths = contact_depths(contacts)
+    on_one_point = np.ptp(contact_positions(robot, contacts, target).real) < STILL
 
     def levels(y: Array) -> Array:
         """Heights of the contacts relative to the first; of one point its horizontal distance from the centre."""
-        positions = heights_over_com(robot, spots, y)
+        positions = contact_positions(robot, contacts, y)
         ground = positions.imag - depths
         return np.append(ground[1:] - ground[0], positions.real[:1] if on_one_point else [])
 
     def support(y: Array) -> Array:
         """Horizontal distances of the centre of mass from both ends of the support, less its margin."""
-        along = heights_over_com(robot, spots, y).real
+        along = contact_positions(robot, contacts, y).real
         margin = SUPPORT_MARGIN * np.ptp(along)
         return np.array([-(along.min() + margin), along.max() - margin])
 
@@ -263,8 +260,8 @@ def _exactly_level(levels: Callable[[Array], Array], y: Array) -> Array:
 
 def not_static(robot: Robot, contacts: Sequence[GroundContact], y: Array) -> str:
     """Why a robot does not stand still on contacts in a posture y (n+1,), for a person."""
-    positions = heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
-    ground = positions.imag - [contact.depth for contact in contacts]
+    positions = contact_positions(robot, contacts, y)
+    ground = positions.imag - contact_depths(contacts)
     step = float(np.ptp(ground))
     if step > LEVEL:
         highest = contacts[int(ground.argmax())].name

@@ -113,6 +113,11 @@ class JumpProgram:
         """The nodes of a phase."""
         return slice(int(self.starts[index]), int(self.starts[index + 1]) + 1)
 
+    @property
+    def _duration_bounds(self) -> Array:
+        """Least and largest durations (2, phases) of the phases, s."""
+        return np.array([phase.bounds for phase in self.phases]).T
+
     @cached_property
     def _box(self) -> tuple[Array, Array]:
         """Bounds of the variables, scaled."""
@@ -142,7 +147,7 @@ class JumpProgram:
             if phase.others:
                 inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
                 self._bound_forces(box.forces[index], phase, inner)
-        box.durations[:] = np.array([phase.bounds for phase in self.phases]).T[:, :, None]
+        box.durations[:] = self._duration_bounds[:, :, None]
         if self._momentum is not None:
             box.momentum[:] = self._momentum
         box.factor[0] = 0.0
@@ -331,8 +336,8 @@ class JumpProgram:
         unit = self.node.unit
         y, v, a = motion
         count = phase.intervals + 1
-        z0, vx0, vz0 = self._com(rows, self.flight - 1, [values[:, 0] for values in motion])
-        z1, vx1, vz1 = self._com(rows, self.flight + 1, [values[:, -1] for values in motion])
+        z0, vx0, vz0 = self._com(rows, self.flight - 1, (y[:, 0], v[:, 0], a[:, 0]))
+        z1, vx1, vz1 = self._com(rows, self.flight + 1, (y[:, -1], v[:, -1], a[:, -1]))
         rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node.height, 0.0, 0.0, "parabola")
         rows.add((vx1 - vx0) / (gravity * unit), 0.0, 0.0, "parabola")
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
@@ -471,8 +476,7 @@ class JumpProgram:
         durations = np.array([phase.duration for phase in self.phases])
         joints = np.linspace(self.ends[0, 1:], self.ends[1, 1:], self.nodes).T
         if rng is not None:
-            low, high = np.array([phase.bounds for phase in self.phases]).T
-            durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), low, high)
+            durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), *self._duration_bounds)
             bumps = np.sin(np.pi * np.linspace(0, 1, self.nodes)[None] * rng.integers(1, 4, (self.size - 1, 1)))
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
         times = instants(self.phases, durations)
@@ -502,6 +506,6 @@ class JumpProgram:
 
 def _repeated(bounds: Sequence[Bound], count: int) -> tuple[Array, Array]:
     """Low and high bounds (rows, count) of rows at so many nodes."""
-    low = np.array([row[0] for row in bounds], dtype=float)
-    high = np.array([row[1] for row in bounds], dtype=float)
-    return np.tile(low[:, None], (1, count)), np.tile(high[:, None], (1, count))
+    low, high, _ = zip(*bounds, strict=True)
+    columns = np.array((low, high), dtype=float)[:, :, None]
+    return np.tile(columns[0], (1, count)), np.tile(columns[1], (1, count))

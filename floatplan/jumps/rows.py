@@ -14,7 +14,14 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import ClearancePoints, GroundContact, displacement, ground_below
+from floatplan.jumps.contacts import (
+    ClearancePoints,
+    GroundContact,
+    contact_depths,
+    contact_positions,
+    displacement,
+    ground_below,
+)
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
 from floatplan.jumps.phases import Phase
@@ -248,8 +255,7 @@ class NodeRows:
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
         dip = POINT_FEET / 2 if low_postures else 0.0
-        depths = [contact.depth - dip for contact in self.feet]
-        self.least_heights = np.append(points.least, depths)  # [m] of the points, then of feet
+        self.least_heights = np.append(points.least, contact_depths(self.feet) - dip)  # [m] of the points, then of feet
         rounding = 1e-9  # [m]
         for contact, y in low_postures:
             heights = heights_over_com(model.robot, [contact.spots[0], *self._spots], y).imag
@@ -293,10 +299,10 @@ class NodeRows:
             rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, Label.PRESSED))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
-        output = ca.vertcat(*[row[0] for row in rows])
+        output, bounds = _separated(rows)
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
         function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
-        return function, [row[1:] for row in rows]
+        return function, bounds
 
     def _friction_rows(self, phase: Phase, own: Pair, pairs: Sequence[Pair]) -> list[Row]:
         """Both sides of the friction cone of each contact; a toe takes the load of its heel."""
@@ -345,7 +351,7 @@ class NodeRows:
             if not np.isfinite(least_height):
                 continue
             feet = self._feet_of_leg(spot.body) or phase.contacts
-            along = heights_over_com(model.robot, [contact.spots[0] for contact in feet], end).real
+            along = contact_positions(model.robot, feet, end).real
             for pivot, sign in ((int(along.argmin()), 1.0), (int(along.argmax()), -1.0)):
                 contact = feet[pivot]
                 x, z = model.positions(model.weights([spot], contact.spots[0]._replace(radius=0.0)))
@@ -493,9 +499,14 @@ class NodeRows:
         labels += [f"{contact.name} above the ground" for contact in self.feet]
         for index, label in enumerate(labels):
             rows.append((z[index], float(self.least_heights[index]), np.inf, label))
-        output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("flight", [output, self._motor_torques(moments)])
-        return function, [row[1:] for row in rows]
+        output, bounds = _separated(rows)
+        return model.function("flight", [output, self._motor_torques(moments)]), bounds
+
+
+def _separated(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
+    """Values of rows as one vector, and their bounds."""
+    values, low, high, labels = zip(*rows, strict=True)
+    return casadi().vertcat(*values), list(zip(low, high, labels, strict=True))
 
 
 def hermite_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:

@@ -168,7 +168,7 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     for name, (number, centre, radius) in _feet(jump).items():
         body = mujoco_spec.bodies[number]
         body.add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **touching)
-    standing = links_of(robot, [contact for stance in jump.stances for contact in stance.contacts])
+    standing = links_of(robot, jump.contacts)
     for link in robot.link_hulls:
         prism = None if link in standing else _prism(robot, link)
         if prism is not None:
@@ -185,12 +185,11 @@ def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     y = jump.before[0].grid.y[:, 0]
     upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(y[0], y[1:]))
     feet: dict[str, tuple[int, Array, float]] = {}
-    for stance in jump.stances:
-        for contact in stance.contacts:
-            radius = SMALLEST if contact.of_sole else max(contact.depth, SMALLEST)
-            for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True):
-                centre = spot.place + (radius - contact.depth) * upwards[spot.body]
-                feet[name] = (*point_in_joint(robot, frame, complex(centre)), radius)
+    for contact in jump.contacts:
+        radius = SMALLEST if contact.of_sole else max(contact.depth, SMALLEST)
+        for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True):
+            centre = spot.place + (radius - contact.depth) * upwards[spot.body]
+            feet[name] = (*point_in_joint(robot, frame, complex(centre)), radius)
     return feet
 
 
