@@ -16,7 +16,7 @@ from floatplan.robot.robot import Robot
 
 
 class ClipCurve:
-    """A clip between its N frames: cubic splines of the base's place and the joints, and of the attitude.
+    """A clip between its N frames: cubic splines of the base's position and the joints, and of the attitude.
 
     Parameters
     ----------
