@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.motion.sine_polynomial import CONDITIONS, SinePolynomials, basis, boundary_arguments, powers_map
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments, powers_map
 from floatplan.problem.problem import Problem
 
 

@@ -8,31 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import whole
+from floatplan.arguments import SEED
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.method.dynamics import QUANTITIES
 from floatplan.method.program import Program
 from floatplan.method.sqp import FEASIBLE, Solution, minimise
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.motion.sine_polynomial import CONDITIONS
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.parts import Circle, HalfPlane
 from floatplan.problem.problem import Problem, shares_of_limits
-from floatplan.tables import ORIENTATION, Range
+from floatplan.tables import ORIENTATION
 
-INSTANTS = np.linspace(0, 1, 65)[
-    1:-1
-]  # of the flight, at which inequalities hold, where a motion without violates some
+INSTANTS = np.linspace(0, 1, 65)[1:-1]  # of the flight, at which inequalities hold at first
 GRID = np.linspace(0, 1, 401)  # instants at which they are looked at
 NEARLY = 1e-2  # [-] of rows' scales: with less on the grid they may be violated between its instants
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # in all, as many at each degree
 SPREAD = 0.2  # [rad] root mean square of each variable, by which each start is wilder than the one before
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
-SEED = whole(Range(0, 2**63 - 1, ""))
 
 
 @one_thread
@@ -63,9 +60,16 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     steps = 0
     for program, x in starts(problem, np.random.default_rng(SEED(seed, "seed"))):
         solution = solve(program, x)
-        status = "optimal" if solution.converged else "feasible"
-        holds = "Every constraint holds at all times."
-        motion = plan_of(program, solution, status=status, ok=True, explanation=holds, solver={})
+        motion = Plan.of_motion(
+            problem,
+            program.motions.polynomials,
+            program.motions.coefficients(solution.x[: program.motions.size])[:, CONDITIONS:],
+            program.angular_momentum(solution.x),
+            status="optimal" if solution.converged else "feasible",
+            ok=True,
+            explanation="Every constraint holds at all times.",
+            solver={},
+        )
         violation = max(motion.whole.missed, solution.violation)  # (14) by the plan's own dynamics
         tried.append((violation, motion))
         steps += solution.steps
@@ -83,7 +87,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
 
 def refuse(problem: Problem) -> None:
     """Refuse what is not taken: InputError names the key."""
-    others = {
+    others: dict[str, Any] = {
         "robot.base": problem.robot.in_plane is None,
         "ground": problem.ground,
         "jump": problem.jump,
@@ -137,11 +141,3 @@ def violated(program: Program, x: Array) -> tuple[float, Array]:
     k, row = lowest_of_neighbours(np.where(values < NEARLY, values, np.inf))
     s, least = narrowed(lambda s: program.inequalities(x, s), row, GRID[k], values[k, row], GRID[1], 1.0)
     return max(0.0, -least.min(initial=0.0)), np.unique(s[least < -FEASIBLE / 2])
-
-
-def plan_of(program: Program, solution: Solution, **answer: Any) -> Plan:
-    """The plan that moves as an SQP has ended."""
-    z = program.motions.coefficients(solution.x[: program.motions.size])[:, CONDITIONS:]
-    return Plan.of_motion(
-        program.problem, program.motions.polynomials, z, program.angular_momentum(solution.x), **answer
-    )

@@ -8,7 +8,7 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.method.dynamics import Dynamics
 from floatplan.method.motion import Motions
-from floatplan.motion.flight import flight_of
+from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.problem.parts import Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Problem, shares_of_limits
@@ -45,7 +45,7 @@ class Program:
         self.problem = problem
         self.motions = Motions(problem, degrees, branch)
         self.dynamics = Dynamics(problem.robot)
-        self.flight = flight_of(problem)  # the path of the CM (2), (3), (6), the momenta (7) to (10)
+        self.flight = planar_flight(problem)  # the path of the CM (2), (3), (6), the momenta (7) to (10)
         self.size = self.motions.size + self.flight.momentum_set.free
         self.limits = [(name, used) for shares in shares_of_limits(problem) for name, used in shares.used.items()]
 

@@ -12,7 +12,7 @@ from floatplan.arrays import Array
 from floatplan.method.program import Evaluation, Program
 
 FEASIBLE = 1e-9  # [-] of a row's scale: largest violation at a solution
-STATIONARY = 1e-9  # [-] of the objective: twice what a step promises at a solution
+STATIONARY = 1e-10  # [-] of the merit: what a step promises at a solution
 MOST_STEPS = 150
 LONGEST_STEP = 0.5  # [rad] root mean square of p, of each variable
 SHORTEST_STEP = 1e-7  # [rad] where none longer lowers the merit, the search ends
@@ -46,12 +46,10 @@ def minimise(program: Program, x: Array, instants: Array) -> Solution:
                 break
             d, multipliers, left = stiffer
             penalty = 10 * penalty
-        if here.violation < FEASIBLE and d @ B @ d < STATIONARY * here.objective:
-            return Solution(x, here.violation, True, steps)
         if left < FEASIBLE:
             penalty = max(here.objective, 2 * multipliers.sum())  # their sum already makes the merit exact
         promised = penalty * (here.violation - left) - here.gradient @ d - d @ B @ d / 2
-        if promised <= 0:
+        if promised < STATIONARY * here.merit(penalty):
             break
         there = program.evaluate(x + d, instants)
         if here.merit(penalty) - there.merit(penalty) < promised / 4:
@@ -74,7 +72,7 @@ def minimise(program: Program, x: Array, instants: Array) -> Solution:
         if gained > 0:
             x = x + d
             here = there
-    return Solution(x, here.violation, False, steps)
+    return Solution(x, here.violation, here.violation < FEASIBLE and steps < MOST_STEPS, steps)
 
 
 def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> tuple[Array, Array, float]:
@@ -87,19 +85,17 @@ def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> t
     eigenvalues, eigenvectors = np.linalg.eigh(B)
     W = eigenvectors * np.sqrt(penalty / np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1]))
     near = np.flatnonzero(here.rows < radius * np.abs(here.rows_by_x).sum(axis=1))  # others hold wherever d goes
-    rows = np.zeros((len(near) + m + 1, m + 1))
-    rows[: len(near), :m] = here.rows_by_x[near] @ W
-    rows[: len(near), m] = 1
-    rows[len(near) : -1, :m] = W / radius
-    rows[-1, m] = 1
+    without_t = np.zeros((m, 1))
+    rows = np.block([[here.rows_by_x[near] @ W, np.ones((len(near), 1))], [W / radius, without_t], [without_t.T, 1.0]])
     low = np.concatenate((-here.rows[near], -np.ones(m), [0.0]))
     high = np.concatenate((np.full(len(near), np.inf), np.ones(m), [np.inf]))
     gradient = np.append(W.T @ here.gradient / penalty, 1.0)
     qp = proxqp.dense.QP(m + 1, 0, len(rows))
-    qp.settings.eps_abs = 1e-9
+    qp.settings.eps_abs = 1e-10
     qp.init(np.diag(np.append(np.ones(m), 0.0)), gradient, None, None, rows, low, high)
     qp.solve()
     multipliers = np.zeros(len(here.rows))
     multipliers[near] = penalty * np.maximum(-qp.results.z[: len(near)], 0)
     multipliers[:2] -= multipliers[:2].min()  # what (14) has with both signs is nothing
-    return W @ qp.results.x[:-1], multipliers, max(float(qp.results.x[-1]), 0.0)
+    d = W @ qp.results.x[:-1]
+    return d, multipliers, max(0.0, -(here.rows + here.rows_by_x @ d).min())

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 
-from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
+from floatplan.arguments import SEED, function, optional, positive, whole
+from floatplan.keys import Keyed
 from floatplan.planning.result import AttemptResult
 from floatplan.tables import Range
 
@@ -21,7 +22,7 @@ JOBS = whole(Range(1, MOST_JOBS, ""))
 
 
 @dataclass(frozen=True)
-class SearchOptions(Checked):
+class SearchOptions(Keyed):
     """How to search; see :func:`floatplan.plan`.
 
     Attributes
@@ -42,21 +43,13 @@ class SearchOptions(Checked):
         A number is none, or out of its range; or ``progress`` cannot be called.
     """
 
-    seed: int = 0
-    starts: int = 1
-    budget: float | None = None
-    progress: Callable[[str], None] | None = None
+    seed: Annotated[int, SEED] = 0
+    starts: Annotated[int, whole(Range(1, MOST_SOLVED, ""))] = 1
+    budget: Annotated[float | None, optional(positive(unit="s"))] = None
+    progress: Annotated[Callable[[str], None] | None, optional(function)] = None
     patience: float | None = None
-    attempts: int | None = None
+    attempts: Annotated[int | None, optional(whole(Range(1, ATTEMPTS, "")))] = None
     near_miss: bool = True
-
-    checks: ClassVar[Mapping[str, Check]] = {
-        "seed": SEED,
-        "starts": whole(Range(1, MOST_SOLVED, "")),
-        "budget": optional(positive(unit="s")),
-        "progress": optional(function),
-        "attempts": optional(whole(Range(1, ATTEMPTS, ""))),
-    }
 
     @property
     def work(self) -> float:

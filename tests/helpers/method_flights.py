@@ -11,7 +11,8 @@ from floatplan.arrays import Array
 from floatplan.method.planner import solve
 from floatplan.method.program import Program
 from floatplan.method.sqp import Solution
-from floatplan.motion.sine_polynomial import CONDITIONS, basis
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.sine_polynomial import basis
 
 
 def at_motion(plan: fp.Plan) -> tuple[Program, Array]:

@@ -10,9 +10,9 @@ from plain_problems import plain_problems
 import floatplan as fp
 from floatplan.method.dynamics import Dynamics
 from floatplan.method.motion import Motions
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.motion.planar.full_model import PinocchioDynamics
-from floatplan.motion.sine_polynomial import CONDITIONS
 
 STATES = 20  # random ones of a robot
 STEP = 1e-6  # of differences
