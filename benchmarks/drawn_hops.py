@@ -155,7 +155,7 @@ class Body:
                 if word in joint:
                     joints[column] = angle
         feet = {self.model.frames[frame].parentJoint for frame in self.frames}
-        poses = body_poses(self.model, np.zeros((1, 3)), np.eye(3)[None], joints[None])
+        poses = body_poses(self.robot, np.zeros((1, 3)), np.eye(3)[None], joints[None])
         solids = [solid for solid in self.robot.solids if solid.body in feet]
         lowest = min(lowest_point(poses, [solid for solid in solids if solid.body == body])[0, 2] for body in feet)
         configuration = np.concatenate(([0.0, 0.0, -lowest, 0.0, 0.0, 0.0, 1.0], joints))
@@ -290,6 +290,17 @@ def draw_hop(name: str, rng: np.random.Generator) -> Hop | None:
     return Hop(body.robot, takeoff, landing, landing + stance + STANDING, parts)
 
 
+def draw_hops(name: str, count: int) -> list[Hop]:
+    """So many hops of a robot, with the seed 0."""
+    rng = np.random.default_rng(0)
+    hops: list[Hop] = []
+    while len(hops) < count:
+        hop = draw_hop(name, rng)
+        if hop is not None:
+            hops.append(hop)
+    return hops
+
+
 def _part(begin: float, end: float, configurations: Array) -> tuple[float, float, CubicSpline]:
     """The curve through configurations (K, 7 + J) at equal steps of time."""
     smooth = configurations.copy()
@@ -315,22 +326,34 @@ def _frame_times(duration: float, fps: float) -> Array:
     return np.arange(int(duration * fps) + 1) / fps
 
 
-def several(hops: Sequence[Hop], fps: float) -> Clip:
-    """Return hops one after the other, each from where the one before ended."""
+def in_a_row(hops: Sequence[Hop], fps: float, factor: float, stance: float, between: float) -> Clip:
+    """Hops one after the other, whose flights are slower by a factor in time.
+
+    Parameters
+    ----------
+    stance : s, that is left of each hop before and after its flight
+    between : s, from the end of one hop to the posture in which the next begins
+    """
     rows: list[Array] = []
     for hop in hops:
-        q = hop.configurations(_frame_times(hop.duration, fps))
+        q = stretched(hop, fps, factor).configurations
+        first = int((hop.takeoff - stance) * fps)
+        last = int((hop.landing + (factor - 1) * hop.flight + stance) * fps)
+        part = q[first : last + 1].copy()
         if rows:
-            q = _moved(q, rows[-1][-1])
-        rows.append(q)
+            part[:, :2] += rows[-1][-1, :2] - part[0, :2]
+            rows.append(_from_to(rows[-1][-1], part[0], int(between * fps)))
+        rows.append(part)
     return clip_of(hops[0], fps, np.concatenate(rows))
 
 
-def _moved(q: Array, end: Array) -> Array:
-    """Configurations (K, 7 + J) moved along the ground to where others ended."""
-    moved = q.copy()
-    moved[:, :2] += end[:2] - q[0, :2]
-    return moved
+def _from_to(first: Array, last: Array, count: int) -> Array:
+    """So many configurations (count, 7 + J) between two."""
+    ends = np.stack([first, last])
+    ends[:, 3:7] = continuous_signs(ends[:, 3:7])
+    s = np.arange(1, count + 1)[:, None] / (count + 1)
+    share = s**2 * (3 - 2 * s)
+    return np.asarray(ends[0] + share * (ends[1] - ends[0]))
 
 
 def rounded(clip: Clip, digits: int = 4) -> Clip:

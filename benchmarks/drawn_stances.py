@@ -18,7 +18,7 @@ import numpy as np
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.jumps.check import judged, stance_figures
-from floatplan.jumps.contacts import Contact, contact_at
+from floatplan.jumps.contacts import GroundContact, contact_at
 from floatplan.jumps.exact import OnePoint, StanceDynamics
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.model import PlanarModel, casadi
@@ -79,7 +79,7 @@ class Drawing:
         source, *feet = ROBOTS[name]
         self.robot = fp.Robot.from_urdf(f"example-robot-data:{source}", coupled="mirror", reference="standing")
         wanted = np.append(0.0, self.robot.resting)
-        self.feet: tuple[Contact, ...] = tuple(contact_at(self.robot, each, wanted)[0] for each in feet)
+        self.feet: tuple[GroundContact, ...] = tuple(contact_at(self.robot, each, wanted)[0] for each in feet)
         limits = np.vstack((np.zeros(2), self.robot.position_limits))
         found = standing_posture(self.robot, self.feet, wanted, limits)
         assert found is not None
@@ -95,7 +95,7 @@ class Drawing:
         moment = self.alone.moment(model.y, model.v, model.a, np.zeros(0))
         self._carried = model.function("carried", [fx, fz, moment, model.momentum(), *com])
         weights = model.weights([front], rear)
-        place = casadi().vertcat(*model.com_from(rear), *model.places(weights))
+        place = casadi().vertcat(*model.com_from(rear), *model.positions(weights))
         rate = casadi().jtimes(place, model.y, model.v)
         parts = [place, casadi().vec(casadi().jacobian(place, model.y)), casadi().jtimes(rate, model.y, model.v)]
         self._task = model.function("task", [casadi().vertcat(*parts)])

@@ -15,7 +15,6 @@ from sampled_flight import PlanarBaseMotion, Trajectory, sample_nodes, trajector
 
 import floatplan as fp
 from floatplan.motion.flight import flight_of
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.problem.parts import Obstacle
@@ -80,7 +79,7 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
         goal=fp.Posture(turn, postures[1]),
         flight=fp.Flight(duration=float(rng.uniform(0.8, 1.6)), horizontal_velocity=float(rng.uniform(-1, 2))),
     )
-    low, high = angular_momentum_interval(problem)
+    low, high = problem.momentum_interval
     momentum = float((low + high) / 2 + share * (high - low) / 2)
     flight = replace(problem.flight, angular_momentum=momentum)
     problem = replace(problem, flight=flight)

@@ -17,7 +17,6 @@ import numpy as np
 from forward_problems import Drawn, draw, obstacle_between
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.tables import OBJECTIVES
 
 KINDS = ("torque", "torque and velocity", "obstacles", "torque and obstacle")
@@ -94,7 +93,7 @@ class Scan:
 
 def scan(problem: fp.Problem, given: int = SCANNED, budget: float | None = None) -> Scan:
     """Plan a problem with ``given`` values of h, spread over (9) and somewhat beyond."""
-    low, high = angular_momentum_interval(problem)
+    low, high = problem.momentum_interval
     middle, reach = (low + high) / 2, BEYOND * (high - low) / 2
     plans = [
         timed(replace(problem, flight=replace(problem.flight, angular_momentum=float(h))), budget)

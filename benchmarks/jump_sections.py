@@ -16,7 +16,7 @@ from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
 from floatplan.jumps.check import judged
-from floatplan.jumps.planner import ROOM
+from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
@@ -105,7 +105,7 @@ def jump_section(counts: Counts) -> None:
     shown = [figures.get(name, np.nan) for name in ("torque", "velocity", "residual")]
     table(header, [[found.ok, seconds, JUMP_BAR, *shown, seam]])
     setup = jump_setup(found.problem, found.request)
-    program, rows = setup.program(ROOM), []
+    program, rows = setup.program(MARGINS), []
     for seed in range(1, counts.guesses + 1):
         began = time.process_time()
         solution = program.solve(program.guess(np.random.default_rng(seed)))

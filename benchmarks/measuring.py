@@ -55,6 +55,8 @@ class Counts:
     in_space: int = 100
     peers_in_space: int = 1
     clips: int = 300
+    repairs: int = 300
+    clip_landings: int = 6  # hops of each robot
     guarded: int = 10**9  # of each set: all of them
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
@@ -82,6 +84,8 @@ QUICK = Counts(
     in_space=6,
     peers_in_space=0,
     clips=18,
+    repairs=12,
+    clip_landings=1,
     guarded=60,
 )
 

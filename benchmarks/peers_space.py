@@ -17,8 +17,8 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.motion.flight import flight_of
-from floatplan.motion.spatial.goal import attitude_of
 from floatplan.motion.spatial.rotations import of_angles
+from floatplan.problem.attitude import required
 
 CELLS, DEGREE = 16, 4
 MOST_SECONDS = 60.0
@@ -112,7 +112,7 @@ def solve(problem: fp.Problem) -> tuple[bool, float]:
 
 def guessed(problem: fp.Problem, s: np.ndarray) -> np.ndarray:
     """States (K, 4 + 2 n) at instants (K,) of [0, 1]: the base turns evenly, as often as is asked."""
-    start, goal = attitude_of(problem.initial), attitude_of(problem.final)
+    start, goal = required(problem.initial.attitude), required(problem.final.attitude)
     if goal.axes is None:
         turn = Rotation.from_matrix(goal.matrix @ start.matrix.T).as_rotvec()
         attitudes = Rotation.from_rotvec(s[:, None] * turn) * Rotation.from_matrix(start.matrix)

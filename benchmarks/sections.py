@@ -1,8 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump hops launch contact space clips guard; all of
-them where none is named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump hops launch contact space clips clip-repair
+clip-landings guard; all of them where none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
+from clip_landings import clip_landings
+from clip_repair_section import clip_repair
 from clip_section import clips
 from constraint_sections import forward, obstacle, witness
 from guard import guard
@@ -50,6 +52,8 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "contact": contact,
     "space": space,
     "clips": clips,
+    "clip-repair": clip_repair,
+    "clip-landings": clip_landings,
     "guard": guard,
 }
 

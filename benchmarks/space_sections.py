@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 from measuring import PROBLEMS, Counts, heading, table
+from obstructed_in_space import least_seen, obstructed
 
 import floatplan as fp
 from floatplan.arrays import Array
@@ -18,7 +19,7 @@ from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.planning.variables import decision_variables
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.spatial_motion import SpatialMotion, angle_between
+from floatplan.simulation.spatial_motion import RecordedSpatialMotion, angle_between
 
 URDF = PROBLEMS.parent / "urdf"
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
@@ -147,10 +148,32 @@ def space(counts: Counts) -> None:
         print(f"  {name}: not found, seeds {missed}" if missed else f"  {name}: all found")
         rows.append([name, solved, len(seconds), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist()])
     table(["class", "found", "of", "s of the processor, median", "p90", "at most"], rows)
+    _past_obstacles(counts)
     _within_limits(counts.in_space)
     _exactness(counts.in_space)
     if counts.peers_in_space:
         _beside_ipopt(counts.peers_in_space)
+
+
+def _past_obstacles(counts: Counts) -> None:
+    """Where drawn motions are clear of obstacles and of themselves: how many are planned, and how clear they are."""
+    problems = list(obstructed(counts.in_space))
+    seconds, least, missed = [], [], []
+    for problem in problems:
+        began = time.process_time()
+        plan = fp.plan(problem)
+        seconds.append(time.process_time() - began)
+        if plan.ok:
+            least.append(least_seen(plan, counts.instants))
+        else:
+            missed.append(problem.name)
+    found = len(problems) - len(missed)
+    worst = min(least, default=np.inf)
+    row = ["past obstacles", found, len(problems), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist(), worst]
+    head = ["", "found", "of", "s, median", "p90", "at most", f"least distance of {counts.instants} instants, m"]
+    table(head, [row])
+    if missed:
+        print(f"  not found: {', '.join(missed)}")
 
 
 def _within_limits(count: int) -> None:
@@ -203,7 +226,9 @@ def _exactness(count: int) -> None:
             for key in ("velocities", "accelerations")
         ]
         flown, tracked = fp.replay(plan), fp.replay(plan, feedback=TRACKED / plan.duration)
-        by_equation = SpatialMotion(plan.record, reduced_model(plan.robot, float(plan.record.com["gravity"]))).attitude
+        by_equation = RecordedSpatialMotion(
+            plan.record, reduced_model(plan.robot, float(plan.record.com["gravity"]))
+        ).attitude
         turned = max(
             angle_between(by_equation(time), own) for time, own in zip(state.times, state.orientation, strict=True)
         )

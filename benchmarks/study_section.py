@@ -118,7 +118,7 @@ def _turn(asked: Path, folder: Path, family: fp.Family) -> _Turn:
 def _alone(family: fp.Family) -> Iterator[dict[str, float]]:
     """Plan a study's rows once more in few calls, as far as it has come; add up their seconds of the processor."""
     total = {"seconds": 0.0}
-    keep = StudyFolder.keep
+    keep = StudyFolder.save
     planned = 0
 
     def keep_and_plan(folder: StudyFolder, first: int, stop: int, content: bytes) -> None:
@@ -130,5 +130,5 @@ def _alone(family: fp.Family) -> Iterator[dict[str, float]]:
             planned = min(planned + CALL, stop)
         total["seconds"] += time.process_time() - began
 
-    with patch.object(StudyFolder, "keep", keep_and_plan):
+    with patch.object(StudyFolder, "save", keep_and_plan):
         yield total

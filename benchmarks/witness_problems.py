@@ -21,9 +21,7 @@ from witness_robots import witness_robot
 import floatplan as fp
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import flight_of
-from floatplan.motion.planar.bounds import angular_momentum_interval
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
-from floatplan.motion.planar.closed_form import ballistics
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.planning.variables import DecisionVariables, decision_variables
@@ -123,7 +121,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
         motion=fp.Motion(_degree(rng, n), OBJECTIVES[rng.choice(len(OBJECTIVES))]),
         name=name,
     )
-    bounds = angular_momentum_interval(problem)
+    bounds = problem.momentum_interval
     kind: Any = rng.choice(["given", "midpoint", "free"], p=[0.5, 0.2, 0.3]).item()
     branches = np.zeros((2, n), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
@@ -137,7 +135,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
 
     momentum = float(rng.uniform(*bounds))
     if kind == "midpoint":
-        at = [sum(angular_momentum_interval(flown(value))) / 2 - value for value in (0.0, 1.0)]  # linear in h
+        at = [sum(flown(value).momentum_interval) / 2 - value for value in (0.0, 1.0)]  # linear in h
         momentum = at[0] / (at[0] - at[1])
     solved = flown(momentum)
     turn = abs(solved.final.orientation - solved.initial.orientation)
@@ -212,8 +210,8 @@ def _as_plan(problem: Problem, variables: DecisionVariables, z: np.ndarray, mome
         amplitude=polynomials.amplitude,
         coefficients=np.array(polynomials.powers_of_seconds(free)),
         angular_momentum=momentum,
-        angular_momentum_bounds=angular_momentum_interval(problem),
-        ballistics=ballistics(problem),
+        angular_momentum_bounds=problem.momentum_interval,
+        ballistics=problem.path,
         status="feasible",
         ok=True,
         explanation="drawn",

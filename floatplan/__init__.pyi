@@ -54,6 +54,10 @@ from floatplan.problem.parts import Posture as Posture
 from floatplan.problem.parts import SelfClearance as SelfClearance
 from floatplan.problem.parts import Takeoff as Takeoff
 from floatplan.problem.problem import Problem as Problem
+from floatplan.problem.spatial_obstacles import Box as Box
+from floatplan.problem.spatial_obstacles import Capsule as Capsule
+from floatplan.problem.spatial_obstacles import HalfSpace as HalfSpace
+from floatplan.problem.spatial_obstacles import Sphere as Sphere
 from floatplan.robot.robot import Coupling as Coupling
 from floatplan.robot.robot import Payload as Payload
 from floatplan.robot.robot import Robot as Robot

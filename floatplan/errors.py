@@ -91,6 +91,14 @@ class InputError(FloatplanError, ValueError):
         return InputError(self.reason, source=source or self.source, element=inner, advice=self.advice)
 
 
+class InstallationError(InputError):
+    """What is installed is not complete: no file that the user gave is at fault."""
+
+    def within(self, source: str | Path | None = None, element: str | None = None) -> InstallationError:
+        """Return the same error: no file or element is added."""
+        return self
+
+
 class ProblemError(InputError):
     """All that is wrong with a problem, one thing a line.
 

@@ -312,7 +312,8 @@ def tables(part: type[Keyed], place: str = "") -> dict[str, tuple[type[Keyed], s
     for name, key in part.keys.items():
         for inner, inside in _parts_in(part.hints[name], f"{place}.{in_files(name)}".lstrip(".")):
             for kind, known in vars(inner).get("kinds", {}).items():
-                found[f"{inside.removesuffix('[]')}[{kind}]"] = known, known.about
+                of_kind = f"{inside.removesuffix('[]')}[{kind}]"  # one kind may be of two classes: here and in space
+                found[of_kind if of_kind not in found else of_kind.replace("]", " in space]")] = known, known.about
             if "kinds" not in vars(inner):
                 found |= {inside: (inner, getattr(inner, "about", key.meaning)), **tables(inner, inside)}
     return found

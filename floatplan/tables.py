@@ -18,6 +18,8 @@ ROUNDED_REST = 1e-4  # [m/s] of one whose rates a file gives in six digits: an u
 PLACE = 1e-8  # [m] takeoff frame, landing frame
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
 RANGE = 1e-12  # [rad] of joint ranges
+STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined
+A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
 
 REST = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
 

@@ -33,7 +33,7 @@ SHOWN = {  # the pages' order
     "Many flights": ("sweep", "study", "library"),
     "Is it true?": ("certificate", "mujoco_playback", "in_flight"),
     "From standing to standing": ("jump", "fly_a_go2"),
-    "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion"),
+    "With others": ("from_mjcf", "pinocchio_interop", "ros_trajectory", "reference_motion", "repair_a_clip"),
     "How it works": ("bounds_by_hand", "the_method"),
 }
 DRAWN_ELSEWHERE = {

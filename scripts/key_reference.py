@@ -53,7 +53,8 @@ def _heading(place: str) -> str:
     if not place:
         return "Top of the file"
     if place.startswith("obstacles["):
-        return f'`[[obstacles]]` with `kind = "{place.removeprefix("obstacles[").removesuffix("]")}"`'
+        kind, in_space, _ = place.removeprefix("obstacles[").removesuffix("]").partition(" in space")
+        return f'`[[obstacles]]` with `kind = "{kind}"`{in_space}'
     if place.endswith("[]"):
         return f"`[[{place.removesuffix('[]')}]]`"
     return f"`[{place.replace('vary.*', 'vary.PATH').replace('*', 'JOINT')}]`"

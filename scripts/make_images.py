@@ -10,7 +10,9 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,11 +20,20 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
+from floatplan.clips.curve import centre_of_mass
 from floatplan.files import write_atomically
 from floatplan.view.charts import charts
 from floatplan.view.figures.figures import draw_panel, figures, sample
-from floatplan.view.figures.snapshots import draw_flight, draw_surroundings, frame_box, moments, plan_names
-from floatplan.view.outlines import picture_box, postures, snapshot_times
+from floatplan.view.figures.snapshots import (
+    draw_flight,
+    draw_posture,
+    draw_surroundings,
+    frame_box,
+    moments,
+    plan_names,
+)
+from floatplan.view.outlines import Postures, picture_box, postures, seen_robot, snapshot_times
+from floatplan.view.solids import CAMERA
 from floatplan.view.style import GREY, new_figure, palette, styled
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -38,6 +49,12 @@ GALLERY = {
     "falling_cat": "falling cat, h = 0",
 }
 SHOWN = {"obstacle": "obstacle", "go2": "gallery/go2"}
+SLOWER = 1.4  # [-] a clip's flight
+FPS = 50  # [Hz] its frames
+BETWEEN = 0.08  # [s] from one posture to the next
+POSTURES = 9  # [-]
+APART = 0.75  # [m] in the picture
+LOWEST, HIGHEST = -0.25, 1.0  # [m] in the picture
 SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 
 
@@ -69,6 +86,7 @@ def pictures() -> None:
         go2 = jump_of("go2")
         save(jump_picture(go2), IMAGES / "jump_go2.png")
         go2.animate(IMAGES / "jump_go2.gif", speed=1.0)  # at the top of README
+        save(clip_picture(go2), IMAGES / "clip_repair.png")
         save(rendered(flight(plan_of("handstand"))), IMAGES / "handstand.png")
         save(rendered(flight(plan_of("obstacle"), without_obstacles("obstacle"))), IMAGES / "obstacle.png")
         save(rendered(gallery({title: plan_of(name) for name, title in GALLERY.items()})), IMAGES / "flights.png")
@@ -143,6 +161,39 @@ def jump_picture(jump: fp.Jump) -> Image.Image:
     drawn = jump.figures()
     curves = sheet([[rendered(drawn[name])] for name in ("forces", "torque_use")])
     return sheet([[rendered(moments(jump, flying=5)), curves]])
+
+
+def clip_picture(jump: fp.Jump) -> Image.Image:
+    """A jump as a clip whose flight is played too slowly, and its repair: both at the same steps of time."""
+    (flight,) = (phase for phase in jump.phases if not phase.contacts)
+    longer = (SLOWER - 1) * (flight.end - flight.begin)
+    times = np.arange(int((jump.duration + longer) * FPS)) / FPS
+    of_clip = [0, flight.begin, flight.end + longer, jump.duration + longer]
+    of_jump = [0, flight.begin, flight.end, jump.duration]
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "clip.csv"
+        np.savetxt(path, jump.q(np.interp(times, of_clip, of_jump)), delimiter=",")
+        clip = fp.load_clip(path, model=jump.robot.path, fps=FPS, quaternion="xyzw")
+    repaired, _ = fp.repair_clip(clip)
+    figure = new_figure(7.6, 3.4)
+    for axes, (name, each) in zip(figure.subplots(2, 1), (("clip", clip), ("repaired", repaired)), strict=True):
+        (judged,) = fp.check_clip(each).flights
+        since = BETWEEN * np.arange(-1, POSTURES - 1, dtype=np.float64)
+        placed = seen_clip(each, judged.flight.begin + since)
+        for index, passed in enumerate(since):
+            middle = APART * index
+            draw_posture(axes, placed, index, strength=1.0, zorder=3, shift=middle - placed.com[index].real)
+            axes.text(middle, LOWEST, f"{passed:+.2f} s", fontsize=6, ha="center")
+        axes.set_title(f"{name}: {judged.verdict}, falls at {judged.fall.fall:.2f} m/s²", fontsize=8)
+        axes.set_axis_off()
+        frame_box(axes, -APART / 2 + 1j * LOWEST, APART * (POSTURES - 0.5) + 1j * HIGHEST)
+    return rendered(figure)
+
+
+def seen_clip(clip: fp.Clip, times: Array) -> Postures:
+    poses = clip.curve.poses(times)
+    com = centre_of_mass(clip.robot, poses)
+    return seen_robot(clip.robot, times, poses, CAMERA(com))
 
 
 def space_picture(names: Sequence[str]) -> Image.Image:

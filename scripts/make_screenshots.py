@@ -119,7 +119,7 @@ def photograph_studio(browser: Any, problem: fp.Problem, path: Path, share: floa
     with closing(Studio(problem, port=0)) as studio:
         page = Page(browser, studio)
         page.wait_for("proved", after=0)
-        answer = studio.session.view.answer
+        answer = studio.session.view.result
         assert answer is not None
         studio.player.seek(share * answer.motion.duration)
         if problem.jump is None:

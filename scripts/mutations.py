@@ -1,8 +1,9 @@
 """Tamper with plans at random and count what the certificate says: no false proof is allowed.
 
-Usage: ``python scripts/mutations.py [COUNT] [SEED] [PROCESSES]`` (default: 10000 mutations, seed 1, one process). The
-judge (``tests/proof_judge.py``) evaluates each motion at 20 001 instants and shares no code with the proof: doubles
-decide where a violation is beyond 1e-9 of its unit, 50 digits near it. Exit 1 where a violated plan was proved, or
+Usage: ``python scripts/mutations.py [COUNT] [SEED] [PROCESSES] [plane|space]`` (default: 10000 mutations, seed 1, one
+process, in a plane). The judge (``tests/helpers/proof_judge.py``) evaluates each motion at 20 001 instants and shares
+no code with the proof: doubles decide where a violation is beyond 1e-9 of its unit, 50 digits near it. In space
+(``tests/helpers/space_mutations.py``) Pinocchio and DOP853 fly the motion. Exit 1 where a violated plan was proved, or
 fewer than 99 % of the valid ones were.
 """
 
@@ -23,12 +24,16 @@ sys.path[:0] = [str(Path(__file__).parents[1] / name) for name in ("tests/helper
 from proof_judge import Judge  # noqa: E402
 from proof_mutations import base_plans, mutate  # noqa: E402
 from proof_records import certify_record  # noqa: E402
+from space_mutations import base_plans as space_plans  # noqa: E402
+from space_mutations import judge as judge_in_space  # noqa: E402
+from space_mutations import mutate as mutate_in_space  # noqa: E402
 
+from floatplan.errors import InputError  # noqa: E402
 from floatplan.plans.record import PlanRecord  # noqa: E402
 
 BATCH = 50
 KEPT = 0.99
-WRONG = {("invalid", "proved"), ("valid", "refuted"), ("valid", "undecided")}
+WRONG = {("invalid", "proved"), *(("valid", said) for said in ("refuted", "undecided", "refused"))}
 
 
 @cache
@@ -51,12 +56,32 @@ def batch(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, st
     return counts, judge.sharp_values
 
 
-def main(count: int = 10_000, seed: int = 1, processes: int = 1) -> int:
+def batch_in_space(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, str]], int]:
+    """The same of flights in space, without 50 digits."""
+    rng = np.random.default_rng([seed, number])
+    counts: Counter[tuple[str, str, str]] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        bases = space_plans(folder)
+        for index in range(size):
+            case = mutate_in_space(rng, bases[index % len(bases)], Path(folder))
+            truth = judge_in_space(case.record)
+            try:
+                said: str = certify_record(case.record).verdict
+            except InputError:
+                said = "refused"
+            counts[case.kind, truth, said] += 1
+            if (truth, said) in WRONG:
+                print(f"batch {number}, mutation {index}: {case.kind} is {truth} and was {said}", flush=True)
+    return counts, 0
+
+
+def main(count: int = 10_000, seed: int = 1, processes: int = 1, where: str = "plane") -> int:
     """Print the counts of all batches."""
     began, counts, sharp = time.perf_counter(), Counter[tuple[str, str, str]](), 0
     sizes = [min(BATCH, count - first) for first in range(0, count, BATCH)]
+    of_batch = {"plane": batch, "space": batch_in_space}[where]
     with ProcessPoolExecutor(processes) as pool:
-        for number, (some, values) in enumerate(pool.map(batch, [seed] * len(sizes), range(len(sizes)), sizes)):
+        for number, (some, values) in enumerate(pool.map(of_batch, [seed] * len(sizes), range(len(sizes)), sizes)):
             counts, sharp = counts + some, sharp + values
             print(f"{sum(sizes[: number + 1])} in {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     for (kind, truth, said), times in sorted(counts.items()):
@@ -70,4 +95,5 @@ def main(count: int = 10_000, seed: int = 1, processes: int = 1) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:4])))
+    numbers = dict(zip(("count", "seed", "processes"), map(int, sys.argv[1:4]), strict=False))
+    sys.exit(main(**numbers, where=sys.argv[4] if len(sys.argv) > 4 else "plane"))

@@ -30,9 +30,9 @@ from studio_insides import logged_errors, process_ids
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
-from floatplan.studio.answers import COLUMNS, ROWS
 from floatplan.studio.page import Studio
-from floatplan.studio.session import Part
+from floatplan.studio.session import Document
+from floatplan.studio.tasks import COLUMNS, ROWS
 from floatplan.tables import OBJECTIVES
 
 GENTLY = np.radians(4.0)  # [rad] that they turn a joint by, at most
@@ -73,7 +73,7 @@ class Drags:
         self.studio.actions.wait(PATIENCE)
         self.session.wait(lambda view: view.is_current, PATIENCE)
         self.studio.painter.wait(PATIENCE)
-        flown = self.session.view.answer
+        flown = self.session.view.result
         found = flown is not None and flown.plan.ok
         return time.perf_counter() - begin, processor_seconds(self.studio) - spent, found
 
@@ -101,7 +101,7 @@ class Drags:
         end, part = str(self.rng.choice(["start", "goal"])), int(self.rng.integers(len(self.base.robot.joints) + 1))
         for step in range(int(self.rng.integers(2, 12))):
             place = complex(*self.rng.normal(0.0, 10.0 ** self.rng.uniform(-3, 1), 2))
-            self.stage.turn(end, part, place, begins=step == 0)
+            self.stage.rotate(end, part, place, begins=step == 0)
 
     def slide(self) -> None:
         """Move a slider, also to where nothing can be."""
@@ -152,7 +152,7 @@ class Drags:
 
     def save(self) -> None:
         """Save problem and plan."""
-        parts: tuple[Part, ...] = ("problem", "plan")
+        parts: tuple[Document, ...] = ("problem", "plan")
         for part in parts:
             self.session.save(part, self.folder)
 

@@ -144,9 +144,9 @@ def floatplan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 @pytest.fixture
 def little_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Searches end after less work than usual: the same on every machine, unlike a budget of seconds."""
-    from floatplan.planning import options
+    from floatplan.planning import search
 
-    monkeypatch.setattr(options, "DEFAULT_WORK", options.DEFAULT_WORK / LITTLE)
+    monkeypatch.setattr(search, "DEFAULT_WORK", search.DEFAULT_WORK / LITTLE)
 
 
 @pytest.fixture(scope="session")

@@ -57,6 +57,8 @@ EXPECTED = {
     "contact": "on feet alone",
     "space": "drawn motions",
     "clips": "false alarms: 0 in 9",
+    "clip-repair": "true hops that come back as they are: 4 of 4",
+    "clip-landings": "in 18 at least, repaired",
     "guard": "most worse",
 }
 LONG = {
@@ -71,16 +73,15 @@ LONG = {
     "launch",
     "contact",
     "space",
+    "clip-repair",
+    "clip-landings",
     "guard",
 }
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))
 def test_section_runs(
-    section: str,
-    benchmark: ModuleType,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    section: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tiny = benchmark.Counts(
         turns=1,
@@ -104,6 +105,8 @@ def test_section_runs(
         in_space=1,
         peers_in_space=0,
         clips=3,
+        repairs=4,
+        clip_landings=1,
         guarded=1,
         chains=(3,),
         long_chains=(3, 4),
@@ -140,24 +143,6 @@ def test_a_peer_reaches_the_optimum(
     answer = pkgutil.resolve_name(peer)(plan.problem, NODES_OF_A).solve()
     assert answer.solved
     np.testing.assert_allclose(answer.coefficients, plan.coefficients, rtol=0, atol=SAME_OPTIMUM * answer.norm)
-
-
-@pytest.mark.usefixtures("compiler")
-def test_compiled_sqp_says_when_it_has_not_converged(
-    planned: Callable[[str], fp.Plan], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    import peers_compiled
-
-    monkeypatch.setattr(peers_compiled, "MOST_ITERATIONS", 2)
-    assert not peers_compiled.CompiledSqp(planned("new_configuration").problem, NODES_OF_A).solve().solved
-
-
-@pytest.mark.usefixtures("benchmark")
-def test_compiled_sqp_refuses_what_is_not_written_out(planned: Callable[[str], fp.Plan]) -> None:
-    from peers_compiled import CompiledSqp
-
-    with pytest.raises(TypeError, match="without constraints"):
-        CompiledSqp(planned("torque_limited").problem)
 
 
 @pytest.mark.usefixtures("benchmark")

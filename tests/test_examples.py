@@ -40,6 +40,7 @@ PROMISED = {
     "pinocchio_interop": "nothing pushes the base",
     "ros_trajectory": "with accelerations too",
     "reference_motion": "89 frames, 50 a second",
+    "repair_a_clip": "retime: physical, falls at 9.81 m/s^2",
     "from_mjcf": "optimal, proved",
     "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
     "the_method": "|b| = 25.0411",
@@ -51,10 +52,11 @@ EXTRAS = {
     "library": ("pyarrow",),
     "mujoco_playback": ("mujoco",),
     "reference_motion": ("casadi",),
+    "repair_a_clip": ("casadi",),
     "ros_trajectory": ("yaml",),
     "study": ("pyarrow",),
 }
-LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "ros_trajectory", "study"}
+LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"}
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ PACKAGE = Path(floatplan.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (33_700, 26_500),
+    "statements": (38_000, 26_500),
     "statements of the largest file": (405, 405),
     "packs `a, b = x, y` per 1000 lines": (11.5, 4),
     "comprehensions per 1000 lines": (39.6, 25),

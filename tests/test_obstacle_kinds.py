@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
-from floatplan.inflight.prediction import distance_rows
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
-from floatplan.motion.planar.flight import planar_flight
-from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, SumRows
-from floatplan.plans.record import OBSTACLES
+from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES
+from floatplan.plans.record import OBSTACLES, OBSTACLES_IN_SPACE
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, SpatialObstacle
 from floatplan.view.outlines import OUTLINES
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "problems" / "new_configuration.toml"
@@ -28,18 +25,6 @@ OF_KINDS = {
     "pages of maps": re.findall(r'^  "?([\w-]+)"?: \(\{', MAPS.split("const CAPSULES = {")[1].split("\n};")[0], re.M),
 }
 OF_PIECES = {"motion": OBSTACLE_DISTANCES, "pictures": OUTLINES}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Unknown:
-    """Stands for an obstacle of a shape that the kernel does not know."""
-
-    kind: str = "unknown"
-    margin: float = 0.0
-
-    @property
-    def pieces(self):
-        return (self,)
 
 
 @pytest.mark.parametrize("room", OF_KINDS)
@@ -56,38 +41,27 @@ def test_every_room_knows_what_every_kind_is_made_of(room, kind):
     assert example.where
 
 
-def planar_rows(blocks):
-    problem = fp.load_problem(EXAMPLE)
-    return PlanarRows(problem.robot.tree, blocks, flight=planar_flight(problem))
-
-
-def test_the_kernel_says_which_limit_it_does_not_know():
-    with pytest.raises(TypeError, match="the kernel knows no limits of powers"):
-        planar_rows([SumRows(np.ones(1), {"powers": np.ones((1, 2))})])
-
-
-def test_the_kernel_says_which_obstacle_it_does_not_know():
-    with pytest.raises(AssertionError, match="the kernel knows no obstacles of kind 'unknown'"):
-        planar_rows([DistanceRows(Unknown(), 0.0, 1.0)])
-
-
-def test_corrections_in_flight_refuse_an_obstacle_that_they_do_not_know():
-    problem = SimpleNamespace(obstacles=(Unknown(),), ground=False, self_clearances=())
-    with pytest.raises(fp.InputError, match="corrections in flight do not know obstacles of kind 'unknown'"):
-        distance_rows(problem, ())
-
-
-def test_every_class_is_a_kind():
-    assert set(OBSTACLE_KINDS.values()) == set(Obstacle.__subclasses__())
-
-
 @pytest.mark.parametrize("kind", OBSTACLE_KINDS)
 def test_plan_files_hold_every_field_of_its_own(kind):
     own = OBSTACLE_KINDS[kind].keys.keys() - Obstacle.keys.keys()
     assert OBSTACLES[kind].keys() == own
 
 
+def test_every_room_knows_every_kind_in_space():
+    assert SPATIAL_DISTANCES.keys() == OBSTACLES_IN_SPACE.keys() == SPATIAL_OBSTACLE_KINDS.keys()
+    for kind, known in SPATIAL_OBSTACLE_KINDS.items():
+        assert OBSTACLES_IN_SPACE[kind].keys() == known.keys.keys() - SpatialObstacle.keys.keys()
+
+
 @pytest.mark.parametrize("other", [Obstacle(), "circle"])
 def test_a_problem_refuses_other_kinds(other):
-    with pytest.raises(fp.InputError, match=r"obstacles\[0\].*is not a Circle, HalfPlane or Bar"):
+    kinds = "Circle, HalfPlane, Bar, Sphere, Capsule, HalfSpace or Box"
+    with pytest.raises(fp.InputError, match=rf"obstacles\[0\].*is not a {kinds}"):
         replace(fp.load_problem(EXAMPLE), obstacles=(other,))
+
+
+def test_a_problem_in_a_plane_refuses_kinds_of_space():
+    with pytest.raises(
+        fp.InputError, match=r"obstacles\[0\].*a Sphere is for flights in space.*Circle, HalfPlane or Bar"
+    ):
+        replace(fp.load_problem(EXAMPLE), obstacles=(fp.Sphere(center=(0, 0, 3), radius=0.2),))

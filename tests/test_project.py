@@ -44,13 +44,6 @@ def test_imports_are_light(code: str) -> None:
     assert not set(HEAVY) & set(loaded)
 
 
-def test_help_imports_nothing_heavy() -> None:
-    code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
-    output = python("-c", code, "--help").split()
-    assert {"Usage:", "plan", "info", "bounds"} <= set(output)
-    assert not set(HEAVY) & set(output)
-
-
 def test_a_plan_imports_only_what_it_uses(tmp_path: Path) -> None:
     (tmp_path / "plan.json").touch()  # of an older run, of which pictures and other formats may have been made
     code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
@@ -127,16 +120,6 @@ def test_files_that_the_guide_names_are_there() -> None:
     package = [path.as_posix() for path in (ROOT / "floatplan").rglob("*.py")]
     for name in re.findall(r"`([\w/]+\.py)`", guide):
         assert (ROOT / name).is_file() or any(path.endswith(f"/{name}") for path in package), name
-
-
-def test_no_module_hides_the_function_plan() -> None:
-    code = "import floatplan, floatplan.planning.planner, floatplan.cli; print(callable(floatplan.plan))"
-    assert python("-c", code).strip() == "True"
-
-
-def test_other_names_are_not() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'fly'"):
-        floatplan.fly  # noqa: B018
 
 
 def test_the_version_is_the_project_s() -> None:

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ ANSWERS = """
 import json, sys
 import floatplan as fp
 from floatplan.inflight import authority
-authority.SHARES, authority.STEP = (0.0, 0.6), 0.1
+authority.LARGEST = 0.02
 folder, problem = sys.argv[1:]
 plan = fp.load_plan(fp.plan(fp.load_problem(problem), prove=True).save(f"{folder}/plan.json"))
 content = json.load(open(f"{folder}/plan.json"))
@@ -80,51 +79,6 @@ def test_studies_are_the_same_bit_for_bit(tmp_path: Path) -> None:
     ]
     assert len(tables[0]) > 1000
     assert {*tables} == {tables[0], ""}
-
-
-class Library:
-    """A library that has as many threads as it is told."""
-
-    num_threads = 3
-
-    def set_num_threads(self, count: int) -> None:
-        self.num_threads = count
-
-
-@pytest.fixture
-def library(monkeypatch: pytest.MonkeyPatch) -> Library:
-    made = Library()
-    monkeypatch.setattr(pool, "_libraries", lambda: (made,))
-    return made
-
-
-def test_it_is_held_until_the_last_call_ends(library: Library) -> None:
-    begun, enough = threading.Event(), threading.Event()
-
-    def slow() -> None:
-        begun.set()
-        enough.wait()
-
-    other = threading.Thread(target=pool.one_thread(slow))
-    other.start()
-    begun.wait()
-    assert pool.one_thread(lambda: library.num_threads)() == 1
-    assert library.num_threads == 1
-    enough.set()
-    other.join()
-    assert library.num_threads == 3
-
-
-def test_an_error_lets_go_too(library: Library) -> None:
-    def outer() -> None:
-        pool.one_thread(fails)()
-
-    def fails() -> None:
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        pool.one_thread(outer)()
-    assert library.num_threads == 3
 
 
 @pytest.mark.parametrize(

@@ -179,7 +179,8 @@ def smallest(
     """
     count = len(goal.gap)
     depth = 0
-    bound, attained = np.full(count, np.inf), np.full(count, np.inf)
+    bound = np.full(count, np.inf)
+    attained = np.full(count, np.inf)
     cell = np.zeros(count, dtype=np.int64)
     member = np.zeros(count, dtype=np.int64)
     u = np.full(count, -1.0)
@@ -189,10 +190,13 @@ def smallest(
         values = at_point(items.ends, items.member)  # (2, items)
         end, item = np.nonzero(values < attained[group])
         falling = np.argsort(values[end, item], kind="stable")[::-1]
-        end, item = end[falling], item[falling]
+        end = end[falling]
+        item = item[falling]
         g = group[item]  # of one that is there several times, what is assigned last remains: the smallest
         attained[g] = values[end, item]
-        cell[g], member[g], u[g] = items.cell[item], items.member[item], items.start[item] + end * items.width
+        cell[g] = items.cell[item]
+        member[g] = items.member[item]
+        u[g] = items.start[item] + end * items.width
         enough = np.maximum(attained - goal.gap, np.where(attained < goal.threshold, -np.inf, goal.threshold))
         keep = ~(low >= enough[group]) & np.isfinite(low)
         kept = np.flatnonzero(keep)

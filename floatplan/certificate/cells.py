@@ -49,7 +49,8 @@ def recentred(polynomials: Sequence[flint.arb_poly], cells: TimeCells, length: i
     zero = flint.arb(0)
     with flint.ctx.workprec(PRECISION):
         for low, high in zip(cells.low.tolist(), cells.high.tolist(), strict=True):
-            first, last = flint.arb(low), flint.arb(high)
+            first = flint.arb(low)
+            last = flint.arb(high)
             line = flint.arb_poly([(first + last) / 2, (last - first) / 2])
             for polynomial in polynomials:
                 local = polynomial(line).coeffs()
@@ -80,10 +81,13 @@ class Vectors:
             )
         else:  # one direction for all items
             both = stack([self.x, self.y])
-            of_x, of_y = direction.x * both, direction.y * both
+            of_x = direction.x * both
+            of_y = direction.y * both
             count = self.x.e.shape[-1]
-            x_x, x_y = of_x[..., :count], of_x[..., count:]
-            y_x, y_y = of_y[..., :count], of_y[..., count:]
+            x_x = of_x[..., :count]
+            x_y = of_x[..., count:]
+            y_x = of_y[..., :count]
+            y_y = of_y[..., count:]
         return Vectors(x_x + y_y, x_y - y_x)
 
     def items(self, items: Sequence[int]) -> Vectors:
@@ -111,7 +115,8 @@ class ComplexBalls:
     @classmethod
     def from_acb(cls, values: Sequence[Any], shape: tuple[int, ...]) -> ComplexBalls:
         """Round Arb's complex balls to doubles."""
-        re, im = [value.real for value in values], [value.imag for value in values]
+        re = [value.real for value in values]
+        im = [value.imag for value in values]
         return cls(Balls.from_arb(re, shape), Balls.from_arb(im, shape))
 
     @cached_property
@@ -122,7 +127,8 @@ class ComplexBalls:
     def times(self, re: Taylor, im: Taylor) -> Vectors:
         """The matrix (out, in) times complex models (K, cells, in), as vectors (K, cells, out)."""
         count = len(self.re.mid)
-        of_re, of_im = re.linear(self._parts), im.linear(self._parts)
+        of_re = re.linear(self._parts)
+        of_im = im.linear(self._parts)
         return Vectors(of_re[..., :count] - of_im[..., count:], of_re[..., count:] + of_im[..., :count])
 
     @cached_property

@@ -10,7 +10,7 @@ import cmath
 import math
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,20 +20,20 @@ import numpy as np
 from floatplan.arguments import optional, whole
 from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
-from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, at_most
+from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, Minimum, at_most
 from floatplan.certificate.enclosure import Balls
+from floatplan.certificate.limits import at_ends, boundary_findings, limit_findings
 from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
 from floatplan.certificate.planar.flight import fly
 from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
-from floatplan.certificate.planar.limits import (
-    at_ends,
-    boundary_findings,
-    flight_findings,
-    limit_findings,
-    orientation_findings,
-)
+from floatplan.certificate.planar.limits import flight_findings, orientation_findings
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
-from floatplan.certificate.planar.taken import NotReadError
+from floatplan.certificate.robots.taken import NotReadError
+from floatplan.certificate.spatial import findings as spatial_findings
+from floatplan.certificate.spatial import flight as spatial_flight
+from floatplan.certificate.spatial import robot as spatial_robot
+from floatplan.certificate.spatial.findings import attitude_findings, clearance_findings
+from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.errors import InputError, naming
 from floatplan.plans.reading import Recorded, check_meshes, check_parts, checked, find_robot, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord, RobotRecord
@@ -46,7 +46,6 @@ from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time
 OTHER_SHAPES = "the shapes are of the URDF that MuJoCo makes of the MJCF here, and robot.resolved is another"
-NOT_IN_SPACE = "not yet for flights in space"
 MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
@@ -81,11 +80,9 @@ def certify(
     with naming(file):
         path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
         record = checked(record)
-        if record.in_space:
-            return _undecided(record.robot, NOT_IN_SPACE)
         shapes: list[Sequence[LinkShape] | None] = [None, None]
         unknown: list[str] = []
-        if record.asks_clearance:
+        if record.asks_clearance and not record.in_space:
             robot = robot or recorded_robot(record.robot, file, path)
             check_meshes(robot, record.robot, file)
             if record.robot.resolved is not None and robot.xml != record.robot.resolved["urdf"]:
@@ -140,12 +137,19 @@ def prove(
         try:
             if record.robot.kind == "mjcf":
                 check_parts(record.robot, path)
-            robot = kept_robot(robot_content(path), path, record.robot)
+            content = robot_content(path)
+            if record.in_space:
+                flying = spatial_robot.kept_robot(content, path, record.robot)
+            else:
+                robot = kept_robot(content, path, record.robot)
         except NotReadError as error:
             return _undecided(record.robot, str(error))
         try:
             with np.errstate(all="ignore"):
-                certificate = _proved(robot, record, shapes, unknown_meshes, budget)
+                if record.in_space:
+                    certificate = _proved_in_space(flying, record, budget)
+                else:
+                    certificate = _proved(robot, record, shapes, unknown_meshes, budget)
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise
@@ -166,7 +170,7 @@ def _proved(
     within = [(max(float(first), 0.0), min(float(last), record.duration)) for first, last in windows]
     flight = fly(robot, record, [(first, last) for first, last in within if first <= last], budget)
     orientation, last = orientation_findings(record, flight)
-    limits, peaks = limit_findings(robot, record, flight)
+    limits, peaks = limit_findings(robot, record, flight.joints, flight.cells)
     states = at_ends(record)
     ends = [*boundary_findings(record, states), *flight_findings(robot, record, flight, states)]
     clear: list[Finding] = []
@@ -188,18 +192,40 @@ def _proved(
             asked = unknown + [replace(finding, verdict="undecided") for finding in asked]
             clearance = None
         clear += asked
+    found = _certificate(record, robot.motors, [*orientation, *ends, *limits, *clear], peaks, len(flight.cells))
+    return replace(found, orientation_end=_enclosure(last), clearance_min=clearance)
+
+
+def _proved_in_space(robot: SpatialRobot, record: PlanRecord, budget: int) -> Certificate:
+    flight = spatial_flight.fly(robot, record, budget)
+    attitude = attitude_findings(record, flight)
+    limits, peaks = limit_findings(robot, record, flight, flight.cells)
+    states = at_ends(record)
+    ends = [*boundary_findings(record, states), *spatial_findings.flight_findings(robot, record, flight, states)]
+    clear = clearance_findings(record)
+    found = _certificate(record, robot.motors, [*attitude, *ends, *limits, *clear], peaks, len(flight.cells))
+    return replace(found, attitude_bound=flight.attitude.bound)
+
+
+def _certificate(
+    record: PlanRecord,
+    motors: Sequence[str],
+    findings: Sequence[Finding],
+    peaks: Mapping[str, Sequence[Minimum]],
+    cells: int,
+) -> Certificate:
+    """What is proved of flights in a plane and in space alike, with the peaks that ``limit_findings`` gives."""
     resolved = [Finding("resolved", (), "proved", None)] if record.robot.kind == "mjcf" else []
-    findings = (*resolved, *orientation, *ends, *limits, *clear)
     bounds = {name: [-peak.bound for peak in each] for name, each in peaks.items()}
     return Certificate(
-        verdict=worst(findings),
-        orientation_end=_enclosure(last),
-        clearance_min=clearance,
+        verdict=worst([*resolved, *findings]),
+        orientation_end=(-math.inf, math.inf),
+        clearance_min=None,
         torque_peak=read_only(bounds["torque_peak"]),
         velocity_peak=read_only(bounds["velocity_peak"]),
-        motor_torque_peak=dict(zip(robot.motors, bounds["motor_torque_peak"], strict=True)),
-        findings=findings,
-        subintervals=len(flight.cells),
+        motor_torque_peak=dict(zip(motors, bounds["motor_torque_peak"], strict=True)),
+        findings=(*resolved, *findings),
+        subintervals=cells,
         seconds=0.0,
     )
 
@@ -210,6 +236,7 @@ def _undecided(robot: RobotRecord, reason: str) -> Certificate:
     return Certificate(
         verdict="undecided",
         orientation_end=(-math.inf, math.inf),
+        attitude_bound=None if robot.base is None else math.inf,
         clearance_min=None,
         torque_peak=unknown,
         velocity_peak=unknown,
@@ -222,7 +249,8 @@ def _undecided(robot: RobotRecord, reason: str) -> Certificate:
 
 def _enclosure(ball: Balls) -> tuple[float, float]:
     """Numbers around the first of a ball's; infinite where it is not known."""
-    low, high = float(ball.mid[0] - ball.rad[0]), float(ball.mid[0] + ball.rad[0])
+    low = float(ball.mid[0] - ball.rad[0])
+    high = float(ball.mid[0] + ball.rad[0])
     if not low <= high:
         return -math.inf, math.inf
     return math.nextafter(low, -math.inf), math.nextafter(high, math.inf)

@@ -141,8 +141,10 @@ class Taylor:
     def __mul__(self, other: Taylor) -> Taylor:
         """Product; what exceeds degree K - 1 goes into the radius."""
         c = np.einsum("i...,ik...->k...", self.c, _delayed(other.c))
-        a, b = np.abs(self.c), np.abs(other.c)
-        size_a, size_b = np.add.reduce(a, axis=0), np.add.reduce(b, axis=0)
+        a = np.abs(self.c)
+        b = np.abs(other.c)
+        size_a = np.add.reduce(a, axis=0)
+        size_b = np.add.reduce(b, axis=0)
         rounding = (self.order + 2) * ROUND * size_a * size_b
         radius = self.e * (size_b + other.e) + size_a * other.e
         return Taylor(c, up(radius + rounding + _tail(a, b)))
@@ -189,10 +191,12 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     """Cosine and sine of a model.
 
     With d the polynomial part, ``E' = i d' E`` gives the coefficients of ``E = exp(i d)`` one after the other. The
-    computed E is judged by its residual: for any polynomial E,
-    ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup |E' - i d' E|``, because ``E exp(-i d)`` has the derivative
-    ``(E' - i d' E) exp(-i d)``. The residual consists of rounding in the degrees below K - 1, and of the product's
-    tail. A radius of the angle moves cosine and sine by no more than itself.
+    computed E is judged by its residual: for any polynomial E, ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup
+    |E' - i d' E|``, because ``E exp(-i d)`` has the derivative ``(E' - i d' E) exp(-i d)``. The residual consists of
+    rounding in the degrees below K - 1, and of the product's tail. Coefficient k of E is a sum of k products, each
+    part of which is rounded k + 3 times at most; k is no more than j times i + 1 for the product of the rates'
+    coefficient j with E's coefficient i, where i + j = k. A radius of the angle moves cosine and sine by no more than
+    itself.
     """
     order = angle.order
     rates = angle.c * np.arange(order).reshape(-1, *(1,) * angle.e.ndim)
@@ -201,8 +205,11 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     turning = 1j * rates[1:]
     for k in range(1, order):
         np.multiply(np.add.reduce(turning[:k] * e[k - 1 :: -1], axis=0), 1.0 / k, out=e[k])
-    size_rates, size_e = np.abs(rates), np.abs(e)
-    rounding = (2 * order + 16) * ROUND * np.add.reduce(size_rates, axis=0) * np.add.reduce(size_e, axis=0)
+    size_rates = np.abs(rates)
+    size_e = np.abs(e)
+    weights = np.arange(order).reshape(-1, *(1,) * angle.e.ndim)
+    weighed = np.add.reduce(size_rates * weights, axis=0) * np.add.reduce(size_e * (weights + 1), axis=0)
+    rounding = ROUND * (weighed + 4.0 * np.add.reduce(size_rates, axis=0) * np.add.reduce(size_e, axis=0))
     residual = rounding + _tail(size_rates, size_e)
     radius = up(angle.e + radius + up(residual))
     return Taylor(e.real.copy(), radius), Taylor(e.imag.copy(), radius)
@@ -221,7 +228,8 @@ def reciprocal(x: Taylor) -> Taylor:
     first = -y[0]
     for k in range(1, order):
         np.multiply(np.add.reduce(x.c[1 : k + 1] * y[k - 1 :: -1], axis=0), first, out=y[k])
-    size_x, size_y = np.abs(x.c), np.abs(y)
+    size_x = np.abs(x.c)
+    size_y = np.abs(y)
     total = np.add.reduce(size_y, axis=0)
     rounding = (order + 8) * ROUND * np.add.reduce(size_x, axis=0) * total
     r = up(rounding + _tail(size_x, size_y) + x.e * total)
@@ -267,5 +275,5 @@ def _unit_circle(angles: Array) -> tuple[Array, Array, Array]:
         parts = [part for angle in angles.ravel().tolist() for part in flint.arb(angle).sin_cos()]
         widest = float(sum(parts, flint.arb(0)).rad())  # of a sum, which is wider than each part
     sines, cosines = np.array([float(part) for part in parts]).reshape(-1, 2).T
-    radius = up(np.full(angles.shape, 4.0 * ROUND + 2.0 * widest))
+    radius = up(np.full(angles.shape, 2.0 * ROUND + 2.0 * widest))
     return cosines.reshape(angles.shape), sines.reshape(angles.shape), radius

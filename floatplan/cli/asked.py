@@ -6,11 +6,11 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions, typed_option
 from floatplan.errors import InputError, ProblemError
-from floatplan.problem.file import TABLES, load_problem, load_robot, problem_from_dict, problem_to_dict
+from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
@@ -18,6 +18,7 @@ from floatplan.robot.urdf.tree import is_address
 from floatplan.tables import REST
 
 PLACE = "command line"
+NUMBERS: dict[str, Callable[[str], Any]] = {"angular_momentum": float, "degree": int}  # or words
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
@@ -107,8 +108,7 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
     """
     tables: dict[str, dict[str, Any]] = {"start": {}, "goal": {}, "flight": {}, "motion": {}}
     for name, value in options.items():
-        option = typed_option(name)
-        place, *inner = OPTIONS[name].key.split(".")
+        option, (place, *inner) = f"--{name.replace('_', '-')}", OPTIONS[name].key.split(".")
         if not inner:
             numbers = _numbers(option, value, degrees)
             if len(numbers) != 1 + len(joints):
@@ -120,17 +120,9 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
             word = REST[place] if inner == ["velocities"] else "free"
             tables[place][inner[0]] = word if value.strip() == word else _one_or_many(_numbers(option, value, degrees))
         else:
-            kind = _type_of_numbers(OPTIONS[name].key) if isinstance(value, str) else None
-            read = value if kind is None else _numbers_or_word(value, kind)
+            read = _numbers_or_word(value, NUMBERS[name]) if name in NUMBERS else value
             tables[place][inner[0]] = {inner[1]: read} if inner[1:] else read
     return tables
-
-
-def _type_of_numbers(key: str) -> type[float] | None:
-    """The type of the numbers that a key of problem files may hold beside words; None where it holds none."""
-    place, _, name = key.rpartition(".")
-    kinds = get_args(TABLES[place][0].hints[name])
-    return next((kind for kind in (int, float) if kind in kinds), None)
 
 
 def _numbers(option: str, text: str, degrees: bool) -> list[float]:
@@ -194,7 +186,7 @@ def _as_typed(error: InputError, options: Options, place: str) -> InputError:
     for option, (*_, key, _) in sorted(OPTIONS.items(), key=lambda item: -len(item[1].key)):
         beyond = place_in_file.removeprefix(key).removeprefix(".")
         if place_in_file.startswith(key) and (place == PLACE or option in options):
-            element = ": ".join(filter(None, (typed_option(option), beyond)))
+            element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))
             return _wrong(element, error.reason, error.advice)
     return error
 

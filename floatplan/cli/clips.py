@@ -74,7 +74,10 @@ def clip_repair(
     file: Annotated[Path, typer.Argument(metavar="CLIP", help="A recorded motion.")],
     model: Model,
     choice: Annotated[
-        str, option("NAME", "'retime', 'raise', or 'auto': retime where the limits hold, else raise.")
+        str,
+        option(
+            "NAME|SHARE", "'retime', 'raise', 'auto' (retime where limits hold, else raise), or from 0 to 1 between."
+        ),
     ] = "auto",
     flights: Annotated[
         str | None, option("N,..", "Flights to repair, from 0; the unphysical ones if left out.")
@@ -82,6 +85,8 @@ def clip_repair(
     degree: Annotated[
         int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
     ] = None,
+    report: Annotated[bool, flag("Write runs/<name>_repaired/report.html too: it plays both side by side.")] = False,
+    rate: Annotated[float | None, option("HZ", "Frames a second of the output; the clip's own if left out.")] = None,
     problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
     form: Format = None,
     quaternion: Quaternion = None,
@@ -111,17 +116,22 @@ def clip_repair(
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
     with progress("repairing", quiet):
-        repaired, told = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree)
+        repaired, told = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate)
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
-    if told.changed:
+    shown = _page([target]) if report else None
+    if repaired is not clip:
         write_clip(repaired, target)
     else:
         write_atomically(target, read_regular(file, LARGEST_CLIP, "a recorded motion"))
+    if shown is not None:
+        from floatplan.clips.repair_page import write_repair_page
+
+        write_repair_page(repaired, told, shown)
     facts = {**told.to_dict(), "output": str(target)}
     common.finish(
         facts,
         json_output,
-        lambda summary: summary.repair_summary(told, target),
+        lambda summary: summary.repair_summary(told, target, shown),
         told.ok,
         told=not quiet and not json_output,
     )
@@ -129,13 +139,13 @@ def clip_repair(
 
 def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, output: Path | None) -> NoReturn:
     """Write one flight as a problem file, with the recorded motion that it is to be near inside it."""
-    from floatplan.clips.repaired_flight import flight_problem  # here: it loads the planner
+    from floatplan.clips.repaired_flight import AUTO, flight_problem  # here: it loads the planner
 
     if not 0 <= number < len(clip.flights):
         reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
         raise InputError(reason, element="--problem")
-    wanted = "retime" if choice == "auto" else choice
-    made = flight_problem(clip, clip.flights[number], wanted, degree)
+    wanted = _choice(choice)
+    made = flight_problem(clip, clip.flights[number], "retime" if wanted == AUTO else wanted, degree)
     if made is None:
         raise InputError(
             "the centre of mass does not rise in this flight", element="--problem", advice="give --choice raise"
@@ -146,12 +156,14 @@ def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, 
 
 
 def _choice(word: str) -> Choice:
-    """One of the ways in which a flight is repaired."""
-    from floatplan.arguments import one_of
-    from floatplan.clips.repaired_flight import CHOICES
+    """One of the ways in which a flight is repaired, or a number between two of them."""
+    from floatplan.clips.repaired_flight import CHOICE
 
-    one_of(*CHOICES)(word, "--choice")
-    return cast("Choice", word)
+    try:
+        value: str | float = float(word)
+    except ValueError:
+        value = word
+    return cast("Choice", CHOICE(value, "--choice"))
 
 
 def _numbers(words: str | None) -> tuple[int, ...] | None:

@@ -88,8 +88,8 @@ def plan(
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
 
-    A plan in the plane is proved for every instant of the flight, unless --no-certify is given; flights in space are
-    not proved yet. Exit code 0 where a plan was found; with --prove only where it was proved too.
+    The plan is proved for every instant of the flight, unless --no-certify is given. Exit code 0 where a plan was
+    found; with --prove only where it was proved too.
     """
     from floatplan.arguments import one_of
     from floatplan.cli.asked import asked_problem, is_robot

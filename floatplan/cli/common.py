@@ -300,7 +300,7 @@ def check_model(form: str, model: str | None, robot: fp.Robot, quiet: bool) -> N
 
     names = names_of_model(form, model, robot)
     if names is not None and model is not None:
-        tell(quiet)(f"{model}: {names.order_beside(robot)}")
+        tell(quiet)(f"{model}: {names.order_note(robot)}")
 
 
 def print_path(path: Path, *, err: bool = False) -> None:

@@ -140,11 +140,11 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
 
 
 def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
-    from floatplan.motion.flight import inertia_extremes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
+    from floatplan.robot.planar.inertia import inertia_extremes
 
-    low, high = inertia_extremes(robot, position_limits(robot, fp.Limits()))
+    low, high = inertia_extremes(robot.tree, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
     return {
         "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
@@ -200,8 +200,8 @@ def init(
     """
     from floatplan.cli import asked as typed
     from floatplan.cli.results import check_folder
-    from floatplan.initial.asked import Asked
-    from floatplan.initial.flight import asked_flight
+    from floatplan.initial.flight import requested_flight
+    from floatplan.initial.options import InitOptions
     from floatplan.initial.text import problem_file_text
     from floatplan.robot.asked import blamed
 
@@ -216,7 +216,7 @@ def init(
 
     robot_choices = typed.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
-    asked = Asked(
+    options = InitOptions(
         takeoff=takeoff,
         landing=landing,
         turns=turns,
@@ -228,7 +228,9 @@ def init(
         angles="deg" if degrees else "rad",
     )
     with progress("init", quiet, tell=True) as bar, blamed(robot_choices, typed.PLACE, "--"):
-        chosen, flight = asked_flight(robot, asked, robot_choices, words, seed, lambda line: bar.say(escaped(line)))
+        chosen, flight = requested_flight(
+            robot, options, robot_choices, words, seed, lambda line: bar.say(escaped(line))
+        )
     text = problem_file_text(chosen, flight, path)
     write_atomically(path, text)
     if not quiet:
@@ -273,16 +275,13 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
     intervals null where they are not bounded.
     """
-    from floatplan.motion.flight import End, flight_of, inertia_extremes
+    from floatplan.motion.flight import End
 
-    low, high = inertia_extremes(problem.robot, problem.position_limits)
-    interval = flight_of(problem).momentum_interval
-    if interval is None:
-        raise problem.robot.not_in_plane
+    low, high = problem.inertia_extremes
     facts: dict[str, Any] = plain(
         {
-            "angular_momentum_bounds": interval,
-            "angular_momentum_midpoint": sum(interval) / 2,
+            "angular_momentum_bounds": problem.momentum_interval,
+            "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
             "D_min": low,
             "D_max": high,
             **{

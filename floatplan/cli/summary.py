@@ -310,8 +310,8 @@ def _clip_share(found: tuple[float, str] | None) -> str:
     return "" if found is None else f"{100 * found[0]:.0f} %"
 
 
-def repair_summary(repair: fp.ClipRepair, path: Path) -> RenderableType:
-    """Return what ``floatplan clip repair`` did, for reading: a line for each flight that is not physical."""
+def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) -> RenderableType:
+    """Return what ``floatplan clip repair`` did: a line for each unphysical flight, the file, and the page."""
     clip = repair.before.clip
     titles = ("flight", "done", "duration, s", "joints, deg rms", "most", "base", "feet, mm", "rate", "torque")
     rows: list[Sequence[str | Text]] = []
@@ -325,7 +325,7 @@ def repair_summary(repair: fp.ClipRepair, path: Path) -> RenderableType:
         degrees = [
             f"{math.degrees(value):.2f}" for value in (found.joints_rms, found.joints_largest, found.base_largest)
         ]
-        word = Text(found.choice, "green") if found.repairable else Text("left", "red")
+        word = Text(str(found.choice), "green") if found.repairable else Text("left", "red")
         rows.append(
             (
                 when,
@@ -350,7 +350,7 @@ def repair_summary(repair: fp.ClipRepair, path: Path) -> RenderableType:
         Text(escaped(words), f"bold {COLOURS['good' if repair.ok else 'bad']}"),
         *([_table(titles, rows)] if rows else []),
         *reasons[:MOST_FINDINGS_SHOWN],
-        _named([Row("clip", escaped(str(path)))]),
+        _named([Row("clip", escaped(str(path))), *([] if page is None else [Row("page", escaped(str(page)))])]),
     )
 
 

@@ -13,5 +13,5 @@ R         attitude (3, 3) of the base: it takes vectors of the base to the world
 q         positions (J,) of the joints, rad (m where they slide)
 h         angular momentum (3,) about the centre of mass, in the world, kg m^2/s
 [I | A]   inertia (3, 3) and joint map (3, J), kg m^2, in the base's axes: ``R^T h = I omega + A q'``
-g         9.81 m/s^2 unless said otherwise
+g         9.81 m/s^2 unless another value is set
 """

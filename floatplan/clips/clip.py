@@ -55,8 +55,8 @@ class Clip:
         Whether each foot stands, where the file says so; its names are ``contact_names``.
     remarks : what was assumed when it was read, a sentence each
     layout : FileLayout
-    feet : names of links whose bodies are feet; found by their geometry where none are given
-    ground_height : m, of a level ground; found from the feet where none is given
+    feet : names of links whose bodies are feet; None: by their shapes
+    ground_height : m, of a level ground; None: by the feet that stand
     velocities : (N, 6 + J), optional
         Of Pinocchio's model, the base's in its own axes: of a repaired clip.
     """
@@ -97,7 +97,7 @@ class Clip:
 
     @cached_property
     def configurations(self) -> Array:
-        """Configurations (N, 7 + J) of ``robot.model``: place, quaternion x, y, z, w, joints."""
+        """Configurations (N, 7 + J) of ``robot.model``: position of the base, quaternion x, y, z, w, joints."""
         return read_only(np.concatenate((self.base_position, self.base_quaternion, self.positions), axis=1))
 
     @cached_property

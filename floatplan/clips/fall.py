@@ -9,11 +9,7 @@ from scipy.stats import t as student
 
 from floatplan.arrays import Array
 
-CONFIDENCE = 0.9995  # [-] of Student's t, one-sided: one false alarm in a thousand flights whose noise is as assumed
-LEAST_NOISE = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
-FALL_TOLERANCE = 0.5  # [m/s^2] by which the fall may be off, whatever the noise
-PATH_TOLERANCE = 3e-3  # [m] root mean square, by which the centre of mass may be off any parabola
-NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which it may be
+NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which motions may be off
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +22,9 @@ class Fall:
     interval : m/s^2, half of the confidence interval; infinite where there are too few frames
     sideways : m/s^2, the acceleration across
     rms : m, root mean square of what is left, of one coordinate
-    noise : m, the same of the part that changes from frame to frame
+    noise : m, the same of what changes from frame to frame
     coefficients : (3, 3)
-        Place, velocity and half the acceleration (by row), at the middle of the flight.
+        Position, velocity and half the acceleration (by row), at the middle of the flight.
     times : (K,) s, of the frames
     places : (K, 3) m, of the centre of mass in the frames, in the world
     """
@@ -50,12 +46,12 @@ class Fall:
     @property
     def tolerance(self) -> float:
         """By how much it may be off, m/s^2."""
-        return max(FALL_TOLERANCE, self.interval)
+        return max(0.5, self.interval)  # [m/s^2] whatever the noise
 
     @property
     def on_parabola(self) -> bool:
         """Whether the centre of mass is as near to it as its noise allows."""
-        return not self.rms > max(PATH_TOLERANCE, NOISE_FACTOR * self.noise)
+        return not self.rms > max(3e-3, NOISE_FACTOR * self.noise)  # [m] of any robot
 
 
 def fit_fall(times: Array, places: Array) -> Fall:
@@ -78,8 +74,10 @@ def fit_fall(times: Array, places: Array) -> Fall:
     interval = np.inf
     if freedom > 0:
         covariance = np.linalg.inv(terms.T @ terms)
-        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, LEAST_NOISE)
-        interval = float(student.ppf(CONFIDENCE, 3 * freedom) * deviation)
+        least_noise = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
+        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, least_noise)
+        confidence = 0.9995  # [-] one-sided: one false alarm in a thousand flights whose noise is as assumed
+        interval = float(student.ppf(confidence, 3 * freedom) * deviation)
     return Fall(
         fall=float(-acceleration[2]),
         interval=interval,
@@ -93,7 +91,7 @@ def fit_fall(times: Array, places: Array) -> Fall:
 
 
 def frame_noise(residuals: Array) -> float:
-    """Root mean square of the part of residuals (K, 3) that changes from frame to frame, in their unit.
+    """Root mean square of what, of residuals (K, 3), changes from frame to frame, in their unit.
 
     Second differences of what is smooth are small; of independent noise they have six times its variance.
     """

@@ -1,6 +1,6 @@
 """Where a clip is in the air: feet, the ground under them, and the stretches of time in which nothing touches it.
 
-The clip is looked at on its splines at 200 Hz, not on its frames: at 30 Hz a hop of a tenth of a second has three.
+The clip is searched on its splines at 200 Hz, not on its frames: at 30 Hz a hop of a tenth of a second has three.
 """
 
 from __future__ import annotations
@@ -11,28 +11,30 @@ from itertools import pairwise
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.clips.curve import ClipCurve, body_poses
 from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
-LOOK = 200.0  # [Hz] at which a clip is looked at
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
-BODY_CLEARANCE = 0.10  # [m] the same of other bodies, whose shapes are coarser, at most: ankles are always lower
-SHORTEST = 0.1  # [s] of a flight
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
-SPEED_SPAN = 0.04  # [s] over which speeds are taken: over less, noise of a millimetre looks like motion
-GROUND_WINDOW = 1.5  # [s] to either side, in which the ground is taken to be level
-LONG_STAND = 0.25  # [s] in which a foot on one level is not at the top of a flight: it would fall by 8 cm
-LEVEL = 0.01  # [m] of a foot's heights on one level
-LOW_SHARE = 0.7  # [-] of the heights of feet that stand: a foot that is held still in the air is higher
-FOOT_REACH = 0.2  # [-] of the robot's height: a limb that often ends so near to its lowest point is a foot
-OFTEN = 20.0  # [%] of the time
-FRAMES_FOR_FEET = 100  # [-] instants at which limbs are compared
-CHUNK = 4096  # [-] instants that are evaluated at once
 DOWN = np.array([0.0, 0.0, -1.0])
+BASE_BODY = 1  # the model's joint that carries the base
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """At which instants a clip is searched for feet, ground and flights."""
+
+    rate: float = 200.0  # [Hz]
+    speed_steps: int = 4  # [-] to either side, 0.04 s in all, of speeds: over less, noise of 1 mm looks like motion
+    chunk: int = 4096  # [-] instants that are evaluated at once
+    ground_window: float = 1.5  # [s] to either side, in which the ground is assumed to be level
+
+
+SAMPLING = Sampling()
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,8 @@ class Scene:
         Joints of the model that carry the feet.
     foot_names : (F,)
         A link of each.
+    foot_solids : (F,)
+        The shapes of each.
     foot_heights : (K, F) m
         Of each foot's lowest point, in the world.
     foot_velocities : (K, F, 3) m/s
@@ -103,6 +107,7 @@ class Scene:
     times: Array
     foot_bodies: tuple[int, ...]
     foot_names: tuple[str, ...]
+    foot_solids: tuple[Sequence[LinkSolid], ...]
     foot_heights: Array
     foot_velocities: Array
     other_heights: Array
@@ -117,7 +122,7 @@ class Scene:
         feet: Sequence[str] | None,
         ground_height: float | None,
     ) -> Scene:
-        """Look at a clip.
+        """Search a clip for its feet and the ground under them.
 
         Parameters
         ----------
@@ -129,31 +134,37 @@ class Scene:
         Raises
         ------
         InputError
-            A foot that is asked for is no link with a shape; or no foot can be told.
+            A foot's name is that of no link with a shape; or no shape tells the feet.
         """
-        count = max(int(np.floor(curve.duration * LOOK)) + 1, 2)
+        count = max(int(np.floor(curve.duration * SAMPLING.rate)) + 1, 2)
         times = np.linspace(0.0, curve.duration, count)
         by_body = _solids_by_body(curve.robot)
-        lowest = _lowest_points(curve, times, by_body)
         bodies = list(by_body)
         usual, extent = _usual_heights(curve, by_body)
-        found = _named_feet(feet, by_body) if feet else _found_feet(curve.robot, by_body, usual, extent)
-        columns = [bodies.index(body) for body in found]
+        feet_bodies = _named_feet(feet, by_body) if feet else _lowest_limbs(curve.robot, by_body, usual, extent)
+        columns = [bodies.index(body) for body in feet_bodies]
         others = [column for column in range(len(bodies)) if column not in columns]
-        foot_heights = lowest[:, columns, 2]
-        foot_velocities = _velocities(curve, times, found, lowest[:, columns])
+        heights, foot_velocities = _lowest_points(curve, times, by_body, feet_bodies)
+        foot_heights = heights[:, columns]
         return cls(
             curve=curve,
             contacts=contacts,
             times=times,
-            foot_bodies=tuple(found),
-            foot_names=tuple(by_body[body][0].link for body in found),
+            foot_bodies=tuple(feet_bodies),
+            foot_names=tuple(by_body[body][0].link for body in feet_bodies),
+            foot_solids=tuple(by_body[body] for body in feet_bodies),
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
-            other_heights=lowest[:, others, 2],
-            other_clearances=np.clip(usual[others], FOOT_CLEARANCE, BODY_CLEARANCE),
+            other_heights=heights[:, others],
+            # bodies other than feet have coarser shapes; above 0.1 m they are clear, as ankles are always lower
+            other_clearances=np.clip(usual[others], FOOT_CLEARANCE, 0.1),
             ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
+
+    def foot_clearances(self, times: Array) -> Array:
+        """Heights (K, F) of the feet's lowest points over the ground at times (K,), s, of the clip, m."""
+        over_ground = self.foot_heights - self.ground.heights[:, None]
+        return np.stack([np.interp(times, self.times, column) for column in over_ground.T], axis=1)
 
     def in_the_air(self) -> BoolArray:
         """Whether nothing touches the ground, (K,); the file's own labels decide where it has any."""
@@ -167,17 +178,17 @@ class Scene:
 
     def flights(self) -> tuple[ClipFlight, ...]:
         """The flights, in their order."""
-        found: list[ClipFlight] = []
+        flights: list[ClipFlight] = []
         fps = self.curve.fps
         for first, last in _stretches(self.in_the_air()):
             begin = float(self.times[first])
             end = float(self.times[last])
-            if end - begin < SHORTEST:
+            if end - begin < 0.1:  # [s] a shorter one is noise of the frames
                 continue
             first_frame = int(np.ceil(begin * fps - 1e-9))
             last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
-            found.append(ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame))
-        return tuple(found)
+            flights.append(ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame))
+        return tuple(flights)
 
 
 def _stretches(true: BoolArray) -> list[tuple[int, int]]:
@@ -195,23 +206,41 @@ def _solids_by_body(robot: Robot) -> dict[int, list[LinkSolid]]:
     InputError
         No link has a shape.
     """
-    found: dict[int, list[LinkSolid]] = {}
+    solids_by_body: dict[int, list[LinkSolid]] = {}
     for solid in robot.solids:
-        found.setdefault(solid.body, []).append(solid)
-    if not found:
+        solids_by_body.setdefault(solid.body, []).append(solid)
+    if not solids_by_body:
         raise InputError("has no shapes: what touches the ground is not known", source=robot.source)
-    return found
+    return solids_by_body
 
 
-def _lowest_points(curve: ClipCurve, times: Array, by_body: dict[int, list[LinkSolid]]) -> Array:
-    """Lowest points (K, B, 3) of B bodies, m, in the world."""
-    found = np.empty((len(times), len(by_body), 3))
-    for begin in range(0, len(times), CHUNK):
-        chunk = slice(begin, begin + CHUNK)
-        poses = curve.poses(times[chunk])
-        for column, solids in enumerate(by_body.values()):
-            found[chunk, column] = lowest_point(poses, solids)
-    return found
+def _lowest_points(
+    curve: ClipCurve, times: Array, by_body: dict[int, list[LinkSolid]], feet: Sequence[int]
+) -> tuple[Array, Array]:
+    """Heights (K, B) of the lowest points of B bodies, m, and velocities (K, F, 3), m/s, of the feet there.
+
+    A velocity is that of the material point which is lowest, over the span of some instants to either side.
+    """
+    count = len(times)
+    heights = np.empty((count, len(by_body)))
+    velocities = np.empty((count, len(feet), 3))
+    for begin in range(0, count, SAMPLING.chunk):
+        end = min(begin + SAMPLING.chunk, count)
+        first = max(begin - SAMPLING.speed_steps, 0)  # velocities need the instants next to the chunk
+        poses = curve.poses(times[first : min(end + SAMPLING.speed_steps, count)])
+        own = np.arange(begin, end)
+        before = np.maximum(own - SAMPLING.speed_steps, 0)
+        after = np.minimum(own + SAMPLING.speed_steps, count - 1)
+        inside = _some(poses, own - first)
+        for column, (body, solids) in enumerate(by_body.items()):
+            lowest = lowest_point(inside, solids)
+            heights[own, column] = lowest[:, 2]
+            if body in feet:
+                local = in_body(inside, body, lowest)
+                moved = on_body(_some(poses, after - first), body, local)
+                moved -= on_body(_some(poses, before - first), body, local)
+                velocities[own, feet.index(body)] = moved / (times[after] - times[before])[:, None]
+    return heights, velocities
 
 
 def lowest_point(poses: BodyPoses, solids: Sequence[LinkSolid]) -> Array:
@@ -228,31 +257,22 @@ def _lowest_of_solid(poses: BodyPoses, solid: LinkSolid) -> Array:
     corner = solid.points[(directions @ solid.points.T).argmax(axis=1)]
     along_axes = directions @ solid.axes
     length = np.linalg.norm(along_axes, axis=1, keepdims=True)
-    round_part = (along_axes / np.where(length > 0, length, 1.0)) @ solid.axes.T
-    local = corner + round_part
+    to_surface = (along_axes / np.where(length > 0, length, 1.0)) @ solid.axes.T
+    local = corner + to_surface
     return np.asarray(poses.places[:, solid.body] + np.einsum("kab,kb->ka", rotations, local))
 
 
-def _velocities(curve: ClipCurve, times: Array, feet: Sequence[int], lowest: Array) -> Array:
-    """Velocities (K, F, 3), m/s, of the material points of F feet that are lowest (K, F, 3) at each instant."""
-    found = np.empty_like(lowest)
-    for begin in range(0, len(times), CHUNK):
-        chunk = slice(begin, begin + CHUNK)
-        first = np.maximum(times[chunk] - 0.5 * SPEED_SPAN, 0.0)
-        last = np.minimum(times[chunk] + 0.5 * SPEED_SPAN, curve.duration)
-        before = curve.poses(first)
-        now = curve.poses(times[chunk])
-        after = curve.poses(last)
-        for column, body in enumerate(feet):
-            offset = lowest[chunk, column] - now.places[:, body]
-            local = np.einsum("kba,kb->ka", now.rotations[:, body], offset)
-            moved = _carried(after, body, local) - _carried(before, body, local)
-            found[chunk, column] = moved / (last - first)[:, None]
-    return found
+def _some(poses: BodyPoses, instants: IntArray) -> BodyPoses:
+    return BodyPoses(poses.places[instants], poses.rotations[instants])
 
 
-def _carried(poses: BodyPoses, body: int, local: Array) -> Array:
-    """Places (K, 3) of points (K, 3) in a body's frame, one at each instant, m."""
+def in_body(poses: BodyPoses, body: int, points: Array) -> Array:
+    """Points (K, 3) of the world, one at each instant, in a body's frame, m."""
+    return np.asarray(np.einsum("kba,kb->ka", poses.rotations[:, body], points - poses.places[:, body]))
+
+
+def on_body(poses: BodyPoses, body: int, local: Array) -> Array:
+    """Places (K, 3) in the world, m, of points (K, 3) in a body's frame, one at each instant."""
     return np.asarray(poses.places[:, body] + np.einsum("kab,kb->ka", poses.rotations[:, body], local))
 
 
@@ -261,26 +281,34 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
     links = {solid.link: body for body, solids in by_body.items() for solid in solids}
     unknown = [name for name in names if name not in links]
     if unknown:
-        known = ", ".join(links)
-        raise InputError(f'no link "{unknown[0]}" with a shape is known', element="feet", advice=f"links: {known}")
+        listed = ", ".join(links)
+        raise InputError(f'no link "{unknown[0]}" with a shape is known', element="feet", advice=f"links: {listed}")
     return list(dict.fromkeys(links[name] for name in names))
 
 
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    The robot is held upright for it, its base at the identity: in the air it may be upside down for most of a clip.
+    Its base is at the identity, as of an upright robot: in the air it may be upside down for most of a clip. A base
+    that ends a limb is a foot or a hand; it has its first attitude of the clip.
     """
-    times = np.linspace(0.0, curve.duration, FRAMES_FOR_FEET)
-    level = np.broadcast_to(np.eye(3), (len(times), 3, 3))
-    poses = body_poses(curve.robot.model, np.zeros((len(times), 3)), level, curve.positions(times))
+    times = np.linspace(0.0, curve.duration, 100)  # enough to compare limbs
+    upright = curve.attitudes(times[:1])[0] if _base_ends_a_limb(curve.robot) else np.eye(3)
+    attitudes = np.broadcast_to(upright, (len(times), 3, 3))
+    poses = body_poses(curve.robot, np.zeros((len(times), 3)), attitudes, curve.positions(times))
     heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
     over_lowest = heights - heights.min(axis=1, keepdims=True)
-    return np.percentile(over_lowest, OFTEN, axis=0), float(np.median(over_lowest.max(axis=1)))
+    often = np.percentile(over_lowest, 20.0, axis=0)  # [%] of the time
+    return often, float(np.median(over_lowest.max(axis=1)))
 
 
-def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array, extent: float) -> list[int]:
-    """Bodies that end a limb and are often near the robot's lowest point as it stands upright.
+def _base_ends_a_limb(robot: Robot) -> bool:
+    """Whether a single joint carries all of the robot but its base."""
+    return list(robot.model.parents).count(BASE_BODY) == 1
+
+
+def _lowest_limbs(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array, extent: float) -> list[int]:
+    """Bodies that end a limb, the base too where it ends one, and are often near the robot's lowest point.
 
     Raises
     ------
@@ -288,7 +316,9 @@ def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array,
         There is none.
     """
     carries = {int(robot.model.parents[body]) for body in by_body}
-    low = usual <= FOOT_REACH * extent
+    if _base_ends_a_limb(robot):
+        carries.discard(BASE_BODY)
+    low = usual <= 0.2 * extent  # [-] of the robot's height: a limb that often ends so near its lowest point is a foot
     feet = [body for body, is_low in zip(by_body, low, strict=True) if is_low and body not in carries]
     if not feet:
         raise InputError(
@@ -298,7 +328,7 @@ def _found_feet(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array,
 
 
 def _ground(times: Array, heights: Array, speeds: Array, level: float | None) -> Ground:
-    """Height of the ground along a clip: as asked, or that at which the lowest foot stands.
+    """Height of the ground along a clip: the level of the parameter, or that at which the lowest foot stands.
 
     A foot that stands for long has its own level, as on a box; up to the top between two such levels the ground is the
     first, and from there the second. Else the ground is the median of the lower feet that stand near in time; where
@@ -317,7 +347,7 @@ def _ground(times: Array, heights: Array, speeds: Array, level: float | None) ->
     for first, last in stands:
         result[first : last + 1] = np.median(height[first : last + 1])
     for (_, last), (following, _) in pairwise(stands):
-        if times[following] - times[last] <= GROUND_WINDOW:
+        if times[following] - times[last] <= SAMPLING.ground_window:
             top = last + int(height[last : following + 1].argmax())
             result[last:top] = result[last]
             result[top:following] = result[following]
@@ -326,22 +356,22 @@ def _ground(times: Array, heights: Array, speeds: Array, level: float | None) ->
 
 def _is_long_stand(times: Array, height: Array, first: int, last: int) -> bool:
     """Whether a foot is still on one level from one index to another, longer than at the top of any true flight."""
-    if times[last] - times[first] < LONG_STAND:
+    if times[last] - times[first] < 0.25:  # [s] at the top of a flight a foot would fall by 8 cm in it
         return False
     low, high = np.percentile(height[first : last + 1], [5, 95])
-    return bool(high - low <= LEVEL)
+    return bool(high - low <= 0.01)  # [m] of heights on one level
 
 
 def _level(times: Array, still_times: Array, still_heights: Array) -> Array:
     """The middle (K,) of the lower heights within the window about each instant."""
-    percent = 50.0 * LOW_SHARE
-    found = np.full(len(times), np.nan)
-    first = np.searchsorted(still_times, times - GROUND_WINDOW)
-    end = np.searchsorted(still_times, times + GROUND_WINDOW)
-    step = max(int(GROUND_WINDOW * LOOK / 30), 1)  # it hardly changes within a twentieth of a second
+    percent = 50.0 * 0.7  # [%] of the heights of feet that stand: a foot that is still in the air is higher
+    levels = np.full(len(times), np.nan)
+    first = np.searchsorted(still_times, times - SAMPLING.ground_window)
+    end = np.searchsorted(still_times, times + SAMPLING.ground_window)
+    step = max(int(SAMPLING.ground_window * SAMPLING.rate / 30), 1)  # it hardly changes within a twentieth of a second
     for k in {*range(0, len(times), step), len(times) - 1}:
         if end[k] > first[k]:
-            found[k] = np.percentile(still_heights[first[k] : end[k]], percent)
-    known = np.flatnonzero(np.isfinite(found))
-    nearest = known[np.clip(np.searchsorted(known, np.arange(len(times))), 0, len(known) - 1)]
-    return np.asarray(found[nearest])
+            levels[k] = np.percentile(still_heights[first[k] : end[k]], percent)
+    finite = np.flatnonzero(np.isfinite(levels))
+    nearest = finite[np.clip(np.searchsorted(finite, np.arange(len(times))), 0, len(finite) - 1)]
+    return np.asarray(levels[nearest])

@@ -1,7 +1,7 @@
 """Files of recorded motions, as their readers have them: what is in each, and the same written back.
 
 Every reader returns the :class:`Recording` of a file; whatever is missing, of the wrong shape or no number is refused
-with its key. Joints are found by name where a file has names, else they are in the order of the robot's own file, or
+with its key. Joints have their names where a file has names, else they are in the order of the robot's own file, or
 in the other order that fits the file's own bodies.
 """
 
@@ -25,11 +25,20 @@ from floatplan.files import read_regular
 LARGEST_CLIP = 500_000_000  # [bytes] of a file, and of what it holds when it is unpacked
 MOST_FRAMES = 200_000  # [-] an hour at 50 Hz
 MOST_COLUMNS = 1000  # [-] of a CSV
-LEAST_FRAMES = 4  # [-] fewer have no acceleration that could be told from noise
-FPS_RANGE = (1.0, 1e5)  # [Hz]
-LARGEST_PLACE = 1e4  # [m]
-LARGEST_POSITION = 1e3  # [rad]
-UNIT_LENGTH = 0.1  # [-] by which the length of a quaternion may be off 1: stored digits, not another number
+
+
+@dataclass(frozen=True)
+class SensibleNumbers:
+    """Between what the numbers of a motion are."""
+
+    frames: int = 4  # [-] at least: fewer have no acceleration that differs from noise
+    fps: tuple[float, float] = (1.0, 1e5)  # [Hz]
+    position: float = 1e4  # [m] of the base
+    joint: float = 1e3  # [rad] and of a rotation vector
+    length: float = 0.1  # [-] that a quaternion's may be off 1: stored digits, not another number
+
+
+SENSIBLE = SensibleNumbers()
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,20 +48,20 @@ class Recording:
     Attributes
     ----------
     fps : Hz, or None where the file does not say it
-    place : (N, 3) m
+    position : (N, 3) m, of the base
     quaternion : (N, 4)
         In the order of ``quaternion_order``.
     joints : (N, J) rad
-    quaternion_order : "xyzw", "wxyz"; or "" where that is to be found out
+    quaternion_order : "xyzw", "wxyz"; or "" where the file does not say it
     joint_names : (J,), or None where the file has none
     body_places : (N, B, 3) m, or None
         Of the robot's links in an order that tells that of the joints.
     body_quaternions : (N, B, 4) w, x, y, z, or None, of the same
     contact_names, contacts : (C,), (N, C) whether each stands; none where the file does not say it
-    others : what else is kept for writing, by its key
+    others : other values of the file that are written again, by key
     """
 
-    place: Array
+    position: Array
     quaternion: Array
     joints: Array
     fps: float | None
@@ -71,12 +80,12 @@ def read_recording(path: Path, name: str | None) -> tuple[str, Recording]:
     Raises
     ------
     InputError
-        The file cannot be read, is of no known format, or has what is wrong for it.
+        The file cannot be read, is of none of the formats, or has what is wrong for its format.
     """
     kind = path.suffix.lower()
     if name is not None and name not in READERS:
-        known = ", ".join(READERS)
-        raise InputError(f'no format "{name}" is known', element="format", advice=f"formats: {known}")
+        listed = ", ".join(READERS)
+        raise InputError(f'no format "{name}" is known', element="format", advice=f"formats: {listed}")
     content = read_regular(path, LARGEST_CLIP, "a recorded motion")
     if kind == ".csv":
         return _read(path, name or "unitree-csv", _csv_table(content))
@@ -105,9 +114,9 @@ def _by_keys(data: Mapping[str, Any]) -> str:
     for name, keys in KEYS.items():
         if keys <= set(data):
             return name
-    known = "; ".join(f"{name}: {', '.join(sorted(keys))}" for name, keys in KEYS.items())
+    formats = "; ".join(f"{name}: {', '.join(sorted(keys))}" for name, keys in KEYS.items())
     listed = ", ".join(sorted(map(str, data))[:20])
-    raise InputError(f"its keys ({listed}) are of no known format", advice=f"formats: {known}")
+    raise InputError(f"its keys ({listed}) are of no known format", advice=f"formats: {formats}")
 
 
 def _csv_table(content: bytes) -> Array:
@@ -138,10 +147,10 @@ def _csv_table(content: bytes) -> Array:
 
 
 def _archive(content: bytes) -> dict[str, Array]:
-    """The arrays of a NumPy archive; nothing in it is run, and its size is known before it is unpacked."""
+    """The arrays of a NumPy archive; nothing in it is run, and its size is checked before it is unpacked."""
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            size = sum(each.file_size for each in archive.infolist())
+            size = sum(member.file_size for member in archive.infolist())
         if size > LARGEST_CLIP:
             raise InputError(f"holds more than {LARGEST_CLIP // 1_000_000} MB", advice="cut it into clips")
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
@@ -165,8 +174,8 @@ def _numbers(data: Mapping[str, Any], key: str, width: int | None = None) -> Arr
     if values.dtype.kind not in NUMBERS:
         raise InputError("is not a table of numbers", element=key)
     if values.ndim != 2 or (width is not None and values.shape[1] != width):
-        wanted = "(frames, columns)" if width is None else f"(frames, {width})"
-        raise InputError(f"has the shape {values.shape}, not {wanted}", element=key)
+        expected = "(frames, columns)" if width is None else f"(frames, {width})"
+        raise InputError(f"has the shape {values.shape}, not {expected}", element=key)
     return np.asarray(values, np.float64)
 
 
@@ -204,7 +213,9 @@ def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
 def _unitree(table: Array) -> Recording:
     if table.shape[1] < 8:
         raise InputError(f"has {table.shape[1]} columns, not place, quaternion and joints: 8 at least")
-    return Recording(place=table[:, :3], quaternion=table[:, 3:7], joints=table[:, 7:], fps=None, quaternion_order="")
+    return Recording(
+        position=table[:, :3], quaternion=table[:, 3:7], joints=table[:, 7:], fps=None, quaternion_order=""
+    )
 
 
 def _mjlab(data: Mapping[str, Any]) -> Recording:
@@ -215,7 +226,7 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
             f"is of {quaternions.shape[:2]} frames and bodies, body_pos_w of {places.shape[:2]}", element="body_quat_w"
         )
     return Recording(
-        place=places[:, 0],
+        position=places[:, 0],
         quaternion=quaternions[:, 0],
         joints=_numbers(data, "joint_pos"),
         fps=_rate(data, "fps"),
@@ -227,14 +238,14 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
 
 
 def _gmr(data: Mapping[str, Any]) -> Recording:
-    kept = {key: value for key, value in data.items() if key not in KEYS["gmr-pkl"]}
+    others = {key: value for key, value in data.items() if isinstance(value, (str, int, float, list))}
     return Recording(
-        place=_numbers(data, "root_pos", 3),
+        position=_numbers(data, "root_pos", 3),
         quaternion=_numbers(data, "root_rot", 4),
         joints=_numbers(data, "dof_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others={key: value for key, value in kept.items() if isinstance(value, (str, int, float, list))},
+        others={key: value for key, value in others.items() if key not in KEYS["gmr-pkl"]},
     )
 
 
@@ -243,10 +254,10 @@ def _mimickit(data: Mapping[str, Any]) -> Recording:
     if frames.shape[1] < 7:
         reason = f"has {frames.shape[1]} columns, not place, rotation vector and joints: 7 at least"
         raise InputError(reason, element="frames")
-    if not np.isfinite(frames[:, 3:6]).all() or np.abs(frames[:, 3:6]).max(initial=0.0) > LARGEST_POSITION:
+    if not np.isfinite(frames[:, 3:6]).all() or np.abs(frames[:, 3:6]).max(initial=0.0) > SENSIBLE.joint:
         raise InputError("has a rotation vector that is none", element="frames")
     return Recording(
-        place=frames[:, :3],
+        position=frames[:, :3],
         quaternion=Rotation.from_rotvec(frames[:, 3:6]).as_quat(),
         joints=frames[:, 6:],
         fps=_rate(data, "fps"),
@@ -270,7 +281,7 @@ def _loco_mujoco(data: Mapping[str, Any]) -> Recording:
         reason = f"has {qpos.shape[1]} columns for {len(names)} joints: {6 + len(names)} are theirs"
         raise InputError(reason, element="qpos")
     return Recording(
-        place=qpos[:, :3],
+        position=qpos[:, :3],
         quaternion=qpos[:, 3:7],
         joints=qpos[:, 7:],
         fps=_rate(data, "frequency"),
@@ -288,7 +299,7 @@ def _isaac_amp(data: Mapping[str, Any]) -> Recording:
         raise InputError(f"is of {places.shape[1]} bodies, body_names of {len(bodies)}", element="body_positions")
     contacts = data.get("contacts")
     return Recording(
-        place=places[:, 0],
+        position=places[:, 0],
         quaternion=quaternions[:, 0],
         joints=_numbers(data, "dof_positions"),
         fps=_rate(data, "fps"),
@@ -319,25 +330,28 @@ KEYS: dict[str, set[str]] = {
 
 def _check(recording: Recording) -> None:
     """Refuse what cannot be a motion, whatever the format."""
-    count = len(recording.place)
+    count = len(recording.position)
     for name in ("quaternion", "joints", "contacts"):
         values = getattr(recording, name)
         if values is not None and len(values) != count:
             raise InputError(f"has {len(values)} frames of its {name}, {count} of its place")
-    if count < LEAST_FRAMES:
-        raise InputError(f"has {count} frames", advice=f"give {LEAST_FRAMES} at least")
+    if count < SENSIBLE.frames:
+        raise InputError(f"has {count} frames", advice=f"give {SENSIBLE.frames} at least")
     if count > MOST_FRAMES:
         raise InputError(f"has {count} frames, more than {MOST_FRAMES}", advice="cut it into clips")
-    parts = (("place", LARGEST_PLACE), ("quaternion", 1.0 + UNIT_LENGTH), ("joints", LARGEST_POSITION))
-    for name, largest in parts:
-        values = getattr(recording, name)
+    limited = (
+        ("place", recording.position, SENSIBLE.position),
+        ("quaternion", recording.quaternion, 1.0 + SENSIBLE.length),
+        ("joints", recording.joints, SENSIBLE.joint),
+    )
+    for name, values, largest in limited:
         wrong = ~(np.abs(values) <= largest)  # of what is no number too
         if wrong.any():
             frame, column = np.argwhere(wrong)[0].tolist()
             value = values[frame, column]
             raise InputError(f"the {name} of frame {frame} has {value:g} in its column {column}, no sensible number")
     length = np.linalg.norm(recording.quaternion, axis=1)
-    wrong = np.abs(length - 1.0) > UNIT_LENGTH
+    wrong = np.abs(length - 1.0) > SENSIBLE.length
     if wrong.any():
         frame = int(np.flatnonzero(wrong)[0])
         raise InputError(f"the quaternion of frame {frame} has the length {length[frame]:.3g}, not 1")
@@ -345,16 +359,16 @@ def _check(recording: Recording) -> None:
         check_rate(recording.fps)
 
 
-def check_rate(fps: float) -> None:
+def check_rate(fps: float, element: str = "fps") -> None:
     """Refuse frames a second that are none."""
-    if not (FPS_RANGE[0] <= fps <= FPS_RANGE[1]):
-        low, high = FPS_RANGE
-        raise InputError(f"{fps:g} frames a second are not between {low:g} and {high:g}", element="fps")
+    low, high = SENSIBLE.fps
+    if not (low <= fps <= high):
+        raise InputError(f"{fps:g} frames a second are not between {low:g} and {high:g}", element=element)
 
 
 def continuous_signs(quaternions: Array) -> Array:
     """Quaternions (N, 4) of unit length, none of which is of opposite sign to the one before."""
-    found = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    turned_over = (found[1:] * found[:-1]).sum(axis=1) < 0
-    found[1:] *= np.cumprod(np.where(turned_over, -1.0, 1.0))[:, None]
-    return np.asarray(found)
+    signed = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    changes_sign = (signed[1:] * signed[:-1]).sum(axis=1) < 0
+    signed[1:] *= np.cumprod(np.where(changes_sign, -1.0, 1.0))[:, None]
+    return np.asarray(signed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,16 +18,12 @@ from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 
 GRAVITY = 9.81  # [m/s^2]
-PHYSICAL, UNPHYSICAL, UNDECIDED, AFLOAT = "physical", "unphysical", "undecided", "afloat"
-
-WIDEST_INTERVAL = 1.5  # [m/s^2] of the fall: with a wider one no flight is called physical
-NO_FALL = 1.5  # [m/s^2] a smaller acceleration of the centre of mass is no fall: something carries the robot
-ROUGHEST = np.deg2rad(1.0)  # [rad] of noise: more is a fault of its own
-BESIDE = 0.3  # [s] before and after a flight, in which its feet are looked at
-HIGHEST_STANCE = 0.05  # [m] over the ground: a foot that is still and higher is held up
-INSTANTS = 65  # [-] of a flight, at which rates and torques are compared with their limits
+PHYSICAL = "physical"
+UNPHYSICAL = "unphysical"
+BESIDE = 0.3  # [s] before and after a flight, of the stances whose feet are judged
 
 
+@lru_cache(maxsize=16)
 def free_dynamics(robot: Robot) -> SpatialDynamics:
     """Momentum and torques by all joints that move, in the order of the model."""
     count = len(robot.model_joints)
@@ -35,7 +32,7 @@ def free_dynamics(robot: Robot) -> SpatialDynamics:
 
 @dataclass(frozen=True, eq=False)
 class FlightJudgement:
-    """What is said of one flight of a clip.
+    """The verdict on one flight of a clip.
 
     Attributes
     ----------
@@ -48,7 +45,7 @@ class FlightJudgement:
         None, as the joints' fit, of a flight of too few frames.
     rate_share, torque_share : the largest share of a limit, and whose; None where the robot has no such limits
     wrench : (2,) N and N m
-        Root mean squares of force and moment that a simulator must add at the base for the motion to be followed.
+        Root mean squares of force and moment that a simulator must add at the base for the motion to be tracked.
     floating, sinking, sliding : m, of feet that stand within 0.3 s of the flight
     """
 
@@ -71,8 +68,8 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
     frames = slice(flight.first, flight.last + 1)
     times = np.asarray(clip.times[frames])
     attitudes = of_quaternions(clip.base_quaternion[frames])
-    poses = body_poses(clip.robot.model, clip.base_position[frames], attitudes, clip.positions[frames])
-    places = centre_of_mass(clip.robot.model, poses)
+    poses = body_poses(clip.robot, clip.base_position[frames], attitudes, clip.positions[frames])
+    places = centre_of_mass(clip.robot, poses)
     fall = fit_fall(times, places)
     dynamics = free_dynamics(clip.robot)
     joints = turning = rate_share = torque_share = None
@@ -81,7 +78,7 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
     if joints is not None and turning is not None:
         rate_share, torque_share = _shares(clip.robot, dynamics, joints, turning)
     faults = _faults(fall, turning, joints, gravity)
-    floating, sinking, sliding = _feet_beside(clip, flight)
+    floating, sinking, sliding = _stance_errors(clip, flight)
     return FlightJudgement(
         flight=flight,
         verdict=_verdict(fall, faults),
@@ -113,7 +110,7 @@ def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravit
     if turning is None:
         faults.append("no flight with these joints and a constant angular momentum could be integrated")
         return tuple(faults)
-    if turning.noise > ROUGHEST:
+    if turning.noise > np.deg2rad(1.0):  # [rad] from frame to frame: more is a fault of its own
         faults.append(f"rough: attitudes jump by {np.rad2deg(turning.noise):.1f} degrees from frame to frame")
     if turning.rms > turning.tolerance:
         off = np.rad2deg(turning.rms)
@@ -122,19 +119,21 @@ def _faults(fall: Fall, turning: TurnFit | None, joints: JointFit | None, gravit
 
 
 def _verdict(fall: Fall, faults: tuple[str, ...]) -> str:
-    slow = float(np.hypot(fall.fall, fall.sideways)) < NO_FALL
-    if fall.interval <= WIDEST_INTERVAL and slow and fall.on_parabola:
-        return AFLOAT
+    widest = 1.5  # [m/s^2] confidence interval of the fall: with a wider one no flight is called physical
+    least = 1.5  # [m/s^2] a smaller acceleration of the centre of mass is no fall: something carries the robot
+    slow = float(np.hypot(fall.fall, fall.sideways)) < least
+    if fall.interval <= widest and slow and fall.on_parabola:
+        return "afloat"
     if faults:
         return UNPHYSICAL
-    return PHYSICAL if fall.interval <= WIDEST_INTERVAL else UNDECIDED
+    return PHYSICAL if fall.interval <= widest else "undecided"
 
 
 def _shares(
     robot: Robot, dynamics: SpatialDynamics, joints: JointFit, turning: TurnFit
 ) -> tuple[tuple[float, str] | None, tuple[float, str] | None]:
     """The largest share of a rate's and of a torque's limit, in free flight, each with its motor."""
-    s = np.linspace(0.0, 1.0, INSTANTS)
+    s = np.linspace(0.0, 1.0, 65)  # instants at which rates and torques are compared with their limits
     positions, velocities, accelerations = joints.at(joints.begin + s * joints.duration)
     inertia, joint_map = dynamics.momentum_maps(positions)
     attitudes = turning.turning.at(s)
@@ -189,8 +188,8 @@ def _wrench(
     return force, float(np.sqrt((moments**2).sum(axis=1).mean()))
 
 
-def _feet_beside(clip: Clip, flight: ClipFlight) -> tuple[float, float, float]:
-    """How far feet that stand beside a flight float over the ground, sink into it, and slide along it, m.
+def _stance_errors(clip: Clip, flight: ClipFlight) -> tuple[float, float, float]:
+    """How far feet that stand before and after a flight float over the ground, sink into it, and slide along it, m.
 
     A foot that stands is still; one that leaves or arrives is not, and does not float.
     """
@@ -198,12 +197,13 @@ def _feet_beside(clip: Clip, flight: ClipFlight) -> tuple[float, float, float]:
     step = float(scene.times[1] - scene.times[0])
     floating = sinking = sliding = 0.0
     for begin, end in ((flight.begin - BESIDE, flight.begin), (flight.end, flight.end + BESIDE)):
-        beside = np.flatnonzero((scene.times >= begin) & (scene.times <= end))
-        if not len(beside):
+        near = np.flatnonzero((scene.times >= begin) & (scene.times <= end))
+        if not len(near):
             continue
-        heights = scene.foot_heights[beside] - scene.ground.heights[beside, None]
-        velocities = scene.foot_velocities[beside]
-        stands = (np.linalg.norm(velocities, axis=2) < STILL) & (heights < HIGHEST_STANCE)
+        heights = scene.foot_heights[near] - scene.ground.heights[near, None]
+        velocities = scene.foot_velocities[near]
+        low = heights < 0.05  # [m] over the ground: a foot that is still and higher does not stand
+        stands = (np.linalg.norm(velocities, axis=2) < STILL) & low
         along_ground = np.linalg.norm(velocities[..., :2], axis=2)
         slid = np.where(heights < FOOT_CLEARANCE, along_ground, 0.0).sum(axis=0) * step
         floating = max(floating, float(heights[stands].max(initial=0.0)))

@@ -20,12 +20,8 @@ from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.robot.robot import Robot
 
-USUAL_FPS = 30.0  # [Hz] of files that do not say it
-BEYOND = 50.0  # [rad] outside of a joint's range, as degrees taken for radians are
-TOO_FAR = 0.02  # [m] that a body may be from where the file has it, when joints are told by that
-FRAMES_FOR_ORDER = 9  # [-] in which bodies are compared
-ON_ONE_LEVEL = 0.05  # [m] that feet are off what stands on one level, of a robot that walks or hops
-XYZW, WXYZ = "xyzw", "wxyz"
+XYZW = "xyzw"
+WXYZ = "wxyz"
 
 
 @one_thread
@@ -49,20 +45,20 @@ def load_clip(
     model : path, or Robot with a free base
         The URDF or MJCF of the robot.
     format : str, optional
-        One of these; found by the file's name and keys where left out.
+        One of these; where left out, that of the file's name and keys.
     fps : float, optional
         Frames a second, Hz, of a file that does not say it; 30 where left out, which a remark says.
     quaternion : str, optional
-        "xyzw" or "wxyz", in a CSV; found by which of both leaves the feet on one level where left out.
+        "xyzw" or "wxyz", in a CSV; where left out, that of both which leaves the feet on one level.
     feet : sequence of str, optional
-        Links whose bodies are the feet; found by their shapes where left out.
+        Links whose bodies are the feet; where left out, by their shapes.
     ground : float, optional
-        Height of a level ground, m; found from the feet that stand where left out.
+        Height of a level ground, m; where left out, by the feet that stand.
 
     Returns
     -------
     Clip
-        Its ``flights`` are those that were found; see :func:`floatplan.check_clip`.
+        See its ``flights``, and :func:`floatplan.check_clip`.
 
     Raises
     ------
@@ -88,17 +84,24 @@ def load_clip(
             robot=robot,
             path=source,
             fps=rate,
-            base_position=read_only(recording.place),
+            base_position=read_only(recording.position),
             base_quaternion=read_only(_xyzw(recording.quaternion, order or XYZW)),
             positions=read_only(positions),
             layout=FileLayout(format=name, joints=joints, quaternion=order or XYZW, others=recording.others),
             contacts=recording.contacts,
             contact_names=recording.contact_names,
-            remarks=tuple(remark for remark in (of_rate, of_joints, of_quaternion) if remark),
+            remarks=tuple(remark for remark in (_of_shapes(robot), of_rate, of_joints, of_quaternion) if remark),
             feet=None if feet is None else tuple(feet),
             ground_height=ground,
         )
         return clip if order else _with_likelier_order(clip, recording)
+
+
+def _of_shapes(robot: Robot) -> str:
+    """What is remarked of a model whose links have no collision shapes."""
+    if any(link.collisions for link in robot.file_tree.links.values()):
+        return ""
+    return "the model has no collision shapes: what touches the ground is taken for lines between its joints"
 
 
 def _rate(recording: Recording, fps: float | None) -> tuple[float, str]:
@@ -111,10 +114,8 @@ def _rate(recording: Recording, fps: float | None) -> tuple[float, str]:
         return float(fps), ""
     if recording.fps is not None:
         return recording.fps, ""
-    return (
-        USUAL_FPS,
-        f"the file does not say its frames a second: taken for {USUAL_FPS:g}; give fps where it is another",
-    )
+    usual = 30.0  # [Hz] of most files that do not say it
+    return usual, f"the file does not say its frames a second: taken for {usual:g}; give fps where it is another"
 
 
 def _positions(robot: Robot, recording: Recording) -> tuple[Array, tuple[str, ...], str]:
@@ -161,8 +162,9 @@ def _positions_by_bodies(
     best = min(misfits, key=lambda words: misfits[words])
     names = orders[best]
     remark = f"the file names no joints: taken in {best}"
-    if not misfits[best] < TOO_FAR:
-        remark += f", though no body of it fits the file's within {1e3 * TOO_FAR:.0f} mm"
+    tolerance = 0.02  # [m] that a body may be from where the file has it
+    if not misfits[best] < tolerance:
+        remark += f", though no body of it fits the file's within {1e3 * tolerance:.0f} mm"
     return _in_order(names, recording.joints, robot.model_joints), names, remark
 
 
@@ -170,9 +172,9 @@ def _misfit(robot: Robot, recording: Recording, positions: Array) -> float:
     """How far the robot's joints are from the nearest of the file's bodies, m: rms over some frames."""
     bodies = recording.body_places
     assert bodies is not None, "the file has bodies"
-    frames = np.unique(np.linspace(0, len(positions) - 1, FRAMES_FOR_ORDER).astype(np.int64))
+    frames = np.unique(np.linspace(0, len(positions) - 1, 9).astype(np.int64))  # 9 tell the orders apart
     attitudes = of_quaternions(_xyzw(recording.quaternion[frames], recording.quaternion_order))
-    poses = body_poses(robot.model, recording.place[frames], attitudes, positions[frames])
+    poses = body_poses(robot, recording.position[frames], attitudes, positions[frames])
     apart = np.linalg.norm(bodies[frames][:, :, None] - poses.places[:, None, 1:], axis=3)
     return float(np.sqrt((apart.min(axis=1) ** 2).mean()))
 
@@ -181,19 +183,19 @@ def _by_levels(robot: Robot) -> tuple[str, ...]:
     """Joints in the order of the tree's levels: those nearest to the root first, each level in the file's order."""
     tree = robot.file_tree
     moving = own_names(robot).joints
-    found: list[str] = []
+    names: list[str] = []
     level = [tree.root]
     while level:
         joints = [joint for link in level for joint in tree.joints if joint.parent == link]
-        found += [joint.name for joint in joints if joint.name in moving]
+        names += [joint.name for joint in joints if joint.name in moving]
         level = [joint.child for joint in joints]
-    return tuple(found)
+    return tuple(names)
 
 
-def _in_order(names: Sequence[str], positions: Array, wanted: Sequence[str]) -> Array:
+def _in_order(names: Sequence[str], positions: Array, order: Sequence[str]) -> Array:
     """Columns (N, J) of joints of these names in another order of theirs."""
     column = {name: number for number, name in enumerate(names)}
-    return np.ascontiguousarray(positions[:, [column[name] for name in wanted]])
+    return np.ascontiguousarray(positions[:, [column[name] for name in order]])
 
 
 def _check_ranges(robot: Robot, positions: Array) -> None:
@@ -204,27 +206,28 @@ def _check_ranges(robot: Robot, positions: Array) -> None:
         if not joint.turns or joint.lower is None or joint.upper is None:
             continue
         beyond = np.maximum(joint.lower - positions[:, number], positions[:, number] - joint.upper)
-        if beyond.max() > BEYOND:
+        if beyond.max() > 50.0:  # [rad] as of degrees read as radians
             reason = f"is {beyond.max():.3g} rad outside of its range in frame {int(beyond.argmax())}"
             raise InputError(reason, element=name, advice="give positions in radians, not in degrees")
 
 
-def _quaternion_order(recording: Recording, asked: str | None) -> tuple[str, str]:
-    """The order of the quaternion's numbers, "" where it is to be found out; and what is remarked of it."""
-    if asked is not None and asked not in (XYZW, WXYZ):
-        raise InputError(f'"{asked}" is no order of a quaternion', element="quaternion", advice="give xyzw or wxyz")
-    said = recording.quaternion_order
-    if asked and said and asked != said:
-        raise InputError(f"the format has {said}, not {asked}", element="quaternion", advice="leave it out")
-    return asked or said, ""
+def _quaternion_order(recording: Recording, order: str | None) -> tuple[str, str]:
+    """The order of the quaternion's numbers, "" where neither file nor caller says it; and what is remarked of it."""
+    if order is not None and order not in (XYZW, WXYZ):
+        raise InputError(f'"{order}" is no order of a quaternion', element="quaternion", advice="give xyzw or wxyz")
+    of_format = recording.quaternion_order
+    if order and of_format and order != of_format:
+        raise InputError(f"the format has {of_format}, not {order}", element="quaternion", advice="leave it out")
+    return order or of_format, ""
 
 
 def _with_likelier_order(clip: Clip, recording: Recording) -> Clip:
-    """The clip with its quaternions as x, y, z, w, unless the other order alone leaves the feet on one level."""
+    """The clip with its quaternions as x, y, z, w, unless only the other order leaves the feet on one level."""
     other = replace(clip, base_quaternion=read_only(_xyzw(recording.quaternion, WXYZ)))
     usual = _off_the_ground(clip)
     unusual = _off_the_ground(other)
-    if not (unusual < ON_ONE_LEVEL and unusual < 0.5 * usual):
+    level = 0.05  # [m] that feet are off one level, of a robot that walks or hops
+    if not (unusual < level and unusual < 0.5 * usual):
         remark = "the file does not say the order of its quaternions: taken as x, y, z, w, as is usual"
         return replace(clip, remarks=(*clip.remarks, remark))
     remark = "quaternions taken as w, x, y, z: with x, y, z, w it does not stand on its feet"

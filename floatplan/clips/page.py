@@ -62,7 +62,7 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     title = f"{html.escape(name)}: its flights" if len(checks) == 1 else f"{html.escape(name)}: their flights"
     flights = [(check, judged) for check in checks for judged in check.flights]
     flights.sort(key=lambda pair: pair[1].verdict != UNPHYSICAL)
-    parts = [_clip_facts(check) for check in checks]
+    parts = [clip_facts(check) for check in checks]
     parts += [_flight_section(check, judged) for check, judged in flights[:MOST_FLIGHTS]]
     if len(flights) > MOST_FLIGHTS:
         parts.append(f"<p>{len(flights) - MOST_FLIGHTS} more flights are not drawn.</p>")
@@ -76,7 +76,7 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     return write_atomically(path, filled(asset("page.html"), page))
 
 
-def _clip_facts(check: ClipCheck) -> str:
+def clip_facts(check: ClipCheck) -> str:
     """A line about a clip, what was assumed of it, and its table of flights."""
     clip = check.clip
     words = (

@@ -1,4 +1,4 @@
-"""Pickles read as plain data: numbers, strings, lists, dictionaries and arrays of numbers; nothing in them is run.
+"""Pickles read as data only: numbers, strings, lists, dictionaries and arrays of numbers; nothing in them is run.
 
 A pickle is a program, which may call any function that can be imported. Of all of these the reader knows those that
 make arrays of NumPy, and it makes them itself: whatever else a file names is refused by that name.
@@ -16,10 +16,7 @@ import numpy as np
 
 from floatplan.errors import InputError
 
-LARGEST_ARRAY = 200_000_000  # [bytes] of one array
-MOST_VALUES = 20_000_000  # [-] numbers and strings outside of arrays: a list may hold another many times over
-DEEPEST = 20  # [-] lists within lists; files of motions have two levels
-NUMBERS = "biuf"  # kinds of NumPy's types that are plain numbers
+NUMBERS = "biuf"  # kinds of NumPy's types that are numbers
 
 
 class _NumberType:
@@ -37,7 +34,7 @@ class _NumberType:
 
 
 class _Array:
-    """An array as a pickle builds it: empty first, then given its state."""
+    """An array as a pickle builds it: empty first, then with its state."""
 
     def __init__(self, *_: Any) -> None:
         self.values = np.empty(0)
@@ -53,7 +50,8 @@ def _array(content: Any, number_type: Any, shape: Any, order: str) -> Any:
         raise InputError("holds an array whose numbers have no type")
     lengths = [int(length) for length in shape]
     size = math.prod(lengths) * number_type.dtype.itemsize
-    if min(lengths, default=0) < 0 or size > LARGEST_ARRAY or size != len(content):
+    largest = 200_000_000  # [bytes] of one array
+    if min(lengths, default=0) < 0 or size > largest or size != len(content):
         raise InputError(f"holds an array whose shape {tuple(lengths)} is not that of its bytes")
     return np.frombuffer(bytes(content), number_type.dtype).reshape(lengths, order="F" if order == "F" else "C")
 
@@ -63,28 +61,28 @@ def _scalar(number_type: Any, content: Any) -> Any:
     return _array(content, number_type, (1,), "C")[0].item()
 
 
-KNOWN: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Array, ("numpy", "dtype"): _NumberType}
+MAKERS: dict[tuple[str, str], Any] = {("numpy", "ndarray"): _Array, ("numpy", "dtype"): _NumberType}
 for _module in ("numpy.core", "numpy._core"):  # before NumPy 2, and since
-    KNOWN[f"{_module}.multiarray", "_reconstruct"] = _Array
-    KNOWN[f"{_module}.multiarray", "scalar"] = _scalar
-    KNOWN[f"{_module}.numeric", "_frombuffer"] = _array
+    MAKERS[f"{_module}.multiarray", "_reconstruct"] = _Array
+    MAKERS[f"{_module}.multiarray", "scalar"] = _scalar
+    MAKERS[f"{_module}.numeric", "_frombuffer"] = _array
 
 
 class _Reader(pickle.Unpickler):
     """An unpickler that finds nothing but what makes arrays."""
 
     def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in KNOWN:
+        if (module, name) not in MAKERS:
             reason = f"names {module}.{name}, which is not plain data: a pickle that names functions can run them"
             raise InputError(reason, advice="where you trust it, write it again as lists and arrays of numbers")
-        return KNOWN[module, name]
+        return MAKERS[module, name]
 
     def persistent_load(self, pid: Any) -> Any:
         raise InputError("refers to something outside of it", advice="write it again as lists and arrays of numbers")
 
 
 def read_pickle(content: bytes) -> Any:
-    """Return the plain data of a pickle: dictionaries, lists, strings, numbers, arrays.
+    """Return the data of a pickle: dictionaries, lists, strings, numbers, arrays.
 
     Raises
     ------
@@ -93,7 +91,7 @@ def read_pickle(content: bytes) -> Any:
     """
     try:
         _check_memo(content)
-        return _Plain().of(_Reader(io.BytesIO(content)).load(), 0)
+        return _DataReader().of(_Reader(io.BytesIO(content)).load(), 0)
     except InputError:
         raise
     except MemoryError:
@@ -103,29 +101,31 @@ def read_pickle(content: bytes) -> Any:
 
 
 def _check_memo(content: bytes) -> None:
-    """Refuse numbers of remembered values that no file of this length can have: room is made for as many at once."""
+    """Refuse numbers of remembered values that no file of this length can have: memory is reserved for as many."""
     for opcode, argument, _ in pickletools.genops(content):
         if opcode.name == "LONG_BINPUT" and isinstance(argument, int) and argument > len(content):
             raise InputError("remembers more values than it holds")
 
 
-class _Plain:
-    """Makes lists and NumPy's arrays of what a pickle holds, and counts the values."""
+class _DataReader:
+    """Reads the lists and arrays of numbers that a pickle holds, and counts the values."""
 
     def __init__(self) -> None:
         self.count = 0
 
     def of(self, value: Any, depth: int) -> Any:
-        """Return plain data; refuse what is none."""
+        """Return data without functions or objects; refuse anything else."""
         self.count += 1
-        if depth > DEEPEST or self.count > MOST_VALUES:
+        deepest = 20  # [-] lists within lists; files of motions have two levels
+        most = 20_000_000  # [-] numbers and strings outside of arrays: a list may hold another many times over
+        if depth > deepest or self.count > most:
             raise InputError("holds lists within lists without end")
         if isinstance(value, _Array):
             return value.values
         if isinstance(value, dict):
-            return {str(key): self.of(each, depth + 1) for key, each in value.items()}
+            return {str(key): self.of(member, depth + 1) for key, member in value.items()}
         if isinstance(value, (list, tuple)):
-            return [self.of(each, depth + 1) for each in value]
+            return [self.of(member, depth + 1) for member in value]
         if value is None or isinstance(value, (bool, int, float, str, np.ndarray)):
             return value
         raise InputError(f"holds a {type(value).__name__}, which is not plain data")

@@ -2,49 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from floatplan.arguments import many, one_of, optional, whole
-from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.arguments import FINITE, many, optional, whole
 from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.flights import ClipFlight
-from floatplan.clips.formats import continuous_signs
+from floatplan.clips.formats import check_rate
 from floatplan.clips.judge import GRAVITY, UNPHYSICAL
-from floatplan.clips.repaired_flight import CHOICES, Choice, RepairedFlight, repair_flight
-from floatplan.clips.stances import Seam, foot_misses, stance_configurations, turn_between, velocity_difference
-from floatplan.clips.timing import RAMP, Clock
+from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
+from floatplan.clips.repaired_motion import RepairedMotion, plan_configurations
+from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
+from floatplan.clips.stances import foot_misses, turn_between
 from floatplan.errors import InputError
-from floatplan.motion.spatial.dynamics import BASE
-from floatplan.plans.plan import Plan
+from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
 from floatplan.tables import Range
 
 BESIDE = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
 MOST_FLIGHTS = 10**6  # [-] numbers of flights
-STEP = 1e-4  # [s] of differences, by which velocities in stances are computed
-FORCE_STEP = 0.02  # [s] of differences, by which forces are: shorter ones tell of the frames' noise
-
-
-@dataclass(frozen=True, eq=False)
-class StanceFigures:
-    """What the stances beside a repaired flight would take: they are bent, not planned.
-
-    Attributes
-    ----------
-    vertical_least : least vertical force of the ground, in shares of the weight; negative where it would have to pull
-    friction : the largest share of horizontal in vertical force; infinite where it would have to pull
-    """
-
-    vertical_least: float
-    friction: float
+FORCE_STEP = 0.01  # [s] between the instants at which they are
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +69,11 @@ class FlightRepair:
             "seam": {"base": self.seam_base, "turn": self.seam_turn, "foot": self.seam_foot},
             "stance": None
             if self.stance is None
-            else {"vertical_least": self.stance.vertical_least, "friction": or_none(self.stance.friction)},
+            else {
+                "vertical_least": self.stance.vertical_least,
+                "friction": or_none(self.stance.friction),
+                "pressure_outside": self.stance.pressure_outside,
+            },
             "repairable": found.repairable,
             "reason": found.reason or None,
         }
@@ -117,9 +103,13 @@ class ClipRepair:
         """Whether anything was changed."""
         return any(each.repaired is not None and each.repaired.repairable for each in self.flights)
 
+    def table(self) -> list[dict[str, Any]]:
+        """One row a flight, with the keys of ``repairs`` of the command line's ``--json``."""
+        return [each.to_dict() for each in self.flights]
+
     def to_dict(self) -> dict[str, Any]:
         """Everything, as the command line's ``--json`` has it."""
-        return {**self.before.to_dict(), "repairs": [each.to_dict() for each in self.flights]}
+        return {**self.before.to_dict(), "repairs": self.table()}
 
     def __repr__(self) -> str:
         done = sum(each.repaired is not None and each.repaired.repairable for each in self.flights)
@@ -133,6 +123,7 @@ def repair_clip(
     *,
     flights: Sequence[int] | None = None,
     degree: int | None = None,
+    rate: float | None = None,
     gravity: float = GRAVITY,
 ) -> tuple[Clip, ClipRepair]:
     """Make the flights of a clip fly.
@@ -144,11 +135,14 @@ def repair_clip(
     Parameters
     ----------
     clip : Clip
-    choice : "retime" (postures and heights are kept), "raise" (the duration is kept), or "auto": retime where the
-        robot's limits hold, else raise
+    choice : "retime" (postures and heights are kept), "raise" (the duration is kept), a number from 0, which is
+        "retime", to 1, which is "raise", for a duration between both, or "auto": retime where the robot's limits hold,
+        else raise
     flights : numbers of flights, optional
         To repair, whatever their verdict; the unphysical ones where left out.
     degree : of the polynomials, optional
+    rate : Hz, optional
+        Frames a second of the repaired clip; the clip's own where left out.
     gravity : m/s^2
 
     Returns
@@ -160,25 +154,25 @@ def repair_clip(
     Raises
     ------
     InputError
-        A choice or a number of a flight is none; or as of :func:`floatplan.check_clip`.
+        A choice, a rate or a number of a flight is none; or as of :func:`floatplan.check_clip`.
     """
-    one_of(*CHOICES)(choice, "choice")
+    CHOICE(choice, "choice")
     optional(many(whole(Range(0, MOST_FLIGHTS, "")), "numbers of flights"))(flights, "flights")
     optional(whole(Range(LOWEST_DEGREE + 1, HIGHEST_DEGREE, "")))(degree, "degree")
+    optional(FINITE)(rate, "rate")
+    if rate is not None:
+        check_rate(rate, "rate")
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
     repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
     good = {number: each for number, each in repaired.items() if each.repairable}
-    if not good:
-        left = tuple(FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights))
-        return clip, ClipRepair(before, left)
-    new = _Whole(clip, good)
-    found = new.clip()
-    done = [
-        new.told(number, gravity) if number in good else FlightRepair(flight, repaired.get(number))
-        for number, flight in enumerate(clip.flights)
-    ]
-    return found, ClipRepair(before, tuple(done))
+    plans = {number: each.plan for number, each in good.items() if each.plan is not None}
+    left = {number: FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights)}
+    if not plans and rate in (None, clip.fps):
+        return clip, ClipRepair(before, tuple(left.values()))
+    motion = RepairedMotion(clip, plans)
+    told = {number: _told(motion, clip, number, each, gravity) for number, each in good.items()}
+    return motion.clip(rate or clip.fps), ClipRepair(before, tuple((left | told).values()))
 
 
 def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
@@ -191,144 +185,40 @@ def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
     return sorted(set(flights))
 
 
-class _Whole:
-    """A clip with some of its flights in place of its own: where everything is, at any time."""
+def _told(motion: RepairedMotion, clip: Clip, number: int, repaired: RepairedFlight, gravity: float) -> FlightRepair:
+    """What is said of a flight that was repaired: its seams, and what the stances beside it would take."""
+    plan = repaired.plan
+    assert plan is not None, "the flight is repaired"
+    flight = clip.flights[number]
+    begin = motion.begins[number]
+    ends = np.array([flight.begin, flight.end])
+    q = plan_configurations(plan, np.array([0.0, plan.duration]))
+    attitudes = clip.curve.attitudes(ends)
+    base = float(np.linalg.norm(q[:, :3] - clip.curve.base_positions(ends), axis=1).max())
+    turns = [turn_between(now, own) for now, own in zip(of_quaternions(q[:, 3:7]), attitudes, strict=True)]
+    misses = [0.0]
+    figures = []
+    for first, last in ((begin - BESIDE, begin), (begin + plan.duration, begin + plan.duration + BESIDE)):
+        times = np.arange(max(first, 0.0), min(last, motion.clock.duration), FORCE_STEP)
+        if len(times) <= 2 * STEPS:
+            continue
+        clip_times = motion.clock.to_clip(times)
+        configurations = motion.configurations(times)
+        misses.append(float(foot_misses(clip, clip_times, configurations).max()))
+        figures.append(stance_figures(clip, configurations, clip_times, FORCE_STEP, gravity))
+    return FlightRepair(
+        flight=flight,
+        repaired=repaired,
+        seam_base=base,
+        seam_turn=max(turns),
+        seam_foot=max(misses),
+        stance=_worst(figures) if figures else None,
+    )
 
-    def __init__(self, clip: Clip, repaired: dict[int, RepairedFlight]) -> None:
-        self._clip = clip
-        self._repaired = repaired
-        flights = clip.flights
-        factors = [
-            repaired[number].duration / flight.duration if number in repaired else 1.0
-            for number, flight in enumerate(flights)
-        ]
-        self._clock = Clock.of(clip.duration, flights, factors)
-        begins = self._clock.to_new(np.array([flight.begin for flight in flights]))
-        self._begins = {number: float(begins[number]) for number in repaired}
-        self._seams = [seam for number in repaired for seam in self._seams_of(number, factors[number])]
 
-    def _seams_of(self, number: int, pace: float) -> list[Seam]:
-        """Where the stances before and after a flight meet it."""
-        clip, flights = self._clip, self._clip.flights
-        flight = flights[number]
-        plan = self._repaired[number].plan
-        assert plan is not None, "the flight is repaired"
-        before = flights[number - 1].end if number else 0.0
-        after = flights[number + 1].begin if number + 1 < len(flights) else clip.duration
-        seams = []
-        for at, local, sign, free in (
-            (flight.begin, 0.0, -1.0, flight.begin - before),
-            (flight.end, plan.duration, 1.0, after - flight.end),
-        ):
-            own = plan.v(np.array([local]))[0]
-            attitude = Rotation.from_quat(plan.q(np.array([local]))[0, 3:7]).as_matrix()
-            of_clip = clip.curve.velocities(np.array([at]))
-            change = velocity_difference(own, (of_clip[0][0], of_clip[1][0], of_clip[2][0]), pace, attitude)
-            instant = self._begins[number] + local
-            seams.append(Seam(instant=instant, sign=sign, room=min(RAMP, 0.5 * free), change=change))
-        return seams
-
-    def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
-        """Plans, which of times (K,) are within each, and these in the plan's own time, s."""
-        for number, repaired in self._repaired.items():
-            plan = repaired.plan
-            assert plan is not None, "the flight is repaired"
-            local = times - self._begins[number]
-            inside = (local >= 0) & (local <= plan.duration)
-            if inside.any():
-                yield plan, inside, local[inside]
-
-    def configurations(self, times: Array) -> Array:
-        """Configurations (K, 7 + J) at times (K,) of the repaired clip, s."""
-        clip_times = self._clock.to_clip(times)
-        found = np.empty((len(times), self._clip.robot.model.nq))
-        stands = np.ones(len(times), np.bool_)
-        for plan, inside, local in self._in_flight(times):
-            found[inside] = plan.q(local)
-            stands &= ~inside
-        found[stands] = stance_configurations(self._clip, clip_times[stands], times[stands], self._seams)
-        return found
-
-    def velocities(self, times: Array) -> Array:
-        """Velocities (K, 6 + J) of Pinocchio's model at times (K,): of plans their own, in stances by differences."""
-        found = np.empty((len(times), self._clip.robot.model.nv))
-        stands = np.ones(len(times), np.bool_)
-        for plan, inside, local in self._in_flight(times):
-            found[inside] = plan.v(local)
-            stands &= ~inside
-        at = times[stands]
-        early = self.configurations(np.clip(at - STEP, 0.0, self._clock.duration))
-        late = self.configurations(np.clip(at + STEP, 0.0, self._clock.duration))
-        passed = np.clip(at + STEP, 0.0, self._clock.duration) - np.clip(at - STEP, 0.0, self._clock.duration)
-        before, after = Rotation.from_quat(early[:, 3:7]), Rotation.from_quat(late[:, 3:7])
-        middle = Rotation.from_quat(self.configurations(at)[:, 3:7])
-        linear = middle.apply((late[:, :3] - early[:, :3]) / passed[:, None], inverse=True)
-        angular = (before.inv() * after).as_rotvec() / passed[:, None]
-        found[stands] = np.concatenate((linear, angular, (late[:, 7:] - early[:, 7:]) / passed[:, None]), axis=1)
-        return found
-
-    def clip(self) -> Clip:
-        """The repaired clip, at the clip's rate."""
-        clip = self._clip
-        times = np.arange(int(np.floor(self._clock.duration * clip.fps + 1e-6)) + 1) / clip.fps
-        q = self.configurations(times)
-        contacts = None
-        if clip.contacts is not None:
-            frame = np.rint(self._clock.to_clip(times) * clip.fps).astype(np.int64)
-            contacts = clip.contacts[np.minimum(frame, clip.frames - 1)]
-        return replace(
-            clip,
-            base_position=read_only(q[:, :3]),
-            base_quaternion=read_only(continuous_signs(q[:, 3:7])),
-            positions=read_only(q[:, 7:]),
-            contacts=contacts,
-            velocities=read_only(self.velocities(times)),
-        )
-
-    def told(self, number: int, gravity: float) -> FlightRepair:
-        """What is said of a flight that was repaired: its seams, and what the stances beside it would take."""
-        clip = self._clip
-        flight, repaired = clip.flights[number], self._repaired[number]
-        plan = repaired.plan
-        assert plan is not None, "the flight is repaired"
-        begin = self._begins[number]
-        ends = np.array([flight.begin, flight.end])
-        q = plan.q(np.array([0.0, plan.duration]))
-        attitudes = clip.curve.attitudes(ends)
-        base = float(np.linalg.norm(q[:, :3] - clip.curve.base_positions(ends), axis=1).max())
-        turns = [
-            turn_between(Rotation.from_quat(each[3:7]).as_matrix(), own) for each, own in zip(q, attitudes, strict=True)
-        ]
-        beside = np.arange(-BESIDE, BESIDE + plan.duration, 0.5 * FORCE_STEP) + begin
-        beside = beside[(beside >= 0) & (beside <= self._clock.duration)]
-        stands = beside[(beside < begin) | (beside > begin + plan.duration)]
-        feet = (
-            foot_misses(clip, self._clock.to_clip(stands), self.configurations(stands)) if len(stands) else np.zeros(1)
-        )
-        return FlightRepair(
-            flight=flight,
-            repaired=repaired,
-            seam_base=base,
-            seam_turn=max(turns),
-            seam_foot=float(feet.max(initial=0.0)),
-            stance=self._stance(stands, gravity),
-        )
-
-    def _stance(self, times: Array, gravity: float) -> StanceFigures | None:
-        """Forces of the ground at times (K,) beside a flight, from the acceleration of the centre of mass."""
-        inside = times[(times > FORCE_STEP) & (times < self._clock.duration - FORCE_STEP)]
-        if not len(inside):
-            return None
-        places = [self._com(inside + step) for step in (-FORCE_STEP, 0.0, FORCE_STEP)]
-        acceleration = (places[0] - 2 * places[1] + places[2]) / FORCE_STEP**2
-        vertical = acceleration[:, 2] / gravity + 1.0
-        across = np.linalg.norm(acceleration[:, :2], axis=1) / gravity
-        friction = np.where(vertical > 0, across / np.maximum(vertical, 1e-9), np.inf)
-        return StanceFigures(vertical_least=float(vertical.min()), friction=float(friction.max()))
-
-    def _com(self, times: Array) -> Array:
-        """Places (K, 3) of the centre of mass, m."""
-        q = self.configurations(times)
-        attitudes = Rotation.from_quat(q[:, 3:7]).as_matrix()
-        model = self._clip.robot.model
-        return centre_of_mass(model, body_poses(model, q[:, :3], attitudes, q[:, BASE + 1 :]))
+def _worst(figures: Sequence[StanceFigures]) -> StanceFigures:
+    return StanceFigures(
+        vertical_least=min(each.vertical_least for each in figures),
+        friction=max(each.friction for each in figures),
+        pressure_outside=max(each.pressure_outside for each in figures),
+    )

@@ -13,6 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
 from floatplan.clips.curve import body_poses, centre_of_mass
@@ -20,26 +21,33 @@ from floatplan.clips.flights import ClipFlight
 from floatplan.clips.judge import largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
 from floatplan.planning.planner import plan as plan_flight
 from floatplan.plans.plan import Plan
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.tables import Range
 
-Choice: TypeAlias = Literal["retime", "raise", "auto"]
-CHOICES = ("retime", "raise", "auto")
+Choice: TypeAlias = Literal["retime", "raise", "auto"] | float
+AUTO = "auto"
+SHARES = {
+    "retime": 0.0,
+    "raise": 1.0,
+}  # [-] of the clip's own duration in that of the repaired flight; the rest is the fall's
+CHOICE = one_of(*SHARES, AUTO, or_number=number(Range(0.0, 1.0, "")))
 DEGREES = ((0.35, 9), (0.7, 11), (math.inf, 13))  # [s, -] degree of the polynomials of flights no longer than that
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
 ROUGHNESS = 1e-4  # [-] weight of the polynomials' order, squared: without it few frames would leave ends undetermined
 RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
 SHORTEST = 0.05  # [s] of a repaired flight
 FULL = 1.0  # [-] share of a limit
+HOPELESS = 20.0  # [-] share of a limit, above which no flight within the limits is looked for: it takes seconds
 INSIDE = 0.97  # [-] of the limits that a flight which exceeds them is planned again within
 LARGEST_CHANGE = math.radians(30.0)  # [rad] of a joint: a flight that is changed more is another motion
 HALF_TURN = math.pi / 2  # [rad] of rotation from takeoff to landing, below which the shortest way is the clip's
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
-BUDGET = 2.0  # [s] of one plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +59,7 @@ class RepairedFlight:
     flight : ClipFlight
     plan : Plan, optional
         None where none was found.
-    choice : "retime" or "raise"
+    choice : "retime", "raise", or a number between both
     joints_rms, joints_largest : rad, by which joints differ from the clip's
     base_largest : rad, by which the base's attitude does, along the way
     rate_share, torque_share : the largest share of a limit, and whose; None without limits
@@ -60,7 +68,7 @@ class RepairedFlight:
 
     flight: ClipFlight
     plan: Plan | None
-    choice: str
+    choice: str | float
     joints_rms: float
     joints_largest: float
     base_largest: float
@@ -86,11 +94,12 @@ def repair_flight(
 
     Parameters
     ----------
-    choice : "retime", "raise", or "auto": the first of both that keeps the robot's limits, else the nearer one
+    choice : "retime", "raise", a share between them, or "auto": the first of both that keeps the robot's limits, else
+        the nearer one
     degree : of the polynomials (12); by the flight's duration where left out
     gravity : m/s^2
     """
-    wanted = ("retime", "raise") if choice == "auto" else (choice,)
+    wanted: tuple[str | float, ...] = tuple(SHARES) if choice == AUTO else (choice,)
     tried: list[RepairedFlight] = []
     for each in wanted:
         found = _planned(clip, flight, each, degree, gravity)
@@ -105,23 +114,23 @@ def _largest_share(found: RepairedFlight) -> float:
     return max((share[0] for share in shares if share is not None), default=0.0)
 
 
-def _planned(clip: Clip, flight: ClipFlight, choice: str, degree: int | None, gravity: float) -> RepairedFlight:
+def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None, gravity: float) -> RepairedFlight:
     """Plan with one choice; again within the limits where the nearest motion exceeds them."""
     problem = flight_problem(clip, flight, choice, degree, gravity)
     if problem is None:
         return _none(flight, choice, "the centre of mass does not rise over its heights at takeoff and landing")
-    plan = plan_flight(problem, budget=BUDGET)
+    plan = plan_flight(problem)
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     found = _judged(clip, flight, choice, plan)
-    if _largest_share(found) <= FULL:
+    if not FULL < _largest_share(found) <= HOPELESS:
         return found
     limits = _limits_within(problem, INSIDE)
-    within = plan_flight(replace(problem, limits=limits), budget=BUDGET)
+    within = plan_flight(replace(problem, limits=limits))
     return _judged(clip, flight, choice, within) if within.ok else found
 
 
-def _none(flight: ClipFlight, choice: str, reason: str) -> RepairedFlight:
+def _none(flight: ClipFlight, choice: str | float, reason: str) -> RepairedFlight:
     return RepairedFlight(flight, None, choice, math.nan, math.nan, math.nan, None, None, reason)
 
 
@@ -138,9 +147,12 @@ def _limits_within(problem: Problem, share: float) -> Limits:
 
 
 def flight_problem(
-    clip: Clip, flight: ClipFlight, choice: str, degree: int | None = None, gravity: float = 9.81
+    clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None = None, gravity: float = 9.81
 ) -> Problem | None:
-    """The problem whose plan is a flight of a clip, nearest to it; None where the clip's flight does not rise."""
+    """The problem whose plan is a flight of a clip, nearest to it; None where the clip's flight does not rise.
+
+    Its duration is that of the clip's flight by a share, else that of the fall over the clip's own heights.
+    """
     robot = clip.robot
     grid = gauss_legendre(NODES)
     ends = np.array([flight.begin, flight.end])
@@ -148,12 +160,12 @@ def flight_problem(
     attitudes = clip.curve.attitudes(at)
     bases = clip.curve.base_positions(at)
     positions = clip.curve.positions(at)
-    com = centre_of_mass(robot.model, body_poses(robot.model, bases, attitudes, positions))
-    duration = flight.duration
-    if choice == "retime":
-        duration = fall_duration(com[0, 2], float(com[:, 2].max()), com[1, 2], gravity)
-        if duration < SHORTEST:
-            return None
+    com = centre_of_mass(robot, body_poses(robot, bases, attitudes, positions))
+    share = SHARES[choice] if isinstance(choice, str) else choice
+    fall = fall_duration(com[0, 2], float(com[:, 2].max()), com[1, 2], gravity)
+    if share < 1 and fall < SHORTEST:
+        return None
+    duration = share * flight.duration + (1.0 - share) * fall
     columns = [robot.model_joints.index(joint) for joint in robot.joints]
     planned = positions[:, columns]
     low, high = _ranges(robot.position_limits, planned)
@@ -247,18 +259,19 @@ def _attitudes_of_ends(clip: Clip, flight: ClipFlight) -> tuple[Attitude, Attitu
     return first, last
 
 
-def _judged(clip: Clip, flight: ClipFlight, choice: str, plan: Plan) -> RepairedFlight:
+def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> RepairedFlight:
     """Compare a plan with the flight of the clip, and with the robot's limits."""
     robot = clip.robot
     s = np.linspace(0.0, 1.0, CHECKED)
-    q = plan.q(s * plan.duration)
+    motion = plan.full_motion(s * plan.duration)
     instants = flight.begin + s * flight.duration
-    change = q[:, 7:] - clip.curve.positions(instants)
-    turned = logarithm(of_quaternions(q[:, 3:7]) @ np.swapaxes(clip.curve.attitudes(instants), 1, 2))
-    rates = np.abs(plan.v(s * plan.duration)[:, 6:])
+    change = motion.positions - clip.curve.positions(instants)
+    attitudes = of_quaternions(motion.base_quaternion)
+    turned = logarithm(attitudes @ np.swapaxes(clip.curve.attitudes(instants), 1, 2))
     motors = [robot.model_joints.index(motor) for motor in robot.motors]
-    torques = np.abs(plan.at(s * plan.duration).motor_torques)
-    rate_share = largest_share(rates[:, motors], robot.motor_velocity_limits, robot.motors)
+    rates = np.abs(motion.velocities[:, motors])
+    torques = np.abs(motion.torques @ robot.transmission[BASE:])
+    rate_share = largest_share(rates, robot.motor_velocity_limits, robot.motors)
     torque_share = largest_share(torques, robot.motor_torque_limits, robot.motors)
     largest = float(np.abs(change).max())
     reasons = [

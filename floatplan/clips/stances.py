@@ -11,20 +11,25 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses
+from floatplan.clips.curve import body_poses, joint_axes
+from floatplan.clips.flights import in_body, lowest_point, on_body
+from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import BASE
-from floatplan.motion.spatial.rotations import logarithm
+from floatplan.motion.spatial.rotations import logarithm, of_quaternions
+from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import LinkSolid
 
 HELD = 0.02  # [m] over the ground, up to which feet are held to the clip
 LOOSE = 0.05  # [m] over the ground, from where on they are not
-ROUNDS = 6  # [-] of Gauss and Newton at most
-CLOSE = 1e-7  # [m, rad] by which a foot may miss
-DAMPING = 1e-6  # [-] of the squared change of joints
+ROUNDS = 8  # [-] of Gauss and Newton at most
+CLOSE = 1e-8  # [rad] of a step, which is the last
+DAMPING = 1e-7  # [m^2] of the squared change of joints
+SOLE = 0.01  # [m/rad] that an attitude counts beside a place: with fewer than six joints the place comes first
+FREE = 5  # [-] of a joint's number less in the model than its column in a configuration
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,90 +67,103 @@ def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Se
     seams : sequence of Seam
     """
     curve = clip.curve
-    bases = curve.base_positions(clip_times)
-    attitudes = curve.attitudes(clip_times)
     positions = curve.positions(clip_times)
     moved = np.zeros((len(times), BASE + positions.shape[1]))
     for seam in seams:
         moved += seam.moved(times)
+    turned = Rotation.from_rotvec(moved[:, 3:BASE]) * Rotation.from_matrix(curve.attitudes(clip_times))
+    bases = curve.base_positions(clip_times) + moved[:, :3]
+    found = np.concatenate((bases, turned.as_quat(), positions + moved[:, BASE:]), axis=1)
     is_moved = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
-    turned = Rotation.from_rotvec(moved[:, 3:BASE]) * Rotation.from_matrix(attitudes)
-    found = np.concatenate((bases + moved[:, :3], turned.as_quat(), positions + moved[:, BASE:]), axis=1)
     if len(is_moved):
-        targets = body_poses(clip.robot.model, bases[is_moved], attitudes[is_moved], positions[is_moved])
-        heights = _heights(clip, clip_times[is_moved])
-        for row, number in enumerate(is_moved):
-            feet = [
-                (body, pin.SE3(targets.rotations[row, body], targets.places[row, body]), share)
-                for body, share in zip(clip.scene.foot_bodies, _shares(heights[row]), strict=True)
-                if share > 0
-            ]
-            if feet:
-                found[number] = _with_feet_held(clip, found[number], feet)
+        found[is_moved] = _with_feet_held(clip, found[is_moved], clip_times[is_moved])
     return found
 
 
-def _heights(clip: Clip, clip_times: Array) -> Array:
-    """Heights (K, F) of the feet over the ground at times of the clip, m."""
+def _with_feet_held(clip: Clip, configurations: Array, clip_times: Array) -> Array:
+    """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them."""
     scene = clip.scene
-    over_ground = scene.foot_heights - scene.ground.heights[:, None]
-    columns = [np.interp(clip_times, scene.times, column) for column in over_ground.T]
-    return np.stack(columns, axis=1)
-
-
-def _shares(heights: Array) -> Array:
-    """How much feet at heights (F,) are held, from 1 on the ground to 0 in the air."""
-    return np.clip((LOOSE - heights) / (LOOSE - HELD), 0.0, 1.0)
-
-
-def _with_feet_held(clip: Clip, configuration: Array, feet: Sequence[tuple[int, pin.SE3, float]]) -> Array:
-    """The configuration with the legs bent so that feet are where they are to be, each by its share."""
-    model = clip.robot.model
-    data = model.createData()
-    legs = sorted({column for body, _, _ in feet for column in _leg(model, body)})
-    now = configuration
-    for _ in range(ROUNDS):
-        pin.computeJointJacobians(model, data, now)
-        misses, rows = [], []
-        for body, target, _ in feet:
-            place = data.oMi[body]
-            misses += [target.translation - place.translation, pin.log3(target.rotation @ place.rotation.T)]
-            rows.append(pin.getJointJacobian(model, data, body, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)[:, legs])
-        miss = np.concatenate(misses)
-        if np.abs(miss).max() < CLOSE:
-            break
-        jacobian = np.concatenate(rows)
-        normal = jacobian @ jacobian.T + DAMPING * np.eye(len(miss))
-        change = np.zeros(model.nv)
-        change[legs] = jacobian.T @ np.linalg.solve(normal, miss)
-        now = pin.integrate(model, now, change)
-    held = configuration.copy()
-    for body, _, share in feet:
-        own = [column + 1 for column in _leg(model, body)]  # a configuration has one number more, of the quaternion
-        held[own] = configuration[own] + share * (now[own] - configuration[own])
+    held = configurations.copy()
+    shares = np.clip((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - HELD), 0.0, 1.0)
+    chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
+    for foot, chain in enumerate(chains):
+        others = {joint for other, joints in enumerate(chains) if other != foot for joint in joints}
+        leg = [joint for joint in chain if joint not in others]
+        near = np.flatnonzero(shares[:, foot] > 0)
+        if not (leg and len(near)):
+            continue
+        targets = clip.curve.poses(clip_times[near])
+        bent = _bent(clip.robot, configurations[near], chain, leg, targets, scene.foot_solids[foot])
+        columns = FREE + np.array(leg)
+        change = shares[near, foot, None] * (bent - configurations[near][:, columns])
+        held[near[:, None], columns] += change
     return held
 
 
-def _leg(model: pin.Model, body: int) -> list[int]:
-    """Velocities of the model that move a foot but not the base, up to where limbs part."""
-    columns: list[int] = []
-    joint = body
-    while joint > 1:
-        columns.append(model.joints[joint].idx_v)
-        joint = model.parents[joint]
-    return columns
+def _chain(robot: Robot, body: int) -> list[int]:
+    """Joints from the base, which is not among them, to a body."""
+    joints: list[int] = []
+    while body > 1:
+        joints.insert(0, body)
+        body = robot.model.parents[body]
+    return joints
+
+
+def _bent(
+    robot: Robot,
+    configurations: Array,
+    chain: Sequence[int],
+    leg: Sequence[int],
+    targets: BodyPoses,
+    solids: Sequence[LinkSolid],
+) -> Array:
+    """Positions (K, m) of the m joints of a leg that bring its foot to where it is to be.
+
+    Steps of Gauss and Newton, damped, of all K instants at once. What is held is the point of the foot that is lowest,
+    and its attitude as far as the leg has joints for that.
+
+    Parameters
+    ----------
+    configurations : (K, 7 + J)
+    chain : joints from the base to the foot
+    leg : those of them that move this foot alone
+    targets : K poses of all bodies
+    solids : the foot's shapes
+    """
+    body = chain[-1]
+    target = lowest_point(targets, solids)
+    local = in_body(targets, body, target)
+    attitudes = of_quaternions(configurations[:, 3:7])
+    positions = configurations[:, 7:].copy()
+    columns = np.array(leg) - 2
+    axes = joint_axes(robot)[leg]
+    for _ in range(ROUNDS):
+        poses = body_poses(robot, configurations[:, :3], attitudes, positions, chain)
+        point = on_body(poses, body, local)
+        turn = logarithm(targets.rotations[:, body] @ np.swapaxes(poses.rotations[:, body], 1, 2))
+        miss = np.concatenate((target - point, SOLE * turn), axis=1)
+        sliding = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, :3])
+        turning = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, 3:])
+        arms = point[:, None] - poses.places[:, leg]
+        rates = np.concatenate((sliding + np.cross(turning, arms), SOLE * turning), axis=2)
+        normal = np.swapaxes(rates, 1, 2) @ rates + DAMPING * np.eye(6)
+        step = np.einsum("kma,ka->km", rates, np.linalg.solve(normal, miss[..., None])[..., 0])
+        positions[:, columns] += step
+        if np.abs(step).max() < CLOSE:
+            break
+    return np.asarray(positions[:, columns])
 
 
 def foot_misses(clip: Clip, clip_times: Array, configurations: Array) -> Array:
     """By how much (K, F), m, feet that are held are off the clip's, at times of the clip; 0 of others."""
-    curve = clip.curve
-    model = clip.robot.model
-    own = curve.poses(clip_times)
-    attitudes = Rotation.from_quat(configurations[:, 3:7]).as_matrix()
-    new = body_poses(model, configurations[:, :3], attitudes, configurations[:, 7:])
-    held = _heights(clip, clip_times) < HELD
-    bodies = list(clip.scene.foot_bodies)
-    return np.where(held, np.linalg.norm(new.places[:, bodies] - own.places[:, bodies], axis=2), 0.0)
+    scene = clip.scene
+    own = clip.curve.poses(clip_times)
+    new = body_poses(clip.robot, configurations[:, :3], of_quaternions(configurations[:, 3:7]), configurations[:, 7:])
+    misses = np.zeros((len(clip_times), len(scene.foot_bodies)))
+    for foot, (body, solids) in enumerate(zip(scene.foot_bodies, scene.foot_solids, strict=True)):
+        target = lowest_point(own, solids)
+        misses[:, foot] = np.linalg.norm(on_body(new, body, in_body(own, body, target)) - target, axis=1)
+    return np.where(scene.foot_clearances(clip_times) < HELD, misses, 0.0)
 
 
 def velocity_difference(

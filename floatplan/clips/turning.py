@@ -1,7 +1,7 @@
 """The turning of a flight's base: what follows from the joints' motion with one constant angular momentum.
 
-Momentum is not judged by differences of poses: at 30 Hz, with a fifth of a degree of noise, that of a true flight so
-found spreads by several kg m^2/s. The turning is integrated instead, and fitted to the attitudes:
+Momentum is not judged by differences of poses: at 30 Hz, with a fifth of a degree of noise, that of a true flight
+would spread by several kg m^2/s. The turning is integrated instead, and fitted to the attitudes:
 
     omega = I^-1 (R^T h - A q')                                                                                   (S1)
 """
@@ -18,20 +18,26 @@ from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, 
 from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.motion.spatial.rotations import exponential, logarithm
 
-TURN_TOLERANCE = np.deg2rad(0.5)  # [rad] root mean square, by which attitudes may be off a flight's
-COUNTED_NOISE = np.deg2rad(0.5)  # [rad] of noise that counts so at most
-
 LEAST_FRAMES = 4  # [-] of a flight whose turning is fitted
-DEGREES = range(2, 10)  # [-] of the polynomials of joints
-HIGHER_DEGREES = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
-FRAMES_PER_COEFFICIENT = 2.0  # [-] at least, of the higher degrees
-OTHER_DEGREES = (-2, -1, 1, 2)  # [-] beside the best, tried before a turning is called a fault
-CELLS = 12  # [-] of the integration of the attitude
-STAGES = 6  # [-] of each
-GAUSS_NEWTON_STEPS = 12  # [-] at most
-SHORTEST_STEP = 1e-3  # [-] of a step of Gauss and Newton: where no longer one is better, the fit ends
-SMALL_TURN = 1e-6  # [rad, or kg m^2/s of the largest] of differences
-SETTLED = 1e-9  # [rad] a step that is smaller ends the fit
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """How joints and turning are fitted."""
+
+    degrees: range = range(2, 10)  # [-] of the polynomials of joints
+    higher_degrees: tuple[int, ...] = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
+    frames_per_coefficient: float = 2.0  # [-] at least, of the higher degrees
+    other_degrees: tuple[int, ...] = (-2, -1, 1, 2)  # [-] off the best, tried before a turning is called a fault
+    cells: int = 12  # [-] of the integration of the attitude
+    stages: int = 6  # [-] of each cell
+    iterations: int = 12  # [-] of Gauss and Newton, at most
+    shortest_step: float = 1e-3  # [-] of Gauss and Newton: where no longer one is better, the fit ends
+    difference: float = 1e-6  # [rad, or kg m^2/s of the largest] of derivatives
+    converged: float = 1e-9  # [rad] a step that is smaller ends the fit
+
+
+FIT = FitSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +94,12 @@ class TurnFit:
     @property
     def tolerance(self) -> float:
         """By how much they may be off, rad."""
-        return max(float(TURN_TOLERANCE), NOISE_FACTOR * min(self.noise, float(COUNTED_NOISE)))
+        counted_noise = min(self.noise, float(np.deg2rad(0.5)))  # [rad] more noise is a fault, and excuses nothing
+        return max(float(np.deg2rad(0.5)), NOISE_FACTOR * counted_noise)  # [rad] root mean square, whatever the noise
 
 
 def fit_joints(times: Array, positions: Array, degree: int | None = None) -> JointFit:
-    """Fit polynomials of one degree to all joints (K, J), chosen by generalised cross-validation where none is given.
+    """Fit polynomials of a degree to all joints (K, J); generalised cross-validation chooses it where it is None.
 
     Of noise the degree must leave what no motion of a robot has; BIC and AICc choose far lower degrees.
     """
@@ -115,8 +122,8 @@ def fit_joints(times: Array, positions: Array, degree: int | None = None) -> Joi
 
 def possible_degrees(frames: int) -> tuple[int, ...]:
     """Degrees of polynomials that so many frames can tell."""
-    low = tuple(degree for degree in DEGREES if degree <= frames - 2)
-    high = tuple(degree for degree in HIGHER_DEGREES if frames >= FRAMES_PER_COEFFICIENT * (degree + 1))
+    low = tuple(degree for degree in FIT.degrees if degree <= frames - 2)
+    high = tuple(degree for degree in FIT.higher_degrees if frames >= FIT.frames_per_coefficient * (degree + 1))
     return low + high
 
 
@@ -128,15 +135,16 @@ def nearest_turning(
     turning = fit_turning(dynamics, joints, times, attitudes)
     possible = possible_degrees(len(times))
     chosen = possible.index(joints.degree)
-    for step in OTHER_DEGREES:
+    for step in FIT.other_degrees:
         if turning is not None and turning.rms <= turning.tolerance:
             break
         if not 0 <= chosen + step < len(possible):
             continue
         other = fit_joints(times, positions, possible[chosen + step])
-        found = fit_turning(dynamics, other, times, attitudes)
-        if found is not None and (turning is None or found.rms < turning.rms):
-            joints, turning = other, found
+        other_turning = fit_turning(dynamics, other, times, attitudes)
+        if other_turning is not None and (turning is None or other_turning.rms < turning.rms):
+            joints = other
+            turning = other_turning
     return joints, turning
 
 
@@ -145,26 +153,29 @@ def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attit
 
     None where no such motion can be integrated.
     """
-    flown = _Flown(dynamics, joints, times, attitudes)
+    model = _TurningModel(dynamics, joints, times, attitudes)
     start = attitudes[0]
-    momentum = flown.mean_momentum()
+    momentum = model.mean_momentum()
     try:
-        turning, residuals = flown.turning(start, momentum)
-        for _ in range(GAUSS_NEWTON_STEPS):
-            change = flown.step(start, momentum, residuals)
+        turning, residuals = model.turning(start, momentum)
+        for _ in range(FIT.iterations):
+            change = model.step(start, momentum, residuals)
             length = 1.0
             least = float((residuals**2).sum())
-            while length > SHORTEST_STEP:
+            while length > FIT.shortest_step:
                 next_start = exponential(length * change[None, :3])[0] @ start
                 next_momentum = momentum + length * change[3:]
-                next_turning, next_residuals = flown.turning(next_start, next_momentum)
+                next_turning, next_residuals = model.turning(next_start, next_momentum)
                 if float((next_residuals**2).sum()) <= least:
                     break
                 length *= 0.5
             else:
                 break
-            start, momentum, turning, residuals = next_start, next_momentum, next_turning, next_residuals
-            if float(np.linalg.norm(length * change[:3])) < SETTLED:
+            start = next_start
+            momentum = next_momentum
+            turning = next_turning
+            residuals = next_residuals
+            if float(np.linalg.norm(length * change[:3])) < FIT.converged:
                 break
     except IntegrationError:
         return None
@@ -178,8 +189,8 @@ def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attit
     )
 
 
-class _Flown:
-    """The turning of a flight whose joints' motion is known, by its takeoff attitude and angular momentum (S1).
+class _TurningModel:
+    """The turning of a flight for one motion of the joints, by its takeoff attitude and angular momentum (S1).
 
     Parameters
     ----------
@@ -190,7 +201,7 @@ class _Flown:
     """
 
     def __init__(self, dynamics: SpatialDynamics, joints: JointFit, times: Array, attitudes: Array) -> None:
-        self.grid = cells(CELLS, STAGES)
+        self.grid = cells(FIT.cells, FIT.stages)
         self.instants = joints.begin + self.grid.s * joints.duration
         positions, velocities, _ = joints.at(self.instants)
         self.inertia, joint_map = dynamics.momentum_maps(positions)
@@ -211,7 +222,7 @@ class _Flown:
         columns = []
         for axis in range(6):
             step = np.zeros(6)
-            step[axis] = SMALL_TURN * (1.0 if axis < 3 else scale)
+            step[axis] = FIT.difference * (1.0 if axis < 3 else scale)
             _, moved = self.turning(exponential(step[None, :3])[0] @ start, momentum + step[3:])
             columns.append((moved - residuals).ravel() / step[axis])
         change, *_ = np.linalg.lstsq(np.stack(columns, axis=1), -residuals.ravel(), rcond=None)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
+from floatplan.clips.flights import FOOT_CLEARANCE
 from floatplan.clips.formats import Recording, read_recording
 from floatplan.errors import InputError, naming
 from floatplan.export.reference import body_motions
@@ -20,10 +21,6 @@ from floatplan.export.table import archive
 from floatplan.files import write_atomically
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import of_quaternions
-
-BODY_FRAMES = 9  # [-] of a file, at which its bodies are compared with the robot's links
-BODY_TOLERANCE = 0.02  # [m] that a body of a file may be from the link that it is
-SAMPLE_ANGLE = 0.1  # [m/rad] that tells links apart whose frames are at one place
 
 
 def write_clip(clip: Clip, path: str | Path) -> Path:
@@ -89,14 +86,16 @@ def _mimickit(clip: Clip) -> bytes:
 
 def _continuous_vectors(turns: Array) -> Array:
     """Rotation vectors (N, 3), rad, each of the two nearest to half a turn that is nearer to the one before."""
-    found = turns.copy()
-    for frame in range(1, len(found)):
-        angle = float(np.linalg.norm(found[frame]))
+    continuous = turns.copy()
+    for frame in range(1, len(continuous)):
+        angle = float(np.linalg.norm(continuous[frame]))
         if angle > 0:
-            other = found[frame] * (1.0 - 2.0 * np.pi / angle)
-            if np.linalg.norm(other - found[frame - 1]) < np.linalg.norm(found[frame] - found[frame - 1]):
-                found[frame] = other
-    return found
+            other = continuous[frame] * (1.0 - 2.0 * np.pi / angle)
+            if np.linalg.norm(other - continuous[frame - 1]) < np.linalg.norm(
+                continuous[frame] - continuous[frame - 1]
+            ):
+                continuous[frame] = other
+    return continuous
 
 
 def _loco_mujoco(clip: Clip) -> bytes:
@@ -124,9 +123,11 @@ def _isaac_amp(clip: Clip) -> bytes:
     bodies = tuple(clip.layout.others["body_names"])
     velocity = _velocities(clip)
     of_bodies = body_motions(clip.robot.model, bodies, clip.configurations, velocity)
-    contacts: dict[str, Any] = {}
-    if clip.contacts is not None:
-        contacts = {"contact_names": np.array(clip.contact_names), "contacts": clip.contacts}
+    names = clip.contact_names
+    contacts = clip.contacts
+    if contacts is None:
+        names = clip.scene.foot_names
+        contacts = clip.scene.foot_clearances(clip.times) < FOOT_CLEARANCE
     return archive(
         {
             "fps": np.int64(round(clip.fps)) if clip.fps == round(clip.fps) else np.float64(clip.fps),
@@ -135,7 +136,8 @@ def _isaac_amp(clip: Clip) -> bytes:
             "dof_positions": _joints(clip, clip.positions),
             "dof_velocities": _joints(clip, velocity[:, BASE:]),
             **of_bodies,
-            **contacts,
+            "contact_names": np.array(names),
+            "contacts": contacts,
         }
     )
 
@@ -170,11 +172,11 @@ def _body_names(clip: Clip, recording: Recording) -> tuple[str, ...]:
     robot = clip.robot
     links = list(robot.file_tree.links)
     columns = [robot.model_joints.index(name) for name in clip.layout.joints]
-    frames = np.unique(np.linspace(0, len(places) - 1, BODY_FRAMES).astype(np.int64))
+    frames = np.unique(np.linspace(0, len(places) - 1, 9).astype(np.int64))  # 9 tell the links apart
     positions = np.empty((len(frames), len(columns)))
     positions[:, columns] = recording.joints[frames]
     quaternions = np.roll(recording.quaternion[frames], -1, axis=1)
-    q = np.concatenate((recording.place[frames], quaternions, positions), axis=1)
+    q = np.concatenate((recording.position[frames], quaternions, positions), axis=1)
     q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
     own = body_motions(robot.model, tuple(links), q, np.zeros((len(frames), robot.model.nv)))
     apart = np.linalg.norm(places[frames][:, :, None] - own["body_positions"][:, None], axis=3).mean(axis=0)
@@ -183,11 +185,12 @@ def _body_names(clip: Clip, recording: Recording) -> tuple[str, ...]:
         theirs = of_quaternions(np.roll(recording.body_quaternions[frames[0]], -1, axis=1))
         ours = of_quaternions(np.roll(own["body_rotations"][0], -1, axis=1))
         cosines = (np.einsum("bij,lij->bl", theirs, ours) - 1.0) / 2.0
-        turned = SAMPLE_ANGLE * np.arccos(np.clip(cosines, -1.0, 1.0))
+        # 0.1 m/rad tells links apart whose frames are at one point
+        turned = 0.1 * np.arccos(np.clip(cosines, -1.0, 1.0))
     nearest = (apart + turned).argmin(axis=1)
     nearest[0] = links.index(robot.file_tree.root)
     off = apart[np.arange(len(nearest)), nearest]
-    if off.max() > BODY_TOLERANCE:
+    if off.max() > 0.02:  # [m] that a body of the file may be from its link
         body = int(off.argmax())
         reason = f"body {body} is {off[body]:.2g} m from every link of the model"
         raise InputError(reason, element="body_pos_w", advice="give the model that the file was made with")

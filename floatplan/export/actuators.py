@@ -1,4 +1,4 @@
-"""What the actuators of an MJCF are to be told so that its joints get the torques of a motion."""
+"""Controls of the actuators of an MJCF by which its joints get the torques of a motion."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import CompiledMjcf
 from floatplan.robot.mjcf.motors import actuator_torques, actuators_of, joint_losses
 
-TORQUE_ROUNDING = 1e-6  # [N m] and share of a torque by which what actuators give may differ without a note
+TORQUE_ROUNDING = 1e-6  # [N m] and share of a torque: smaller differences of actuators' torques get no note
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,16 +31,17 @@ class JointDrive:
         """Return the control (N,) of each actuator that gives torques (N,), N m, at positions and rates (N,)."""
         controls = {}
         for number, share in zip(self.actuators, self._shares(torques).T, strict=True):
-            gear, gain, bias = self._law(number)
+            gear, gain, bias = self._coefficients(number)
             force = share / gear
             controls[number] = (force - bias[0] - gear * (bias[1] * positions + bias[2] * rates)) / gain
         return controls
 
-    def given(self, controls: Mapping[int, Array], positions: Array, rates: Array) -> Array:
+    def torques(self, controls: Mapping[int, Array], positions: Array, rates: Array) -> Array:
         """Return the torques (N,), N m, that MuJoCo's actuators give, whose controls and forces it clips."""
-        model, torques = self.model, np.zeros(len(positions))
+        model = self.model
+        torques = np.zeros(len(positions))
         for number in self.actuators:
-            gear, gain, bias = self._law(number)
+            gear, gain, bias = self._coefficients(number)
             control = controls[number]
             if model.actuator_ctrllimited[number]:
                 control = np.clip(control, *model.actuator_ctrlrange[number])
@@ -60,10 +61,11 @@ class JointDrive:
         InputError
             One has a state, as muscles and filters do, or a gain that changes, as dampers have, or none at all.
         """
-        model, constants = self.model, self.model.constants
+        model = self.model
+        constants = self.model.constants
         for number in self.actuators:
             reason = ""
-            gear, gain, _ = self._law(number)
+            gear, gain, _ = self._coefficients(number)
             if model.actuator_dyntype[number] != constants["mjDYN_NONE"]:
                 kind = model.constant(int(model.actuator_dyntype[number]), "mjDYN_").removeprefix("mjDYN_").lower()
                 reason = f"has a state of its own, of dynamics {kind!r}"
@@ -81,25 +83,27 @@ class JointDrive:
                 reason = f"{reason}: no ctrl of it gives {self.name} the torques of a motion"
                 raise InputError(reason, element=f'actuator "{name}"', advice=advice)
 
-    def _law(self, number: int) -> tuple[float, float, Array]:
+    def _coefficients(self, number: int) -> tuple[float, float, Array]:
         """Gear, gain, and the three numbers of the bias."""
         model = self.model
-        gear, gain = float(model.actuator_gear[number, 0]), float(model.actuator_gainprm[number, 0])
+        gear = float(model.actuator_gear[number, 0])
+        gain = float(model.actuator_gainprm[number, 0])
         has_bias = model.actuator_biastype[number] != model.constants["mjBIAS_NONE"]
         return gear, gain, model.actuator_biasprm[number, :3] * float(has_bias)
 
     def _shares(self, torques: Array) -> Array:
-        """Torque (N, a) of each actuator: by what each can give in that direction, equal ones without limits."""
+        """Torque (N, a) of each actuator: by their largest torques in that direction, equal ones without limits."""
         limits = np.array([actuator_torques(self.model, number) for number in self.actuators])
-        shares = [_parts(np.maximum(ends, 0.0)) for ends in (-limits[:, 0], limits[:, 1])]
-        return np.where(torques[:, None] < 0.0, *shares) * torques[:, None]
+        backwards = _fractions(np.maximum(-limits[:, 0], 0.0))
+        forwards = _fractions(np.maximum(limits[:, 1], 0.0))
+        return np.where(torques[:, None] < 0.0, backwards, forwards) * torques[:, None]
 
 
-def _parts(most: Array) -> Array:
-    """Parts (a,) of one, as the largest torques (a,) are to one another."""
+def _fractions(most: Array) -> Array:
+    """Fractions (a,) of one, as the largest torques (a,) are to one another."""
     if np.isinf(most).any():
         return np.asarray(np.isinf(most) / np.isinf(most).sum())
-    if not most.any():  # in a direction in which none acts: the first, of which it is then said that it cannot
+    if not most.any():  # in a direction in which none acts: the first, whose note then tells that it cannot
         return np.asarray(np.eye(len(most))[0])
     return np.asarray(most / most.sum())
 
@@ -113,7 +117,7 @@ class Controls:
 
 
 def controls(model: CompiledMjcf, joints: Mapping[str, int], times: Array, motion: Mapping[str, Array]) -> Controls:
-    """Return what the actuators of a model are to be told.
+    """Return the controls of the actuators of a model.
 
     Parameters
     ----------
@@ -121,7 +125,7 @@ def controls(model: CompiledMjcf, joints: Mapping[str, int], times: Array, motio
     joints : numbers of the J joints in the model, by name
     times : (N,) s
     motion : "positions", "velocities", "torques", (N, J) each
-        What a joint of the model loses by damping and friction, or its spring takes, is added to the torques.
+        Losses of a joint of the model by damping and friction, and its spring, are added to the torques.
 
     Raises
     ------
@@ -132,7 +136,8 @@ def controls(model: CompiledMjcf, joints: Mapping[str, int], times: Array, motio
     notes: list[str] = []
     idle: list[str] = []
     for column, (name, joint) in enumerate(joints.items()):
-        positions, rates = motion["positions"][:, column], motion["velocities"][:, column]
+        positions = motion["positions"][:, column]
+        rates = motion["velocities"][:, column]
         torques = motion["torques"][:, column] + _passive(model, joint, positions, rates)
         drive = JointDrive(model, name, joint, actuators_of(model, joint))
         if not drive.actuators:
@@ -143,14 +148,14 @@ def controls(model: CompiledMjcf, joints: Mapping[str, int], times: Array, motio
         of_joint = drive.controls(torques, positions, rates)
         for number, values in of_joint.items():
             ctrl[:, number] = values
-        notes += _clipped(name, times, torques, drive.given(of_joint, positions, rates))
+        notes += _clipped(name, times, torques, drive.torques(of_joint, positions, rates))
     if idle:
         notes.append(f"no actuator gives these joints the torque that they take, N m: {', '.join(idle)}")
-    others = [
-        name or f"number {number + 1}"
-        for number, name in enumerate(model.names["actuator"])
-        if not any(number in actuators_of(model, joint) for joint in joints.values())
-    ]
+    others = []
+    driving = {number for joint in joints.values() for number in actuators_of(model, joint)}
+    for number, name in enumerate(model.names["actuator"]):
+        if number not in driving:
+            others.append(name or f"number {number + 1}")
     if others:
         notes.append(f"ctrl is zero for actuators that act on none of the robot's joints: {', '.join(others)}")
     return Controls(ctrl, tuple(notes))
@@ -163,11 +168,11 @@ def _passive(model: CompiledMjcf, joint: int, positions: Array, rates: Array) ->
     return np.asarray(losses["damping"] * rates + losses["friction"] * np.sign(rates) + spring)
 
 
-def _clipped(name: str, times: Array, torques: Array, given: Array) -> Iterator[str]:
-    missing = np.abs(torques - given) - TORQUE_ROUNDING * (1.0 + np.abs(torques))
+def _clipped(name: str, times: Array, torques: Array, available: Array) -> Iterator[str]:
+    missing = np.abs(torques - available) - TORQUE_ROUNDING * (1.0 + np.abs(torques))
     row = int(np.argmax(missing))
     if missing[row] > 0.0:
         yield (
             f"{name} takes {torques[row]:.4g} N m at {times[row]:.3g} s, and the ranges of its actuators let them give "
-            f"{given[row]:.4g}: MuJoCo clips ctrl or force, and the motion is not followed"
+            f"{available[row]:.4g}: MuJoCo clips ctrl or force, and the motion is not followed"
         )

@@ -1,4 +1,4 @@
-"""Where the base is, as an MJCF writes it: by a free joint, or by joints that slide and turn, in their coordinates."""
+"""Coordinates of the base in an MJCF: of a free joint, or of joints that slide and rotate."""
 
 import warnings
 from collections.abc import Sequence
@@ -12,16 +12,15 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import CompiledMjcf
 
-SQUARE = 1e-6  # [-] cosine between axes that are at right angles, or one less that of axes that are the same
-REACHED = 1e-6  # [rad, m] between a pose of the base and the nearest that its joints can take
-SINGULAR = 1e-9  # [-] of the largest: singular values of the rates that are smaller count as none
+SQUARE = 1e-6  # [-] cosine between axes at right angles, or one less that of equal axes
+TOLERANCE = 1e-6  # [rad, m] between a pose of the base and the nearest that its joints can take
 
 
 @dataclass(frozen=True, eq=False)
-class _Moved:
-    """A base moved by its joints: its place (N, 3), and each joint's axis and anchor (N, 3), all in the world."""
+class _Pose:
+    """A base displaced by its joints: its position (N, 3), and each joint's axis and anchor (N, 3), in the world."""
 
-    place: Array
+    position: Array
     axes: list[Array]
     anchors: list[Array]
 
@@ -30,7 +29,7 @@ class _Moved:
 class BaseJoints:
     """The joints between the world and the base of a compiled MJCF, by their ``numbers`` in its order.
 
-    MuJoCo applies them one after the other, each in the frame that those before it have moved. None at all stand for a
+    MuJoCo applies them one after the other, each in the frame displaced by those before it. None at all stand for a
     free joint, as a base that is fixed to the world in its file flies here.
     """
 
@@ -38,45 +37,47 @@ class BaseJoints:
     numbers: Sequence[int]
     base: int
 
-    def coordinates(self, place: Array, turn: Rotation, velocity: Array, spin: Array) -> tuple[Array, Array]:
+    def coordinates(self, position: Array, rotation: Rotation, velocity: Array, spin: Array) -> tuple[Array, Array]:
         """Return entries of qpos (N, q) and qvel (N, v) of these joints.
 
         Parameters
         ----------
-        place, velocity : (N, 3) m, m/s, of the base's frame in the world
-        turn : N rotations from the base's axes to the world's
+        position, velocity : (N, 3) m, m/s, of the base's frame in the world
+        rotation : N rotations from the base's axes to the world's
         spin : (N, 3) rad/s in the base's axes
 
         Raises
         ------
         InputError
-            The joints do not reach the poses, or turn about axes that are neither at right angles nor the same.
+            The joints do not reach the poses, or rotate about axes that are neither at right angles nor the same.
         """
         if self.is_free:
-            quaternion = turn.as_quat(scalar_first=True)
-            return np.concatenate((place, quaternion), axis=1), np.concatenate((velocity, spin), axis=1)
-        place, velocity, spin = (
-            np.array(values) for values in (place, velocity, spin)
-        )  # SciPy takes none that are read-only
-        angles = self._angles(turn)
-        slides = np.zeros((len(place), len(self._sliding)))
-        at_zero = self._moved(slides, angles, turn)
+            quaternion = rotation.as_quat(scalar_first=True)
+            return np.concatenate((position, quaternion), axis=1), np.concatenate((velocity, spin), axis=1)
+        position = np.array(position)  # SciPy takes no array that is read-only
+        velocity = np.array(velocity)
+        spin = np.array(spin)
+        angles = self._angles(rotation)
+        slides = np.zeros((len(position), len(self._sliding)))
+        at_zero = self._displaced(slides, angles, rotation)
         directions = np.stack([at_zero.axes[index] for index in self._sliding], axis=2)
-        missing = place - at_zero.place
+        missing = position - at_zero.position
         slides = _solved(directions, missing)
         left = missing - np.einsum("nij,nj->ni", directions, slides)
-        if np.ptp(left, axis=0).max() > REACHED:  # the same at all times, it is where the plane is
+        if np.ptp(left, axis=0).max() > TOLERANCE:  # a constant remainder is the position of the plane
             raise self._refused("does not reach the motion, which leaves its plane")
-        moved = self._moved(slides, angles, turn)
-        in_world = turn.apply(spin)
+        displaced = self._displaced(slides, angles, rotation)
+        in_world = rotation.apply(spin)
         hinge_rates = np.zeros_like(angles)
+        rates = dict.fromkeys(self._balls, in_world)
         if self._hinges:
-            hinge_rates = _solved(np.stack([moved.axes[index] for index in self._hinges], axis=2), in_world)
-        turning = {index: moved.axes[index] * hinge_rates[:, [k]] for k, index in enumerate(self._hinges)}
-        turning |= dict.fromkeys(self._balls, in_world)
-        for index, rate in turning.items():
-            velocity = velocity - np.cross(rate, moved.place - moved.anchors[index])
-        return self._written(slides, angles, turn, (_solved(directions, velocity), hinge_rates, spin))
+            hinge_axes = [displaced.axes[index] for index in self._hinges]
+            hinge_rates = _solved(np.stack(hinge_axes, axis=2), in_world)
+            for k, index in enumerate(self._hinges):
+                rates[index] = hinge_axes[k] * hinge_rates[:, [k]]
+        for index, rate in rates.items():
+            velocity = velocity - np.cross(rate, displaced.position - displaced.anchors[index])
+        return self._entries(slides, angles, rotation, (_solved(directions, velocity), hinge_rates, spin))
 
     @cached_property
     def is_free(self) -> bool:
@@ -111,15 +112,16 @@ class BaseJoints:
     def _axis(self, index: int) -> Array:  # a copy, as SciPy takes no read-only array
         return np.array(self.model.jnt_axis[self.numbers[index]])
 
-    def _angles(self, turn: Rotation) -> Array:
-        """Angles (N, hinges) by which the hinges turn, rad, continuous in time; none where a ball turns."""
-        relative, axes = self._at_zero.inv() * turn, [self._axis(index) for index in self._hinges]
+    def _angles(self, rotation: Rotation) -> Array:
+        """Angles (N, hinges) of the hinges, rad, continuous in time; none where a ball joint has the orientation."""
+        relative = self._at_zero.inv() * rotation
+        axes = [self._axis(index) for index in self._hinges]
         if not axes:
-            return np.zeros((len(turn), 0))
+            return np.zeros((len(rotation), 0))
         if len(axes) == 1:
             quaternion = relative.as_quat(scalar_first=True)
             angle = np.unwrap(2.0 * np.arctan2(quaternion[:, 1:] @ axes[0], quaternion[:, 0]))
-            if (relative * Rotation.from_rotvec(-angle[:, None] * axes[0])).magnitude().max() > REACHED:
+            if (relative * Rotation.from_rotvec(-angle[:, None] * axes[0])).magnitude().max() > TOLERANCE:
                 raise self._refused("does not reach the motion, which turns out of its plane")
             return np.asarray(angle[:, None])
         along = abs(float(axes[0] @ axes[2]))
@@ -131,43 +133,47 @@ class BaseJoints:
             angles = relative.as_davenport(axes, "intrinsic")
         return _continuous(angles, same=along > 0.5)
 
-    def _moved(self, slides: Array, angles: Array, turn: Rotation) -> _Moved:
-        """The base moved by slides (N, s), m, and angles (N, h), rad; a ball gives it its orientation."""
-        place = np.tile(self.model.body_pos[self.base], (len(turn), 1))
-        frame = Rotation.concatenate([self._at_zero] * len(turn))
-        axes, anchors = [], []
+    def _displaced(self, slides: Array, angles: Array, rotation: Rotation) -> _Pose:
+        """The base displaced by slides (N, s), m, and angles (N, h), rad; a ball joint gives it its orientation."""
+        position = np.tile(self.model.body_pos[self.base], (len(rotation), 1))
+        frame = Rotation.concatenate([self._at_zero] * len(rotation))
+        axes = []
+        anchors = []
         for index, joint in enumerate(self.numbers):
             arm = np.array(self.model.jnt_pos[joint])
             axes.append(frame.apply(self._axis(index)))
-            anchors.append(place + frame.apply(arm))
+            anchors.append(position + frame.apply(arm))
             if index in self._sliding:
-                place = place + axes[-1] * slides[:, [self._sliding.index(index)]]
+                position = position + axes[-1] * slides[:, [self._sliding.index(index)]]
                 continue
             if index in self._balls:
-                frame = turn
+                frame = rotation
             else:
                 frame = frame * Rotation.from_rotvec(angles[:, [self._hinges.index(index)]] * self._axis(index))
-            place = anchors[-1] - frame.apply(arm)
-        return _Moved(place, axes, anchors)
+            position = anchors[-1] - frame.apply(arm)
+        return _Pose(position, axes, anchors)
 
-    def _written(
-        self, slides: Array, angles: Array, turn: Rotation, rates: tuple[Array, Array, Array]
+    def _entries(
+        self, slides: Array, angles: Array, rotation: Rotation, rates: tuple[Array, Array, Array]
     ) -> tuple[Array, Array]:
         """Entries of qpos and qvel: rates of slides, of hinges, and the spin, which is that of a ball."""
         of_slides, of_hinges, spin = rates
-        qpos, qvel = [], []
+        qpos = []
+        qvel = []
         for index, joint in enumerate(self.numbers):
             if index in self._balls:
-                qpos.append((self._at_zero.inv() * turn).as_quat(scalar_first=True))
+                qpos.append((self._at_zero.inv() * rotation).as_quat(scalar_first=True))
                 qvel.append(spin)
                 continue
             zero = self.model.qpos0[self.model.jnt_qposadr[joint]]
-            values, changes, of_kind = (
-                (slides, of_slides, self._sliding) if index in self._sliding else (angles, of_hinges, self._hinges)
-            )
-            column = [of_kind.index(index)]
-            qpos.append(values[:, column] + zero)
-            qvel.append(changes[:, column])
+            if index in self._sliding:
+                column = [self._sliding.index(index)]
+                qpos.append(slides[:, column] + zero)
+                qvel.append(of_slides[:, column])
+            else:
+                column = [self._hinges.index(index)]
+                qpos.append(angles[:, column] + zero)
+                qvel.append(of_hinges[:, column])
         return np.concatenate(qpos, axis=1), np.concatenate(qvel, axis=1)
 
     def _refused(self, reason: str) -> InputError:
@@ -179,7 +185,8 @@ class BaseJoints:
 
 def _solved(columns: Array, values: Array) -> Array:
     """The coefficients (N, k) of columns (N, 3, k) whose sum is nearest to values (N, 3), the least of several."""
-    return np.asarray(np.einsum("nij,nj->ni", np.linalg.pinv(columns, rcond=SINGULAR), values))
+    # singular values of less than 1e-9 of the largest are rounding
+    return np.asarray(np.einsum("nij,nj->ni", np.linalg.pinv(columns, rcond=1e-9), values))
 
 
 def _continuous(angles: Array, *, same: bool) -> Array:

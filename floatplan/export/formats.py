@@ -26,9 +26,10 @@ from floatplan.simulation.gains import Gain
 
 Content: TypeAlias = Callable[[Exported, float], str | bytes]  # of a file: a motion, and instants per second
 
-OF_OWN_MJCF = ("mujoco", "loco-mujoco")  # formats with the coordinates of an MJCF
-UNITREE_LEGS = ("FR", "FL", "RR", "RL")  # in the order of Unitree's SDK, in which each has hip, thigh and calf
-UNITREE_JOINTS = [f"{leg}_{part}_joint" for leg in UNITREE_LEGS for part in ("hip", "thigh", "calf")]
+UNITREE_JOINTS = [  # in the order of Unitree's SDK
+    *("FR_hip_joint", "FR_thigh_joint", "FR_calf_joint", "FL_hip_joint", "FL_thigh_joint", "FL_calf_joint"),
+    *("RR_hip_joint", "RR_thigh_joint", "RR_calf_joint", "RL_hip_joint", "RL_thigh_joint", "RL_calf_joint"),
+]
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,10 @@ class Format:
     ----------
     content : of its files
     file : their usual name
-    text : what the command's help says of it
+    text : its description in the command's help
     rate : their usual rate, Hz
-    gains : whether its files have room for them
-    of_model : which of the names of a model that is to read them they go by: joints, bodies
+    gains : whether its files can have gains
+    of_model : which names of the model of a reading program its files use: joints, bodies
     of_plans : content of plans' files, which have less than those of other motions, and no gains
     """
 
@@ -70,29 +71,31 @@ def export(
     Parameters
     ----------
     motion : Plan or Jump
-    form, path, rate, model : as of :meth:`floatplan.Plan.export`, which says what is refused
+    form, path, rate, model : as of :meth:`floatplan.Plan.export`, which lists what it refuses
     kp, kd : float or mapping, optional
         Gains as of :func:`floatplan.export.motion.exported`.
     """
-    known, names = format_of(form), names_of_model(form, model, motion.problem.robot)
-    rate = known.rate if rate is None else rate
-    of_plans = known.of_plans if isinstance(motion, Plan) else None
-    if (of_plans is not None or not known.gains) and (kp is not None or kd is not None):
-        raise _no_room("gains", form, [name for name, each in FORMATS.items() if each.gains and each.of_plans is None])
-    content = known.content(exported(motion, kp, kd, names), rate) if of_plans is None else of_plans(motion, rate)
-    return write_atomically(known.file if path is None else path, content)
+    format_ = format_of(form)
+    names = names_of_model(form, model, motion.problem.robot)
+    rate = format_.rate if rate is None else rate
+    of_plans = format_.of_plans if isinstance(motion, Plan) else None
+    if (of_plans is not None or not format_.gains) and (kp is not None or kd is not None):
+        with_gains = [name for name, other in FORMATS.items() if other.gains and other.of_plans is None]
+        raise _no_room("gains", form, with_gains)
+    content = format_.content(exported(motion, kp, kd, names), rate) if of_plans is None else of_plans(motion, rate)
+    return write_atomically(format_.file if path is None else path, content)
 
 
 def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNames | None:
-    """Return the names in a model that is to read a robot's motion, if there is one, or refuse it."""
-    known = format_of(form)
-    if model is not None and not known.of_model:
-        raise _no_room("the order of a model", form, [name for name, each in FORMATS.items() if each.of_model])
-    if model is None and form in OF_OWN_MJCF and robot.kind == "mjcf":
-        own = own_mjcf(robot)
+    """Return the names in the model that is to read a robot's motion, if there is one, or refuse it."""
+    format_ = format_of(form)
+    if model is not None and not format_.of_model:
+        raise _no_room("the order of a model", form, [name for name, other in FORMATS.items() if other.of_model])
+    if model is None and form in ("mujoco", "loco-mujoco") and robot.kind == "mjcf":
+        own = own_mjcf(robot)  # the coordinates of these files are an MJCF's
         if form == "mujoco" or own.floats_by_joints:
             return own
-    return None if model is None else matched(own_names(robot), model, with_bodies="bodies" in known.of_model)
+    return None if model is None else matched(own_names(robot), model, with_bodies="bodies" in format_.of_model)
 
 
 def _no_room(what: str, form: str, others: list[str]) -> InputError:
@@ -119,8 +122,8 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
     """Return NumPy's archive for ``pinocchio.buildModelFromUrdf(file, pinocchio.JointModelFreeFlyer())``.
 
     ``time`` (N,); ``q`` (N, nq), ``v``, ``a``, ``tau`` (N, nv) as of ``plan.q``, ``plan.v``, ``plan.a``, ``plan.tau``;
-    ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints, the free flyer's left out; and
-    what :func:`_controlled` adds.
+    ``gravity`` (3,) for ``model.gravity.linear``; ``joint_names``: the model's joints without the free flyer; and
+    the arrays of :func:`_controlled`.
     """
     times = sample_times(motion.duration, rate)
     sample = motion.sample(times)
@@ -137,9 +140,9 @@ def pinocchio_content(motion: Exported, rate: float) -> bytes:
 
 
 def _controlled(motion: Exported, times: Array) -> dict[str, Array]:
-    """Return what a controller needs beside the motion at times (N,), as far as there is any.
+    """Return data for a controller in addition to the motion at times (N,), as far as there is any.
 
-    That is what :meth:`Exported.contacts` tells, and ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
+    These are :meth:`Exported.contacts`, and ``kp``, ``kd`` (J,), N m/rad and N m s/rad, of ``joint_names``.
     """
     gains = {} if motion.gains is None else dict(zip(("kp", "kd"), motion.gains, strict=True))
     return motion.contacts(times) | gains
@@ -152,7 +155,7 @@ def ros_content(motion: Exported, rate: float) -> str:
     """
     nanoseconds = table.whole_nanoseconds(motion.duration, rate)
     whole = motion.at(nanoseconds / 1e9)
-    names = ", ".join(json.dumps(name, ensure_ascii=False) for name in motion.joints)
+    names = ", ".join([json.dumps(name, ensure_ascii=False) for name in motion.joints])
     lines = ["header:", "  stamp: {sec: 0, nanosec: 0}", '  frame_id: ""', f"joint_names: [{names}]", "points:"]
     rows = zip(whole.positions, whole.velocities, whole.accelerations, whole.motor_torques, strict=True)
     for instant, (positions, velocities, accelerations, effort) in zip(nanoseconds.tolist(), rows, strict=True):
@@ -169,11 +172,11 @@ def ros_content(motion: Exported, rate: float) -> str:
 def mujoco_content(motion: Exported, rate: float) -> bytes:
     """Return NumPy's archive for MuJoCo, which a model of the robot reads as it is: ``data.qpos[:] = qpos[k]``.
 
-    ``time`` (N,); ``joint_names`` (J,); ``torque`` (N, J): the motors' own torques; ``gravity`` (3,); and what
-    :func:`_controlled` adds. Of an MJCF, ``qpos`` (N, nq), ``qvel`` (N, nv) and ``ctrl`` (N, nu) are that file's, as of
+    ``time`` (N,); ``joint_names`` (J,); ``torque`` (N, J): the motors' own torques; ``gravity`` (3,); and the arrays of
+    :func:`_controlled`. Of an MJCF, ``qpos`` (N, nq), ``qvel`` (N, nv) and ``ctrl`` (N, nu) are that file's, as of
     :func:`_in_model`. Otherwise there is a free joint at the root link, then one hinge (or slide) per joint: ``qpos``
-    (N, 7 + J) is place, quaternion w x y z, joints; ``qvel`` (N, 6 + J) velocity in the world, angular velocity in the
-    body, joints; ``ctrl`` (N, J) is ``torque``, as of actuators of gear 1.
+    (N, 7 + J) is position, quaternion w x y z, joints; ``qvel`` (N, 6 + J) velocity in the world, angular velocity in
+    the body, joints; ``ctrl`` (N, J) is ``torque``, as of actuators of gear 1.
     """
     times = sample_times(motion.duration, rate)
     whole = motion.at(times)
@@ -184,18 +187,20 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
         "velocities": whole.velocities[:, order],
         "torques": whole.motor_torques[:, order],
     }
-    place, turn = whole.base_position, Rotation.from_quat(whole.base_quaternion)
-    velocity, spin = whole.base_velocity, whole.base_twist[:, 3:]
+    position = whole.base_position
+    rotation = Rotation.from_quat(whole.base_quaternion)
+    velocity = whole.base_velocity
+    spin = whole.base_twist[:, 3:]
     if motion.model is None or motion.model.mjcf is None:
         quaternion = np.roll(whole.base_quaternion, 1, axis=1)
         in_model = {
-            "qpos": np.concatenate((place, quaternion, of_joints["positions"]), axis=1),
+            "qpos": np.concatenate((position, quaternion, of_joints["positions"]), axis=1),
             "qvel": np.concatenate((velocity, spin, of_joints["velocities"]), axis=1),
             "ctrl": of_joints["torques"],
         }
     else:
         with naming(motion.model.mjcf.path):
-            in_model = _in_model(motion.model.mjcf, times, (place, turn, velocity, spin), of_joints)
+            in_model = _in_model(motion.model.mjcf, times, (position, rotation, velocity, spin), of_joints)
     arrays = {
         "time": times,
         **in_model,
@@ -213,19 +218,21 @@ def _in_model(
 ) -> dict[str, Array]:
     """Return ``qpos``, ``qvel`` and ``ctrl`` as an MJCF has them, ``actuator_names``, and ``notes``.
 
-    The base is where the file's own joints have it: a free joint, or joints that slide and turn. Other bodies of the
-    file are where it draws them. ``ctrl`` is what its actuators take to give the torques of the motion: a motor the
-    torque over its gear, a servo the target that makes it give that torque; where the file has no actuators, the
+    The base is where the file's own joints have it: a free joint, or joints that slide and rotate. Other bodies of the
+    file are where it has them. ``ctrl`` makes its actuators give the torques of the motion: of a motor it is the
+    torque over its gear, of a servo the target at which it gives that torque; where the file has no actuators, the
     torque of each joint. ``notes`` say what the actuators cannot do.
     """
-    model, joints = mjcf.compiled, mjcf.joints
+    model = mjcf.compiled
+    joints = mjcf.joints
     base_qpos, base_qvel = mjcf.base.coordinates(*base)
     qpos = np.tile(model.qpos0, (len(times), 1))
     qvel = np.zeros((len(times), len(model.dof_bodyid)))
     notes: list[str] = []
     if mjcf.base.numbers:
         first = mjcf.base.numbers[0]
-        start, degree = int(model.jnt_qposadr[first]), int(model.jnt_dofadr[first])
+        start = int(model.jnt_qposadr[first])
+        degree = int(model.jnt_dofadr[first])
         qpos[:, start : start + base_qpos.shape[1]] = base_qpos
         qvel[:, degree : degree + base_qvel.shape[1]] = base_qvel
     numbers = list(joints.values())
@@ -233,12 +240,13 @@ def _in_model(
     qvel[:, model.jnt_dofadr[numbers]] = of_joints["velocities"]
     if not mjcf.base.numbers:
         notes.append("the file holds its base to the world; with <freejoint/> in it, it takes this qpos and qvel")
-        qpos, qvel = np.concatenate((base_qpos, qpos), axis=1), np.concatenate((base_qvel, qvel), axis=1)
+        qpos = np.concatenate((base_qpos, qpos), axis=1)
+        qvel = np.concatenate((base_qvel, qvel), axis=1)
     ctrl = of_joints["torques"]
     if model.names["actuator"]:
-        found = controls(model, joints, times, of_joints)
-        ctrl = found.ctrl
-        notes += found.notes
+        of_actuators = controls(model, joints, times, of_joints)
+        ctrl = of_actuators.ctrl
+        notes += of_actuators.notes
     else:
         notes.append("the file has no actuators; ctrl is the torque of each joint, N m")
     return {
@@ -251,7 +259,7 @@ def _in_model(
 
 
 def read_notes(path: Path) -> list[str]:
-    """Return what an exported file says of the model that is to read it; nothing where it has no room for that."""
+    """Return the notes of an exported file about the model that is to read it; none where its format has no notes."""
     try:
         with np.load(path, allow_pickle=False) as content:
             return [str(note) for note in content["notes"]]
@@ -260,7 +268,7 @@ def read_notes(path: Path) -> list[str]:
 
 
 def unitree_content(motion: Exported, rate: float) -> str:
-    """Return CSV as Unitree's motion data: base place, quaternion x y z w, all joints; no time, rows 1/rate apart.
+    """Return CSV as Unitree's motion data: base position, quaternion x y z w, all joints; no time, rows 1/rate apart.
 
     As Unitree's own files it has no header; comments before the first row name the columns, one line each. Where the
     flight is not a whole number of steps, the last row is the landing, less than a step early.
@@ -275,7 +283,7 @@ def unitree_content(motion: Exported, rate: float) -> str:
 def unitree_sdk_content(motion: Exported, rate: float) -> str:
     """Return CSV in the order of Unitree's ``motor_cmd``: front right, front left, rear right, rear left; hip to calf.
 
-    Columns: ``time``; ``q``, ``dq``, ``tau``, ``kp``, ``kd``, each of the twelve motors in turn, as ``q_FR_hip_joint``;
+    Columns: ``time``; ``q``, ``dq``, ``tau``, ``kp``, ``kd``, each of all twelve motors, such as ``q_FR_hip_joint``;
     then contacts and forces as of the other tables.
 
     Raises
@@ -292,23 +300,30 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
             reason, source=motion.robot.source, element=f'robot "{motion.robot.name}"', advice="take csv-full"
         )
     times = sample_times(motion.duration, rate)
-    whole, order = motion.at(times), [motion.joints.index(name) for name in UNITREE_JOINTS]
+    whole = motion.at(times)
+    order = [motion.joints.index(name) for name in UNITREE_JOINTS]
     columns = [("time", times)]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
     if motion.gains is not None:
-        blocks |= {name: np.tile(gain, (len(times), 1)) for name, gain in zip(("kp", "kd"), motion.gains, strict=True)}
+        kp, kd = motion.gains
+        blocks |= {"kp": np.tile(kp, (len(times), 1)), "kd": np.tile(kd, (len(times), 1))}
     for name, values in blocks.items():
-        columns += [(f"{name}_{joint}", values[:, index]) for joint, index in zip(UNITREE_JOINTS, order, strict=True)]
+        for joint, index in zip(UNITREE_JOINTS, order, strict=True):
+            columns.append((f"{name}_{joint}", values[:, index]))
     return table.csv_text(columns + [(column.name, column.values) for column in table.contact_columns(motion, times)])
 
 
 def _yaml(values: Array) -> str:
     """Numbers that read back bit for bit; YAML 1.1 reads 1e-05 as text, and 1.0e-05 as a number."""
-    texts = map(repr, values.tolist())
-    return f"[{', '.join(each.replace('e', '.0e') if 'e' in each and '.' not in each else each for each in texts)}]"
+    return f"[{', '.join(map(_yaml_number, values.tolist()))}]"
 
 
-ALL, JOINTS = ("joints", "bodies"), ("joints",)
+def _yaml_number(value: float) -> str:
+    text = repr(value)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+JOINTS = ("joints",)
 FORMATS: dict[str, Format] = {
     "csv": Format(table.full_csv, "trajectory.csv", "planned joints; of a jump as csv-full", of_plans=table.table_text),
     "csv-full": Format(table.full_csv, "full_trajectory.csv", "base pose and all joints, one row per instant"),
@@ -322,7 +337,9 @@ FORMATS: dict[str, Format] = {
     "mcap": Format(mcap_content, "flight.mcap", 'a ROS 2 bag, also for Foxglove (extra "mcap")', 100.0),
     "unitree": Format(unitree_content, "unitree.csv", "CSV as Unitree's motion data", 50.0, gains=False),
     "unitree-sdk": Format(unitree_sdk_content, "unitree_sdk.csv", "CSV in its motors' order: A1, Go1, Go2, B1", 500.0),
-    "isaac-amp": Format(reference.isaac_amp_content, "isaac_amp.npz", "NumPy: AMP in Isaac Lab", 50.0, False, ALL),
+    "isaac-amp": Format(
+        reference.isaac_amp_content, "isaac_amp.npz", "NumPy: AMP in Isaac Lab", 50.0, False, ("joints", "bodies")
+    ),
     "motion-csv": Format(
         reference.motion_csv_content, "motion.csv", "CSV for csv_to_npz: BeyondMimic, mjlab", 50.0, False, JOINTS
     ),

@@ -17,8 +17,6 @@ from floatplan.robot.urdf.base import free_base
 from floatplan.robot.urdf.check import read_tree
 from floatplan.robot.urdf.tree import MOVING, read_xml
 
-MOST_NAMED = 8  # in a message
-
 
 @dataclass(frozen=True, eq=False)
 class MjcfModel:
@@ -39,7 +37,7 @@ class ModelNames:
 
     joints: tuple[str, ...]
     bodies: tuple[str, ...]
-    root: str = "root"  # as the models of LocoMuJoCo have it; a URDF names none
+    root: str = "root"  # as in the models of LocoMuJoCo; a URDF names none
     mjcf: MjcfModel | None = None
 
     @property
@@ -47,14 +45,18 @@ class ModelNames:
         """Whether it is an MJCF whose base floats by other joints than a free one."""
         return self.mjcf is not None and bool(self.mjcf.base.numbers) and not self.mjcf.base.is_free
 
-    def order_beside(self, robot: Robot) -> str:
-        """Say whether joints and bodies are in another order here than in a robot's own file."""
+    def order_note(self, robot: Robot) -> str:
+        """A sentence that tells whether joints and bodies are in another order here than in a robot's own file."""
         own = own_names(robot)
-        pairs = (("joints", self.joints, own.joints), ("bodies", self.bodies, own.bodies))
-        moved = [kind for kind, here, there in pairs if list(here) != [name for name in there if name in here]]
-        if not moved:
+        different = []
+        if list(self.joints) != [name for name in own.joints if name in self.joints]:
+            different.append("joints")
+        if list(self.bodies) != [name for name in own.bodies if name in self.bodies]:
+            different.append("bodies")
+        if not different:
             return "its joints and bodies are in the same order as in the robot's file"
-        return f"its {' and '.join(moved)} are in another order than in the robot's file; what is written has its order"
+        kinds = " and ".join(different)
+        return f"its {kinds} are in another order than in the robot's file; what is written has its order"
 
 
 def own_names(robot: Robot) -> ModelNames:
@@ -71,8 +73,8 @@ def own_mjcf(robot: Robot) -> ModelNames:
 def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
     """Return the names in a model, URDF or MJCF, that is to read a motion of the robot with the names ``own``.
 
-    In an MJCF the robot is what hangs together by most joints, but for those of its base, which floats here. Of a URDF
-    those are left out by which its base floats, where the motion has none of them. Links of ``own`` that a model has
+    In an MJCF the robot is the tree with most joints, without those of its base, which floats here. Of a URDF the
+    joints by which its base floats do not count, where the motion has none of them. Links of ``own`` that a model has
     fused are left out.
 
     Raises
@@ -92,22 +94,26 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
         names = replace(names, joints=tuple(name for name in names.joints if name not in base))
     if not with_bodies:
         names = replace(names, bodies=tuple(name for name in names.bodies if name in own.bodies))
-    pairs = {
-        "the motion has no joint": (names.joints, own.joints),
-        "the model has no joint": (own.joints, names.joints),
-        "the motion has no body": (names.bodies, own.bodies),
-    }
-    lacking = {what: [name for name in wanted if name not in there] for what, (wanted, there) in pairs.items()}
-    told = {what: each[:MOST_NAMED] + [".."] * (len(each) > MOST_NAMED) for what, each in lacking.items() if each}
-    wrong = [f"{what} {', '.join(each)}" for what, each in told.items()]
+    pairs = (
+        ("the motion has no joint", names.joints, own.joints),
+        ("the model has no joint", own.joints, names.joints),
+        ("the motion has no body", names.bodies, own.bodies),
+    )
+    wrong = []
+    for reason, required, present in pairs:
+        missing = [name for name in required if name not in present]
+        if len(missing) > 8:  # a message of more is no help
+            missing[8:] = [".."]
+        if missing:
+            wrong.append(f"{reason} {', '.join(missing)}")
     if wrong:
         raise InputError("; ".join(wrong), source=path, advice="give the model of the same robot, or rename them in it")
     return names
 
 
 def _in_urdf(root: Element) -> ModelNames:
-    joints = (joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") in MOVING)
-    links = (link.get("name", "") for link in root.iterfind("link") if link.get("type") != "frame")  # no body
+    joints = [joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") in MOVING]
+    links = [link.get("name", "") for link in root.iterfind("link") if link.get("type") != "frame"]  # no body
     return ModelNames(tuple(joints), tuple(links))
 
 

@@ -1,4 +1,4 @@
-"""What exporters read: a plan or a whole jump, at the instants of a file, and the gains of who follows it."""
+"""Motions for exporters: a plan or a whole jump, at the instants of a file, and the gains of a controller."""
 
 import json
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, given_gains
 
 @dataclass(frozen=True, eq=False)
 class Exported:
-    """A motion as exporters read it, whatever kind it is.
+    """A motion for exporters, of whatever kind.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Exported:
     gains : (2, J), optional
         Stiffness and damping, N m/rad and N m s/rad, of all joints that move.
     model : ModelNames, optional
-        Of the model that is to read the motion.
+        Of the model of the reading program.
     """
 
     motion: Trajectory
@@ -53,7 +53,7 @@ class Exported:
 
     @property
     def names(self) -> ModelNames:
-        """Joints and bodies in the order of the model that is to read them, or else of the robot's own file."""
+        """Joints and bodies in the order of the model of the reading program, or else of the robot's own file."""
         return own_names(self.robot) if self.model is None else self.model
 
     @cached_property
@@ -63,7 +63,7 @@ class Exported:
 
     @property
     def about(self) -> dict[str, str]:
-        """What does not change in time, by name; ``phases`` as JSON, if there are any."""
+        """Properties of the whole motion, by name; ``phases`` as JSON, if there are any."""
         motion = self.motion
         about = {"problem": motion.problem.name, "robot": self.robot.name, "duration": repr(motion.duration)}
         if isinstance(motion, Plan):
@@ -98,17 +98,19 @@ class Exported:
         time; ``contacts`` (N, C), whether each stands; ``forces`` (N, C, 3), N, on the robot, in the world, and
         ``contact_points``, m, where they act, NaN of what does not stand.
         """
-        motion, phases = self.motion, self.motion.phases
+        motion = self.motion
+        phases = self.motion.phases
         if not phases:
             return {}
         times = np.minimum(times, motion.duration)
         phase = phase_of(motion, times)
-        forces, points = motion.forces(times), motion.contact_points(times)
+        forces = motion.forces(times)
+        points = motion.contact_points(times)
         return {
             "phase": phase,
-            "phase_begin": np.array([each.begin for each in phases]),
+            "phase_begin": np.array([one.begin for one in phases]),
             "contact_names": np.array([*forces]),
-            "contacts": np.array([[name in each.contacts for name in forces] for each in phases])[phase],
+            "contacts": np.array([[name in one.contacts for name in forces] for one in phases])[phase],
             "forces": np.stack([forces[name] for name in forces], axis=1),
             "contact_points": np.stack([points[name] for name in forces], axis=1),
         }
@@ -119,35 +121,35 @@ def exported(
 ) -> Exported:
     """Return a motion as exporters read it.
 
-    Gains are there where one is given, or where the motion is a jump, which no motor follows without. Left out, those
-    of a jump are the ones with which :func:`floatplan.replay_jump` begins to search,
-    :func:`floatplan.simulation.gains.first_gains`. Of a plan the stiffness of a joint is then ``BANDWIDTH**2``
-    times the inertia that it turns at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and
-    its damping the critical one, ``2 sqrt(kp inertia)``.
+    There are gains where one is given, or where the motion is a jump, which no motor follows without. Defaults of a
+    jump are those with which :func:`floatplan.replay_jump` begins to search,
+    :func:`floatplan.simulation.gains.first_gains`. Of a plan the default stiffness of a joint is ``BANDWIDTH**2`` times
+    the inertia that it moves at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and its
+    default damping the critical one, ``2 sqrt(kp inertia)``.
 
     Parameters
     ----------
     motion : Plan or Jump
     kp, kd : float or mapping, optional
         Stiffness, N m/rad, and damping, N m s/rad (N/m and N s/m of a joint that slides), of all joints or of some by
-        name; what is left out is as said above.
+        name; others have their defaults.
     model : ModelNames, optional, as of :class:`Exported`
 
     Raises
     ------
     InputError
-        No jump was found, or its check does not hold; or a gain is wrong.
+        The jump has no flight, or its check does not hold; or a gain is wrong.
     """
     if isinstance(motion, JumpMotion):
         motion.refuse_unless_ok("export")
-    found = Exported(motion, model=model)
+    result = Exported(motion, model=model)
     if isinstance(motion, JumpMotion):
-        return replace(found, gains=read_only(first_gains(motion, (kp, kd))))
+        return replace(result, gains=read_only(first_gains(motion, (kp, kd))))
     if kp is None and kd is None:
-        return found
+        return result
     posture = np.zeros(motion.problem.robot.model.nv)
-    posture[BASE:] = found.at(np.zeros(1)).positions[0]
-    inertia = joint_inertia(found.robot.model, posture)
-    stiffness = given_gains(found.joints, kp, "kp", BANDWIDTH**2 * inertia)
-    damping = given_gains(found.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
-    return replace(found, gains=read_only([stiffness, damping]))
+    posture[BASE:] = result.at(np.zeros(1)).positions[0]
+    inertia = joint_inertia(result.robot.model, posture)
+    stiffness = given_gains(result.joints, kp, "kp", BANDWIDTH**2 * inertia)
+    damping = given_gains(result.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
+    return replace(result, gains=read_only([stiffness, damping]))

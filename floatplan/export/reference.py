@@ -1,7 +1,7 @@
 """Reference motions for programs that learn from them: frames at k/rate, in a world whose z axis is up.
 
-Joints and bodies are in the order of the model that is to read the file, or else of the robot's own file. A body is
-where its link's frame is. World: the plan's, turned by the least angle that brings its vertical to z.
+Joints and bodies are in the order of the model of the reading program, or else of the robot's own file. A body's
+pose is that of its link's frame. World: the plan's, rotated by the least angle that brings its vertical to z.
 """
 
 from typing import Any
@@ -17,14 +17,12 @@ from floatplan.export.table import archive, check_size, number_rows
 from floatplan.motion.flight import free_flyer
 from floatplan.plans.trajectory import frame_times
 
-FREE, SLIDE, HINGE = 0, 2, 3  # MuJoCo's types of joints
-
 
 def isaac_amp_content(motion: Exported, rate: float) -> bytes:
     """Return NumPy's archive as the AMP motion loader of Isaac Lab reads it.
 
-    ``fps``, ``dof_names``, ``body_names`` and the arrays of :func:`_frames`. The loader passes over what it does not
-    know: ``dof_torques``, and of a jump ``contact_names`` (C,), ``contacts`` (N, C), whether each stands,
+    ``fps``, ``dof_names``, ``body_names`` and the arrays of :func:`_frames`. The loader ignores other arrays:
+    ``dof_torques``, and of a jump ``contact_names`` (C,), ``contacts`` (N, C), whether each stands,
     ``contact_forces`` (N, C, 3), N, in the world.
 
     Raises
@@ -34,17 +32,22 @@ def isaac_amp_content(motion: Exported, rate: float) -> bytes:
     """
     if rate % 1:
         raise InputError(f"{rate} Hz is no whole number, as these files have it", element="rate", advice="round it")
-    names, frames = motion.names, _frames(motion, rate, motion.names.bodies)
+    names = motion.names
+    frames = _frames(motion, rate, motion.names.bodies)
     contacts = motion.contacts(frame_times(motion.duration, rate))
     if contacts:
         forces = contacts["forces"] @ _to_world(motion).matrix().T
-        contacts = {name: contacts[name] for name in ("contact_names", "contacts")} | {"contact_forces": forces}
+        contacts = {
+            "contact_names": contacts["contact_names"],
+            "contacts": contacts["contacts"],
+            "contact_forces": forces,
+        }
     about = {"fps": np.int64(rate), "dof_names": np.array(names.joints), "body_names": np.array(names.bodies)}
     return archive(about | frames | contacts)
 
 
 def motion_csv_content(motion: Exported, rate: float) -> str:
-    """Return CSV without a header: place of the root link, quaternion x y z w, joints; no time, rows 1/rate apart."""
+    """Return CSV without a header: root link's position, quaternion x y z w, joints; no time, rows 1/rate apart."""
     frames = _frames(motion, rate)
     quaternion = np.roll(frames["body_rotations"][:, 0], -1, axis=1)
     return number_rows(np.concatenate((frames["body_positions"][:, 0], quaternion, frames["dof_positions"]), axis=1))
@@ -54,39 +57,45 @@ def loco_mujoco_content(motion: Exported, rate: float) -> bytes:
     """Return NumPy's archive of a trajectory of LocoMuJoCo, whose loader refuses other keys than its own.
 
     ``joint_names``, ``jnt_type`` (1 + J,): the free joint, then the others; ``njnt``, ``frequency``; ``qpos``
-    (N, 7 + J): place, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world, angular velocity in the
-    body, joints; ``split_points``: where the trajectory begins and ends. Where the base of the model that is to read it
-    floats by joints that slide and turn, these are there in place of the free joint, with their own coordinates.
+    (N, 7 + J): position, quaternion w x y z, joints; ``qvel`` (N, 6 + J): velocity in the world, angular velocity in
+    the body, joints; ``split_points``: where the trajectory begins and ends. Where the base of the reading model floats
+    by joints that slide and rotate, these replace the free joint, with their own coordinates.
 
     Raises
     ------
     InputError
-        The model that is to read it does not float by joints with names, or not by such as reach the motion.
+        The reading model does not float by joints with names, or not by such as reach the motion.
     """
-    names, tree = motion.names, motion.robot.file_tree
+    names = motion.names
+    tree = motion.robot.file_tree
     by_joints = names.mjcf if names.floats_by_joints else None
     of_base = [names.root] if by_joints is None else by_joints.base.names
     if not all(of_base):
-        reason, advice = "has no free joint with a name, by which LocoMuJoCo finds it", 'add <freejoint name="root"/>'
+        reason = "has no free joint with a name, by which LocoMuJoCo finds it"
+        advice = 'add <freejoint name="root"/>'
         raise InputError(reason, element="model", advice=advice)
     frames = _frames(motion, rate)
-    place, turn = frames["body_positions"][:, 0], frames["body_rotations"][:, 0]
-    rotation = Rotation.from_quat(turn, scalar_first=True)
+    position = frames["body_positions"][:, 0]
+    quaternion = frames["body_rotations"][:, 0]
+    rotation = Rotation.from_quat(quaternion, scalar_first=True)
     spin = rotation.apply(frames["body_angular_velocities"][:, 0], inverse=True)
-    velocity, types = frames["body_linear_velocities"][:, 0], [FREE]
-    base_qpos, base_qvel = np.concatenate((place, turn), axis=1), np.concatenate((velocity, spin), axis=1)
+    velocity = frames["body_linear_velocities"][:, 0]
+    types = [0]  # MuJoCo's number of a free joint; 2 is a slide, 3 a hinge
+    base_qpos = np.concatenate((position, quaternion), axis=1)
+    base_qvel = np.concatenate((velocity, spin), axis=1)
     if by_joints is not None:
         with naming(by_joints.path):
-            base_qpos, base_qvel = by_joints.base.coordinates(place, rotation, velocity, spin)
+            base_qpos, base_qvel = by_joints.base.coordinates(position, rotation, velocity, spin)
         types = by_joints.compiled.jnt_type[by_joints.base.numbers].tolist()
+    types += [3 if tree.joint[name].turns else 2 for name in names.joints]
     arrays = {
         "joint_names": np.array([*of_base, *names.joints]),
-        "jnt_type": np.array([*types, *(HINGE if tree.joint[name].turns else SLIDE for name in names.joints)]),
+        "jnt_type": np.array(types),
         "njnt": np.int64(len(of_base) + len(names.joints)),
         "frequency": np.float64(rate),
         "qpos": np.concatenate((base_qpos, frames["dof_positions"]), axis=1),
         "qvel": np.concatenate((base_qvel, frames["dof_velocities"]), axis=1),
-        "split_points": np.array([0, len(place)]),
+        "split_points": np.array([0, len(position)]),
     }
     return archive(arrays)
 
@@ -101,43 +110,52 @@ def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict
 
     ``dof_positions``, ``dof_velocities``, ``dof_torques`` (N, J), rad, rad/s, N m (m, m/s, N where they slide), the
     motors' own; in the world ``body_positions``, ``body_linear_velocities``, ``body_angular_velocities`` (N, B, 3),
-    and ``body_rotations`` (N, B, 4), w x y z, of unit length, and nowhere of opposite sign to the frame before.
+    and ``body_rotations`` (N, B, 4), w x y z, of unit length, and never of opposite sign to the frame before.
 
     Raises
     ------
     InputError
         The rate is wrong, or gives one frame only.
     """
-    times, bodies = frame_times(motion.duration, rate), bodies or (motion.robot.file_tree.root,)
+    times = frame_times(motion.duration, rate)
+    bodies = bodies or (motion.robot.file_tree.root,)
     if len(times) < 2:
         reason = f"{rate} Hz give one frame of a motion of {motion.duration} s"
         raise InputError(reason, element="rate", advice="give a higher rate")
     check_size(len(times), len(bodies), rate)
-    whole, flyer, turn = motion.at(times), free_flyer(motion.robot), _to_world(motion)
-    q, v = flyer.configurations(whole), flyer.velocities(whole)
-    q[:, :3] = q[:, :3] @ turn.matrix().T
-    q[:, 3:7] = (Rotation.from_quat(turn.coeffs()) * Rotation.from_quat(q[:, 3:7])).as_quat()
+    whole = motion.at(times)
+    flyer = free_flyer(motion.robot)
+    rotation_to_world = _to_world(motion)
+    q = flyer.configurations(whole)
+    v = flyer.velocities(whole)
+    q[:, :3] = q[:, :3] @ rotation_to_world.matrix().T
+    q[:, 3:7] = (Rotation.from_quat(rotation_to_world.coeffs()) * Rotation.from_quat(q[:, 3:7])).as_quat()
     order = [motion.joints.index(name) for name in motion.names.joints]
-    joints = {"positions": whole.positions, "velocities": whole.velocities, "torques": whole.motor_torques}
-    return {f"dof_{name}": values[:, order] for name, values in joints.items()} | body_motions(
-        flyer.model, bodies, q, v
-    )
+    arrays = {
+        "dof_positions": whole.positions[:, order],
+        "dof_velocities": whole.velocities[:, order],
+        "dof_torques": whole.motor_torques[:, order],
+    }
+    return arrays | body_motions(flyer.model, bodies, q, v)
 
 
 def body_motions(model: Any, names: tuple[str, ...], q: Array, v: Array) -> dict[str, Array]:
     """Motion of bodies of a free-flyer model, from its coordinates (N, nq) and (N, nv); see :func:`_frames`."""
-    data, frames = model.createData(), [model.getFrameId(name, pin.FrameType.BODY) for name in names]
-    places, linear, angular = np.empty((3, len(q), len(names), 3))
+    data = model.createData()
+    frames = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
+    positions, linear, angular = np.empty((3, len(q), len(names), 3))
     rotations = np.empty((len(q), len(names), 3, 3))
     for k, (configuration, velocity) in enumerate(zip(q, v, strict=True)):
         pin.forwardKinematics(model, data, configuration, velocity)
         for body, frame in enumerate(frames):
             placement = pin.updateFramePlacement(model, data, frame)
             twist = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            places[k, body], rotations[k, body] = placement.translation, placement.rotation
-            linear[k, body], angular[k, body] = twist.linear, twist.angular
-    wxyz = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*places.shape[:2], 4)
-    turned_over = np.einsum("kbi,kbi->kb", wxyz[1:], wxyz[:-1]) < 0
-    wxyz[1:] *= np.cumprod(np.where(turned_over, -1.0, 1.0), axis=0)[:, :, None]
+            positions[k, body] = placement.translation
+            rotations[k, body] = placement.rotation
+            linear[k, body] = twist.linear
+            angular[k, body] = twist.angular
+    wxyz = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(*positions.shape[:2], 4)
+    is_opposite = np.einsum("kbi,kbi->kb", wxyz[1:], wxyz[:-1]) < 0
+    wxyz[1:] *= np.cumprod(np.where(is_opposite, -1.0, 1.0), axis=0)[:, :, None]
     velocities = {"body_linear_velocities": linear, "body_angular_velocities": angular}
-    return {"body_positions": places, "body_rotations": wxyz} | velocities
+    return {"body_positions": positions, "body_rotations": wxyz} | velocities

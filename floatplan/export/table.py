@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 SPACE = ("x", "y", "z")
 QUATERNION = ("qx", "qy", "qz", "qw")
-MOST_PLACES = 1_000_000  # [-] of links at instants, of a file
+MOST_PLACES = 1_000_000  # [-] links times instants, of a file
 
 
 def check_size(instants: int, links: int, rate: float) -> None:
@@ -54,16 +54,18 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
     """
     state = plan.at(sample_times(plan.duration, rate))
     columns = [("time", state.times)]
+
+    def add(prefix: str, letters: Sequence[str], values: Array) -> None:
+        for letter, column in zip(letters, values.T, strict=True):
+            columns.append((prefix + letter, column))
+
     if plan.robot.in_plane:
         columns += [("orientation", state.orientation), ("orientation_rate", state.orientation_rate)]
-        columns += zip(("com_x", "com_y"), state.com_position.T, strict=True)
+        add("com_", ("x", "y"), state.com_position)
     else:
-        for name, letters, values in (
-            ("orientation_", QUATERNION, state.orientation),
-            ("orientation_rate_", SPACE, state.orientation_rate),
-            ("com_", SPACE, state.com_position),
-        ):
-            columns += ((name + letter, column) for letter, column in zip(letters, values.T, strict=True))
+        add("orientation_", QUATERNION, state.orientation)
+        add("orientation_rate_", SPACE, state.orientation_rate)
+        add("com_", SPACE, state.com_position)
     ratios = plan.robot.motor_ratios
     offsets = [plan.robot.coupled[name].offset if name in plan.robot.coupled else 0.0 for name in plan.robot.motors]
     of_motors = {
@@ -81,7 +83,7 @@ def table_text(plan: Plan, rate: float = 1000.0) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A quantity at all instants: name, unit, values (N,), whole numbers where it counts or is 1 of what is true."""
+    """A quantity at all instants: name, unit, values (N,); whole numbers are counts, or 1 for true."""
 
     name: str
     unit: str
@@ -91,13 +93,14 @@ class Column:
 def full_columns(motion: Exported, rate: float) -> list[Column]:
     """Return the columns: time, base, joints in Pinocchio's order, their gains and contacts where there are any.
 
-    The world's axes are the root link's at orientation 0. ``base_x`` to ``base_qw`` are place and orientation of the
+    The world's axes are the root link's at orientation 0. ``base_x`` to ``base_qw`` are position and orientation of the
     root link, ``base_vx`` to ``base_wz`` its velocities, all in the world. A joint's torque is its motor's own.
     ``phase`` counts from 0; ``POINT_contact`` is 1 where the point stands, and ``POINT_fx`` to ``POINT_fz`` are the
     force on it, in the world; at a change of contacts all are those before it.
     """
     times = sample_times(motion.duration, rate)
-    whole, tree = motion.at(times), motion.robot.joint_tree
+    whole = motion.at(times)
+    tree = motion.robot.joint_tree
     columns = [Column("time", "s", times)]
     for prefix, unit, letters, values in (
         ("base_", "m", SPACE, whole.base_position),
@@ -122,14 +125,14 @@ def full_columns(motion: Exported, rate: float) -> list[Column]:
 
 
 def contact_columns(motion: Exported, times: Array) -> list[Column]:
-    """Return the columns of contacts at times (N,), s; none where nothing is said of them."""
-    found = motion.contacts(times)
-    if not found:
+    """Return the columns of contacts at times (N,), s; none of a motion without phases."""
+    contacts = motion.contacts(times)
+    if not contacts:
         return []
-    columns = [Column("phase", "1", found["phase"])]
-    for index, point in enumerate(found["contact_names"]):
-        columns.append(Column(f"{point}_contact", "1", found["contacts"][:, index].astype(np.int64)))
-        forces = found["forces"][:, index].T
+    columns = [Column("phase", "1", contacts["phase"])]
+    for index, point in enumerate(contacts["contact_names"]):
+        columns.append(Column(f"{point}_contact", "1", contacts["contacts"][:, index].astype(np.int64)))
+        forces = contacts["forces"][:, index].T
         columns += [Column(f"{point}_f{letter}", "N", force) for letter, force in zip(SPACE, forces, strict=True)]
     return columns
 
@@ -153,11 +156,12 @@ def parquet_content(motion: Exported, rate: float) -> bytes:
     arrow = import_optional("pyarrow", name="PyArrow", element="format", extra="parquet")
     parquet = import_optional("pyarrow.parquet", name="PyArrow", element="format", extra="parquet")
     columns = full_columns(motion, rate)
-    arrays = [arrow.array(column.values) for column in columns]
-    fields = [
-        arrow.field(column.name, array.type, False, {"unit": column.unit})
-        for column, array in zip(columns, arrays, strict=True)
-    ]
+    arrays = []
+    fields = []
+    for column in columns:
+        array = arrow.array(column.values)
+        arrays.append(array)
+        fields.append(arrow.field(column.name, array.type, False, {"unit": column.unit}))
     table = arrow.table(arrays, schema=arrow.schema(fields, motion.about))
     stream = io.BytesIO()
     parquet.write_table(table, stream)

@@ -3,8 +3,8 @@
 - `replanner.py`: :class:`~floatplan.inflight.replanner.Replanner`, the one public way in: a measurement goes in, the
   joints' motion from now to the landing comes out.
 - `measurement.py`: what a measurement is, and whether it can be one; `estimate.py`: the state that follows from it.
-- `remaining_motion.py`: the rest of the flight; `prediction.py`: at which instants it is looked at, and the rows of the
-  problem's limits there; `update.py`: what the kernel is given, which computes all of an update.
+- `remaining_motion.py`: the remaining flight; `prediction.py`: the instants at which it is evaluated, and the rows of
+  the problem's limits there; `update.py`: the kernel's input and output, which computes all of an update.
 - `warm_starts.py`: where the first correction begins; `authority.py`: how much corrections can do.
 
 Symbols, in SI units and radians throughout; times are s since takeoff:
@@ -15,5 +15,5 @@ Symbols, in SI units and radians throughout; times are s since takeoff:
 - p: polynomial of a joint, q = centre + amplitude sin(p); u: share of the remaining time, from 0 to 1.
 - y: changes of the free polynomials, scaled so that their size is that of the acceleration that they make.
 - the miss: orientation at landing less the goal.
-- a row: one limit at one instant, kept where it is at least zero.
+- a row: one limit at one instant, satisfied where it is at least zero.
 """

@@ -1,4 +1,4 @@
-"""How much corrections can do: the errors of momentum and of inertia from which the landing is still reached."""
+"""How much corrections can do: the errors of momentum and of inertia with which the robot still lands at the goal."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,25 +22,23 @@ SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corre
 LARGEST = 0.5  # [-] error that is tried
 STEP = 0.01  # [-] from error to error that is tried, from zero outwards
 RESOLUTION = 0.001  # [-] of an interval's ends
-RATE = 40  # [-] corrections per flight
-ALLOWED = 0.01  # [-] by which a limit may be broken; of distances, of 0.1 m, beyond the margin
-NODES = 6  # [-] of the quadrature from correction to correction
+CORRECTIONS = 40  # [-] per flight
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Authority(Outlined):
-    """From which errors the landing is reached, by when corrections begin.
+    """From which errors the robot lands at the goal, by when corrections begin.
 
     Attributes
     ----------
     times : (K,) s since takeoff
         When corrections begin; before, the robot follows the plan.
     momentum, inertia : (K, 2)
-        Relative errors between which it lands at the goal from all that were tried, and keeps the problem's limits: of
+        Relative errors between which it lands at the goal from all that were tried, within the problem's limits: of
         the angular momentum, or of all inertia of the bodies but the base's. NaN where it does not land even without
         an error. At most ``largest`` is tried.
     largest : float
-    reached : rad, the miss that counts as reached
+    reached : rad, the miss of a landing that counts as at the goal
     """
 
     times: Array
@@ -63,7 +61,7 @@ class Authority(Outlined):
 
 @one_thread
 def authority(plan: Plan | str | Path) -> Authority:
-    """Return from which errors of momentum and of inertia corrections in flight reach the landing, and until when.
+    """Return from which errors of momentum and of inertia corrections in flight lead to the goal, and until when.
 
     The joints are taken to follow their reference exactly, and what is measured to be exact: no controller does better.
     The angular momentum has the error from takeoff on; corrections begin later. Errors are tried from zero outwards,
@@ -80,9 +78,8 @@ def authority(plan: Plan | str | Path) -> Authority:
         The plan reaches no goal, or has no angular momentum to be wrong.
     """
     plan = given_plan(plan)
-    replanner = Replanner(plan, RATE / plan.duration)
+    replanner = Replanner(plan, CORRECTIONS / plan.duration)
     times = plan.duration * np.array(SHARES)
-
     real = Update(plan.robot.tree, replanner.views, Rewriting(plan), 1.0, 1.0)
     links = np.ones(len(plan.robot.tree.mass))
     links[0] = 0.0
@@ -94,21 +91,27 @@ def authority(plan: Plan | str | Path) -> Authority:
         return _lands(replanner, real, plan.angular_momentum, error * links, begin)
 
     return Authority(
-        read_only(times), _intervals(with_momentum, times), _intervals(with_inertia, times), LARGEST, REACHED
+        times=read_only(times),
+        momentum=_intervals(with_momentum, times),
+        inertia=_intervals(with_inertia, times),
+        largest=LARGEST,
+        reached=REACHED,
     )
 
 
 def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
     """Ends (K, 2) of the errors from which a flight lands; later ones are within earlier ones."""
-    found = []
-    reach = [LARGEST, LARGEST]
+    intervals = []
+    below = LARGEST
+    above = LARGEST
     for begin in times.tolist():
         if not lands(0.0, begin):
-            found.append((np.nan, np.nan))
+            intervals.append((np.nan, np.nan))
             continue
-        reach = [_farthest(lands, sign, begin, most) for sign, most in zip((-1.0, 1.0), reach, strict=True)]
-        found.append((-reach[0], reach[1]))
-    return read_only(found)
+        below = _farthest(lands, -1.0, begin, below)
+        above = _farthest(lands, 1.0, begin, above)
+        intervals.append((-below, above))
+    return read_only(intervals)
 
 
 def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
@@ -122,12 +125,15 @@ def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, 
         return most
     while high - low > RESOLUTION:
         middle = (low + high) / 2
-        low, high = (middle, high) if lands(sign * middle, begin) else (low, middle)
+        if lands(sign * middle, begin):
+            low = middle
+        else:
+            high = middle
     return low
 
 
 def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, begin: float) -> bool:
-    """Whether a robot reaches the goal within all limits, corrected from ``begin`` on.
+    """Whether a robot lands at the goal within all limits, corrected from ``begin`` on.
 
     It has a momentum, kg m^2/s, and relative ``errors`` of its links' masses and inertias; ``real`` says how it flies.
     """
@@ -135,11 +141,14 @@ def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, b
     replanner.reset()
     inertial = replanner.identification(momentum)
     inertial.state[2:] = np.tile(errors, 2)
-    path, robot = plan.ballistics, adapted(plan.robot.tree, inertial.state[2:])
+    path = plan.ballistics
+    robot = adapted(plan.robot.tree, inertial.state[2:])
     real.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
-    time, step = 0.0, plan.duration / RATE
-    quadrature = gauss_legendre(NODES)
-    for number in range(RATE):
+    time = 0.0
+    step = plan.duration / CORRECTIONS
+    quadrature = gauss_legendre(6)
+    allowed = 0.01  # by which a limit may be exceeded; of distances, of 0.1 m, beyond the margin
+    for number in range(CORRECTIONS):
         following = (number + 1) * step
         if time >= begin - 1e-9 * plan.duration:
             positions, velocities, _ = replanner.motion.at(time)
@@ -147,7 +156,7 @@ def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, b
             replanner.update(time, inertial.orientation, rate, positions[0], velocities[0])
         if replanner.views.rows:
             real.predicted(replanner.rest(time))
-            if not (real.row_values.T[real.times <= following] >= -ALLOWED).all():
+            if not (real.row_values.T[real.times <= following] >= -allowed).all():
                 return False
         times = time + (following - time) * quadrature.nodes
         positions, velocities, _ = replanner.motion.at(times)

@@ -1,7 +1,7 @@
-"""What is looked at in the rest of a flight: instants, and rows of the problem's limits.
+"""Where the remaining flight is evaluated: instants, and rows of the problem's limits.
 
-A row is kept where its value is at least zero: one minus the share of a limit that is used, or a clearance less its
-margin over ``LENGTH_SCALE``, as in the planner's constraints.
+A row is satisfied where its value is at least zero: one minus the share of a limit that is used, or a clearance less
+its margin over ``LENGTH_SCALE``, as in the planner's constraints.
 """
 
 from __future__ import annotations
@@ -26,18 +26,13 @@ from floatplan.problem.problem import Problem, Shares, shares_of_limits
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 from floatplan.tables import LIMIT_TABLE
 
-RESOLVED = 1e-3  # [-] tail of theta0' relative to its largest: N Gauss nodes integrate it to about the square of that
-LEAST_INSTANTS = 40  # [-] besides the nodes, at which limits are looked at; with 8, torques between were 5 % beyond
+LEAST_INSTANTS = 40  # [-] in addition to the nodes; with 8, torques between exceeded limits by 5 %
 MOST_INSTANTS = 160  # [-] where an obstacle could be passed unseen between so few
-LANES = 8  # [-] of numbers that the kernel takes at once: of instants there are a multiple
-OF_WINDOW = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, looked at besides
-THINNEST = 1e-3  # [m] of what is passed
-SAME = 1e-9  # [m] shapes that are nowhere further apart are one
-SENSIBLE = 4.0  # [-] of the plan's largest acceleration: the most that corrections ask of joints without limits
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
-SHARE_AIM, SHARE_SOFTNESS = 0.02, 0.01  # [-] of limits, see :class:`LimitRows`
-TORQUE_AIM = 0.5  # [-] of torques: what rotors and friction that nobody knows need besides, motors must have to spare
-DISTANCE_AIM, DISTANCE_SOFTNESS = 0.1, 0.02  # [LENGTH_SCALE]
+SHARE_AIM = 0.02  # [-] of limits, see :class:`LimitRows`
+SHARE_SOFTNESS = 0.01  # [-] likewise
+DISTANCE_AIM = 0.1  # [LENGTH_SCALE] likewise
+WINDOW_SHARES = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, instants in addition
 ALWAYS = (-np.inf, np.inf)
 
 
@@ -79,7 +74,8 @@ def limit_rows(problem: Problem) -> list[LimitRows]:
                 advice="leave it out, or fly without corrections",
             )
         of_torques = shares.key == "torque"
-        aim = TORQUE_AIM if of_torques else SHARE_AIM
+        # Rotors and friction that nobody measures need torques too: motors must have half to spare.
+        aim = 0.5 if of_torques else SHARE_AIM
         rows.append(LimitRows(shares, aim, SHARE_SOFTNESS, of_torques=of_torques))
     return rows
 
@@ -89,15 +85,17 @@ def sensible_rows(plan: Plan) -> list[LimitRows]:
 
     Without it a goal that cannot be reached any more would be chased harder and harder until the landing.
     """
-    problem, ratios = plan.problem, plan.robot.motor_ratios != 0
-    held = np.isfinite(np.minimum(problem.motor_torque_limits, problem.motor_stall))
-    limited = (~ratios | held[:, None]).all(axis=0) | np.isfinite(problem.joint_limits["acceleration"])
+    problem = plan.problem
+    drives = plan.robot.motor_ratios != 0
+    limited_motors = np.isfinite(np.minimum(problem.motor_torque_limits, problem.motor_stall))
+    limited = (~drives | limited_motors[:, None]).all(axis=0) | np.isfinite(problem.joint_limits["acceleration"])
     free = ~limited & ~np.isfinite(problem.torque_limits)
     largest = float(plan.peaks.joints["acceleration"].max())
     if not free.any() or not largest:
         return []
-    names, row = tuple(np.array(plan.robot.joints)[free].tolist()), LIMIT_TABLE["acceleration"]
-    limit = np.full(len(names), SENSIBLE * largest)
+    row = LIMIT_TABLE["acceleration"]
+    names = tuple(np.array(plan.robot.joints)[free].tolist())
+    limit = np.full(len(names), 4.0 * largest)  # far beyond what corrections of small errors need
     shares = Shares(row.key, names, limit, row.unit, {row.quantity: np.eye(len(free))[free] / limit[:, None]})
     return [LimitRows(shares, SHARE_AIM, SHARE_SOFTNESS)]
 
@@ -110,7 +108,8 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
     InputError
         Corrections in flight do not know a kind of obstacle.
     """
-    measured: list[tuple[Any, float, tuple[float, float]]] = []
+    softness = 0.02  # [LENGTH_SCALE]
+    between: list[tuple[Any, float, tuple[float, float]]] = []
     for obstacle in [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]:
         if not can_write(obstacle):
             raise InputError(
@@ -118,14 +117,16 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
                 element="obstacles",
                 advice="leave it out, or fly without corrections",
             )
-        measured.append((obstacle, obstacle.margin, obstacle.window or ALWAYS))
+        between.append((obstacle, obstacle.margin, obstacle.window or ALWAYS))
     for pair in problem.self_clearances:
-        first, second = ([i for i, shape in enumerate(shapes) if shape.link == name] for name in pair.links)
-        measured.append(((first, second), pair.margin, ALWAYS))
-    return [
-        LimitRows(DistanceRows(between, margin, LENGTH_SCALE), DISTANCE_AIM, DISTANCE_SOFTNESS, window)
-        for between, margin, window in measured
-    ]
+        first = [index for index, shape in enumerate(shapes) if shape.link == pair.links[0]]
+        second = [index for index, shape in enumerate(shapes) if shape.link == pair.links[1]]
+        between.append(((first, second), pair.margin, ALWAYS))
+    rows = []
+    for shapes_between, margin, window in between:
+        block = DistanceRows(shapes_between, margin, LENGTH_SCALE)
+        rows.append(LimitRows(block, DISTANCE_AIM, softness, window))
+    return rows
 
 
 class Views:
@@ -151,20 +152,22 @@ class Views:
         products = _second_derivatives(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(products[:, CONDITIONS:])).T
         self.unwhitening = self.whitening.T @ products
-        nodes, count = gauss_grid(NODE_COUNTS[_level(plan)]), _instants_needed(plan, self.flight, obstacles)
-        count += -(nodes.nodes + count + len(OF_WINDOW) * len(self._windows)) % LANES
+        nodes = gauss_grid(NODE_COUNTS[_level(plan)])
+        count = _instants_needed(plan, self.flight, obstacles)
+        lanes = 8  # numbers that the kernel takes at once: of instants there are a multiple
+        count += -(nodes.nodes + count + len(WINDOW_SHARES) * len(self._windows)) % lanes
         self._always = nodes.also(np.linspace(0.0, 1.0, count))
         self.instants = self.between(0.0, plan.duration)
 
     def between(self, begin: float, end: float) -> GaussGrid:
-        """Where a motion between two times, s, is looked at, as shares of what remains: nodes, and W instants beside.
+        """Where a motion between two times, s, is evaluated, as shares of the remaining time: nodes, W more instants.
 
         Among these are the ends and middles of obstacles' windows.
         """
         if not len(self._windows):
             return self._always
         low, high = np.clip(self._windows, begin, end).T
-        times = low[:, None] + (high - low)[:, None] * OF_WINDOW
+        times = low[:, None] + (high - low)[:, None] * WINDOW_SHARES
         return self._always.also((times.ravel() - begin) / (end - begin))
 
 
@@ -173,36 +176,42 @@ def _instants_needed(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obsta
     if not obstacles:
         return LEAST_INSTANTS
     times = np.linspace(0.0, plan.duration, MOST_INSTANTS)
-    state, com = plan.at(times), flight.ballistics.positions(times)
+    state = plan.at(times)
+    com = flight.ballistics.positions(times)
     angles = flight.tree.absolute_angles(state.orientation, state.positions)
     shapes = flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
     passes = []
     for obstacle in obstacles:
         moved = times[:, None] * complex(*obstacle.velocity)
-        step = np.maximum(*(np.abs(np.diff(ends - moved, axis=0)).max(axis=0) for ends in (shapes.start, shapes.end)))
-        passes.append(float((step / np.maximum(obstacle.thickness + 2 * shapes.radius, THINNEST)).max()))
+        start_steps = np.abs(np.diff(shapes.start - moved, axis=0)).max(axis=0)
+        end_steps = np.abs(np.diff(shapes.end - moved, axis=0)).max(axis=0)
+        thickness = np.maximum(obstacle.thickness + 2 * shapes.radius, 1e-3)  # m
+        passes.append(float((np.maximum(start_steps, end_steps) / thickness).max()))
     return min(max(LEAST_INSTANTS, math.ceil(MOST_INSTANTS * max(passes))), MOST_INSTANTS)
 
 
 def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
-    """Return the shapes without those that always are where another is: of legs that move together."""
+    """Return the shapes without those that always are where another is: of legs that move as one."""
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, tree.turns.shape[1]))
-    placed = LinkShapes(tree, shapes).place(np.zeros(3, complex), tree.absolute_angles(np.zeros(3), postures))
-    where = np.concatenate((placed.start, placed.end)).T
-    keys = np.concatenate((where.real, where.imag, placed.radius[:, None]), axis=1)
-    _, first = np.unique(np.rint(keys / SAME), axis=0, return_index=True)
+    segments = LinkShapes(tree, shapes).place(np.zeros(3, complex), tree.absolute_angles(np.zeros(3), postures))
+    ends = np.concatenate((segments.start, segments.end)).T
+    keys = np.concatenate((ends.real, ends.imag, segments.radius[:, None]), axis=1)
+    same = 1e-9  # [m] by which shapes that are one may differ
+    _, first = np.unique(np.rint(keys / same), axis=0, return_index=True)
     return tuple(shapes[index] for index in sorted(first))
 
 
 def _level(plan: Plan) -> int:
     """Level of nodes that resolves theta0' of the plan well enough."""
     flight = planar_flight(plan.problem)
+    # Gauss nodes integrate theta0' to about the square of the tail of its series, relative to its largest.
+    largest_tail = 1e-3
     level = 0
     for level, count in enumerate(NODE_COUNTS):  # noqa: B007
         quadrature = gauss_grid(count).quadrature
         positions, velocities, _ = plan.joint_motion(quadrature.nodes * plan.duration)
         rates = flight.equations.base_rate(positions, velocities, plan.angular_momentum)
-        if quadrature.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
+        if quadrature.tail(rates) <= largest_tail * max(float(np.abs(rates).max()), 1e-300):
             break
     return level
 

@@ -1,4 +1,4 @@
-"""The rest of a flight: the joints' motion (12) from now to the landing, and how it is written on a shorter time."""
+"""The remaining flight: the joints' motion (12) from now to the landing, and how it is written on a shorter time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,8 +11,6 @@ from floatplan.arrays import Array, read_only
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import Form, WrittenMotion, basis
 from floatplan.plans.plan import Plan
-
-LEAST_FREE = 6  # [-] free polynomials of each joint, also where the plan has fewer
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update
@@ -44,41 +42,44 @@ class RemainingMotion:
         return self.end - self.begin
 
     def at(self, times: npt.ArrayLike) -> tuple[Array, Array, Array]:
-        """Positions, velocities, accelerations (N, n) at times (N,), s since takeoff; at rest outside of its time."""
+        """Positions, velocities, accelerations (N, n) at times (N,), s since takeoff; constant outside of its time."""
         instants = np.atleast_1d(np.asarray(times, dtype=np.float64))
         inside = np.minimum(np.maximum(instants - self.begin, 0.0), self.remaining)
         positions, velocities, accelerations = self._written.at(inside)
         outside = (instants > self.end) | (instants < self.begin)
         if outside.any():
-            velocities[outside] = accelerations[outside] = 0.0
+            velocities[outside] = 0.0
+            accelerations[outside] = 0.0
         return positions, velocities, accelerations
 
     @cached_property
     def _written(self) -> WrittenMotion:
         """The same by time since ``begin``."""
         p, rate, curvature = self.table @ self.coefficients
-        chebyshev = p, rate / self.remaining, curvature / self.remaining**2
+        chebyshev = (p, rate / self.remaining, curvature / self.remaining**2)
         return WrittenMotion(self.centre, self.amplitude, self.remaining, chebyshev)
 
 
 class Rewriting:
     """What writes motions on a shorter time: the values at ``points``, Chebyshev's, fix all coefficients.
 
-    Exact while the landing time stays. Where it moves, p keeps p, p', p'' at both ends, by time, and its free part.
+    Exact while the landing time stays. Where it moves, p, p', p'' at both ends, by time, and free coefficients stay.
     """
 
     def __init__(self, plan: Plan) -> None:
-        size = max(plan.coefficients.shape[1], CONDITIONS + LEAST_FREE)
+        least_free = 6  # polynomials of each joint, also where the plan has fewer
+        size = max(plan.coefficients.shape[1], CONDITIONS + least_free)
         self.form = Form(size - CONDITIONS)
         functions = basis(self.form)
         self.points = (1 - np.cos(np.pi * (np.arange(size) + 0.5) / size)) / 2
         self.of_values = np.linalg.inv(functions.values(self.points)[0])
         written = WrittenMotion.from_powers(plan.centre, plan.amplitude, plan.coefficients, plan.duration)
         coefficients = self.of_values @ chebval(2 * self.points - 1, written.chebyshev[0]).T
-        boundary = np.stack([chebval([-1.0, 1.0], part).T for part in written.chebyshev])
+        boundary = np.stack([chebval([-1.0, 1.0], series).T for series in written.chebyshev])
         self.landing = read_only(boundary[:, 1])
         scale = plan.duration ** np.arange(3.0)[:, None]  # from derivatives by time to those by u
-        coefficients[:3], coefficients[3:CONDITIONS] = boundary[:, 0] * scale, self.landing * scale
+        coefficients[:3] = boundary[:, 0] * scale
+        coefficients[3:CONDITIONS] = self.landing * scale
         self.first = RemainingMotion(
             np.array(plan.centre),
             np.array(plan.amplitude),

@@ -16,7 +16,7 @@ from floatplan.arguments import Outlined, optional, outline, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.estimate import Estimate, Identification
-from floatplan.inflight.measurement import LARGEST_JUMP, Measurement, Plausibility, Recovery, read, unwrapped
+from floatplan.inflight.measurement import PLAUSIBLE, Measurement, Plausibility, Recovery, read, unwrapped
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.inflight.update import Corrected, Update
@@ -29,28 +29,21 @@ from floatplan.pool import one_thread
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
-SIGMA = 0.001  # [rad] miss that is worth a correction of the plan's own accelerations
-FIRST = 8  # [-] evaluations of the first correction, the largest
-LEAST_REMAINING = 1e-4  # [-] of the flight: nothing is corrected later
-LARGEST_STRETCH = 0.3  # [-] of what remains, by which a landing may move at once
-QUINTIC = 10 / math.sqrt(3)  # [-] peak acceleration of one that moves by 1 in a time of 1, at rest at both ends
 EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
-LONGEST_DELAY = 0.25  # [s] of a measurement
-FASTEST = 1e5  # [Hz]
 LARGEST = 1e12  # [SI] sigma and acceleration
 FAR_OFF = "too far from what is expected"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Correction(Outlined):
-    """What became of a measurement.
+    """The result of a measurement.
 
     Attributes
     ----------
     status : "applied", "limited", "refused" or "invalid"
-        The motion was corrected, keeps all limits and obstacles and lands within ``REACHED`` of the goal; it was
-        corrected in part, or lands further off, or breaks a limit that the last one breaks too; no part of a correction
-        keeps the limits and the last motion stays; the measurement cannot be one, or is late, and changes nothing.
+        The motion was corrected, satisfies all limits and lands within ``REACHED`` of the goal; it was corrected by a
+        share, or lands further off, or exceeds a limit that the last one exceeds too; no share of a correction
+        satisfies the limits and the last motion stays; the measurement cannot be one, or is late, and changes nothing.
     reason : why it is not "applied"
     landing : s
         When the robot lands.
@@ -118,10 +111,10 @@ class Replanner:
 
     @one_thread
     def __init__(
-        self, plan: Plan | str | Path, rate: float = 200.0, sigma: float = SIGMA, acceleration: float | None = None
+        self, plan: Plan | str | Path, rate: float = 200.0, sigma: float = 0.001, acceleration: float | None = None
     ) -> None:
         plan = given_plan(plan)
-        rate = positive(FASTEST, "Hz")(rate, "rate")
+        rate = positive(1e5, "Hz")(rate, "rate")
         sigma = positive(LARGEST)(sigma, "sigma")
         acceleration = optional(positive(LARGEST))(acceleration, "acceleration")
         if not plan.ok:
@@ -132,7 +125,9 @@ class Replanner:
         self.views = Views(plan, rewriting.form)
         scale = _rms_acceleration(plan) if acceleration is None else float(acceleration)
         fastest = float(np.abs(rewriting.first.at(plan.duration)[1]).max())
-        self._pace = scale / (QUINTIC * fastest) if fastest else math.inf
+        # Peak acceleration of a quintic that moves by 1 in a time of 1, with rates of 0 at both ends.
+        quintic = 10 / math.sqrt(3)
+        self._pace = scale / (quintic * fastest) if fastest else math.inf
         self._update = Update(plan.robot.tree, self.views, rewriting, float(sigma), scale)
         self._plausible = Plausibility(plan)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
@@ -146,11 +141,11 @@ class Replanner:
         self.reset()
 
     def __copy__(self) -> Replanner:
-        """Return another that flies on by itself: what is measured by one is not known to the other."""
+        """Return another that flies on by itself: measurements of one do not change the other."""
         return deepcopy(self)
 
     def __repr__(self) -> str:
-        """The plan that it corrects, how often, and when the robot lands as far as is known."""
+        """The plan that it corrects, how often, and when the robot lands as it is estimated."""
         rows = [("plan", repr(self.plan.problem).partition("\n")[0]), ("landing", f"{self.landing:.4g} s")]
         return outline(f"Replanner({self.rate:g} Hz)", rows)
 
@@ -172,9 +167,9 @@ class Replanner:
         self._last = _correction("applied", "", corrected, plan.duration, momentum)
 
     def identification(self, angular_momentum: float) -> Identification:
-        """Return what is known at takeoff, with an angular momentum, kg m^2/s."""
-        initial, nominal = self.plan.problem.initial, self.views.flight.equations
-        inertia = float(nominal.momentum_map(initial.positions[None, :])[0, 0])
+        """Return the filter's state at takeoff, with an angular momentum, kg m^2/s."""
+        initial = self.plan.problem.initial
+        inertia = float(self.views.flight.equations.momentum_map(initial.positions[None, :])[0, 0])
         return Identification(len(self.plan.robot.tree.mass), initial.orientation, angular_momentum, inertia)
 
     def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
@@ -195,19 +190,22 @@ class Replanner:
 
     @property
     def landing(self) -> float:
-        """When the robot lands, s since takeoff, as far as is known."""
+        """When the robot lands, s since takeoff, as it is estimated."""
         return self._landing
 
     def reference(self, t: float) -> Reference:
-        """Return what the joints are to do at a time, s since takeoff; at rest in the goal's posture after landing."""
+        """Return what the joints are to do at a time, s since takeoff; nothing but the goal's posture after landing."""
         time = _time(t)
         motions = self._update.motions
-        otherwise = motions[-1 if math.isnan(time) else 0]
-        motion = next((each for each in reversed(motions) if each.begin <= time), otherwise)
-        state = motion.at(time if math.isfinite(time) else self._now)
-        positions, velocities, accelerations = (each[0] for each in state)
-        torques, n = self._update.torques(positions, velocities, accelerations), len(positions)
-        return Reference(positions, velocities, accelerations, torques[:n], torques[n:])
+        motion = motions[-1 if math.isnan(time) else 0]
+        for later in reversed(motions):
+            if later.begin <= time:
+                motion = later
+                break
+        positions, velocities, accelerations = motion.at(time if math.isfinite(time) else self._now)
+        torques = self._update.torques(positions[0], velocities[0], accelerations[0])
+        n = positions.shape[1]
+        return Reference(positions[0], velocities[0], accelerations[0], torques[:n], torques[n:])
 
     def update(
         self,
@@ -220,7 +218,7 @@ class Replanner:
         com_position: npt.ArrayLike | None = None,
         com_velocity: npt.ArrayLike | None = None,
     ) -> Correction:
-        """Take in a measurement and correct the motion; raises nothing.
+        """Process a measurement and correct the motion; raises nothing.
 
         Parameters
         ----------
@@ -243,7 +241,8 @@ class Replanner:
             return self._unchanged("invalid", "not later than the last measurement")
         if not max(measured.time, self._now) <= present < self._landing:
             return self._unchanged("invalid", "not between the last call and the landing")
-        if not measured.time >= max(self._update.motions[0].begin, present - LONGEST_DELAY, 0.0):
+        longest_delay = 0.25  # [s] of a measurement
+        if not measured.time >= max(self._update.motions[0].begin, present - longest_delay, 0.0):
             return self._unchanged("invalid", "measured too long ago")
         wrong = self._learned(measured, present)
         if wrong:
@@ -254,25 +253,26 @@ class Replanner:
         return self._correct(present)
 
     def _learned(self, measured: Measurement, now: float) -> str:
-        """Take in a measurement; why not, where it cannot be one."""
+        """Learn from a measurement; why not, where it cannot be one."""
         estimate = self._estimate
         plausible = self._plausible
-        if measured.com_position is not None and not plausible.com(measured, *estimate.place(measured.time)):
+        if measured.com_position is not None and not plausible.com(measured, *estimate.com_at(measured.time)):
             return FAR_OFF
         expected = self._update.expected(measured, now)
         mistake = plausible.mistaken(measured, expected)
         if mistake:
             return mistake
-        measured.orientation = unwrapped(measured.orientation, expected.beside)
+        measured.orientation = unwrapped(measured.orientation, expected.orientation_as_measured)
+        off = abs(measured.orientation - expected.orientation_as_measured)
         base = plausible.base(measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (abs(measured.orientation - expected.beside) <= LARGEST_JUMP and self._recovery.again(measured)):
+        elif not (off <= PLAUSIBLE.orientation and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
         self._update.learn(measured)
-        estimate.take_in(measured)
+        estimate.add(measured)
         self._measured = measured.time
         return ""
 
@@ -280,25 +280,25 @@ class Replanner:
         first = self._corrected < 0.0
         self._corrected = now
         landing = self._landing_estimate(now)
-        if landing - now <= LEAST_REMAINING * self.plan.duration:
+        if landing - now <= 1e-4 * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         momentum = self._estimate.inertial.angular_momentum
         warm_start = self._warm_starts.at(now, momentum) if first else None
-        evaluations = FIRST if first else CORRECTION_GAINS.evaluations_near
+        evaluations = 8 if first else CORRECTION_GAINS.evaluations_near  # the first correction is the largest
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
         self._last = _correction(*_judged(corrected), corrected, landing, momentum)
         return self._last
 
     def _landing_estimate(self, now: float) -> float:
-        """When the robot lands, s; moved by a share of what remains at most, and as far as joints can follow."""
+        """When the robot lands, s; moved by a share of the remaining time at most, and as far as joints can follow."""
         estimate = self._estimate
-        found = estimate.landing(self._landing_height) if estimate.placed else None
-        if found is None:
+        landing = estimate.landing(self._landing_height) if estimate.com_measurements else None
+        if landing is None:
             return self._landing
-        left = self._landing - now
-        reach = min(LARGEST_STRETCH * left, self._pace * left * left)
-        return min(max(found, self._landing - reach), self._landing + reach)
+        remaining = self._landing - now
+        most = min(0.3 * remaining, self._pace * remaining * remaining)
+        return min(max(landing, self._landing - most), self._landing + most)
 
     def _unchanged(self, status: Status, reason: str) -> Correction:
         return replace(self._last, status=status, reason=reason)

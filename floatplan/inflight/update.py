@@ -1,11 +1,12 @@
-"""An update of a flight's corrections: the state that is expected, the filter, the rest of the flight corrected.
+"""An update of a flight's corrections: the expected state, the filter, the remaining flight corrected.
 
 All of it is computed by the kernel, ``flight.hpp``, ``correcting.hpp`` and ``prediction.hpp``; this fills what these
-read. The rest of the flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
+read. The remaining flight, joint motions (12) from now to the landing, is written anew exactly at each correction.
 """
 
 from collections import deque
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,18 +24,18 @@ from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.planning.kernel_input.bodies import Bodies, robot_struct
+from floatplan.planning.kernel_input.bodies import Bodies
 from floatplan.planning.kernel_input.rows import PlanarRows
 from floatplan.robot.planar.tree import PlanarTree
 
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
-FILTER = ("state", "covariance", "surprises", "wander", "deviations")  # what is of an estimate
+FILTER_ARRAYS = ("state", "covariance", "surprises", "wander", "deviations")  # of the filter of an estimate
 STEPS = enumeration("Step").__members__
 
 
 @dataclass(eq=False)
 class Corrected:
-    """The motion that was chosen and what it leads to: its miss, rad, the least value of each block of rows.
+    """The motion that was chosen and its prediction: its miss, rad, the least value of each block of rows.
 
     ``torque_peak`` (m,) N m is each motor's largest; ``share`` of the correction was taken.
     """
@@ -73,7 +74,7 @@ class Update:
         imaginary = np.zeros_like(bodies.real)
         link_real = np.zeros(bodies.links.shape)
         link_imaginary = np.zeros(bodies.links.shape)
-        self._robot = robot_struct(bodies, n)
+        self._robot = copy(bodies.struct)
         self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
         self._robot.pointer.is_real = False
         self._called = _called_arrays(constraints, n, len(grid.s), width, motors)
@@ -96,16 +97,16 @@ class Update:
             real=real,
             imaginary=imaginary,
             motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
-            room=None,  # once it is known how much
-            **dict.fromkeys(FILTER),  # see begin()
+            room=None,  # allocated below
+            **dict.fromkeys(FILTER_ARRAYS),  # see begin()
             **_of_masses(tree, bodies),
             **_of_limits(blocks, constraints.block_first),
             **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
             **self._of_instants(grid),
             **self._called,
         )
-        room = kernel().flight_room(self._robot.pointer, self._constraints.pointer, self._flight)
-        self._struct.point_to(room=np.zeros(room))
+        size = kernel().flight_room(self._robot.pointer, self._constraints.pointer, self._flight)
+        self._struct.point_to(room=np.zeros(size))
 
     @property
     def row_values(self) -> Array:
@@ -118,10 +119,11 @@ class Update:
         return self._struct.pointer
 
     def begin(self, estimate: Estimate) -> None:
-        """Begin another flight, of which so much is known."""
-        inertial, flight = estimate.inertial, self._flight
-        self._struct.point_to(**{name: getattr(inertial, name) for name in FILTER})
-        flight.known, flight.turn_after = 0, 0.0
+        """Begin another flight, with an estimate of its state."""
+        flight = self._flight
+        self._struct.point_to(**{name: getattr(estimate.inertial, name) for name in FILTER_ARRAYS})
+        flight.known = 0
+        flight.turn_after = 0.0
         self._step(STEPS["adapt_masses"])
         self.estimate = estimate
         self.motions.clear()
@@ -129,43 +131,55 @@ class Update:
 
     def aim_as_planned(self) -> None:
         """Aim no further from limits than the motion predicted last is: it comes to the ground, as feet do."""
-        landing, views = int(np.argmax(self._instants.s)), self.views
-        values = [self._called["row_values"][begin:end] for begin, end in pairwise(self._block_first)]
-        views.rows = [rows.as_planned(own, landing) for rows, own in zip(views.rows, values, strict=True)]
-        self._struct.point_to(aim=doubles([rows.aim for rows in self.views.rows]))
+        landing = int(np.argmax(self._instants.s))
+        blocks = []
+        for rows, (begin, end) in zip(self.views.rows, pairwise(self._block_first), strict=True):
+            blocks.append(rows.as_planned(self._called["row_values"][begin:end], landing))
+        self.views.rows = blocks
+        self._struct.point_to(aim=doubles([rows.aim for rows in blocks]))
 
     def expected(self, measured: Measurement, now: float) -> Expected:
-        """Return what is expected to be measured; the motion may change from ``now`` on, s."""
+        """Return the expected measurement; the motion may change from ``now`` on, s."""
         flight = self._flight
-        flight.began, flight.measured, flight.now = self.estimate.time, measured.time, now
+        flight.began = self.estimate.time
+        flight.measured = measured.time
+        flight.now = now
         self._called["measured_positions"][:] = measured.positions
         self._called["measured_velocities"][:] = measured.velocities
         self._step(STEPS["expect_state"])
-        orientation = self.estimate.inertial.orientation + flight.turn_before
-        base = orientation, flight.expected_rate, flight.aside, flight.variance, flight.noise
-        return Expected(self._called["positions"], self._called["velocities"], *base)
+        return Expected(
+            positions=self._called["positions"],
+            velocities=self._called["velocities"],
+            orientation=self.estimate.inertial.orientation + flight.turn_before,
+            rate=flight.expected_rate,
+            offset=flight.aside,
+            variance=flight.variance,
+            noise=flight.noise,
+        )
 
     def learn(self, measured: Measurement) -> None:
-        """Take in a measurement that is as it was expected."""
-        self._flight.measured_orientation, self._flight.measured_rate = measured.orientation, measured.orientation_rate
+        """Update the filter by a measurement that is plausible."""
+        self._flight.measured_orientation = measured.orientation
+        self._flight.measured_rate = measured.orientation_rate
         self._step(STEPS["learn_state"])
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
-        """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the h and the masses found."""
+        """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the estimated h and masses."""
         self._called["asked"][:] = positions, velocities, accelerations
         self._step(STEPS["find_torques"])
         return self._called["torques"].copy()
 
     @property
     def turned(self) -> float:
-        """By how much the base turns from the measurement that was learnt from last until ``now``, rad."""
+        """Rotation of the base from the last measurement that was learnt from until ``now``, rad."""
         return float(self._flight.turn_after)
 
     def corrected(self, now: float, landing: float, evaluations: int, warm_start: Array | None = None) -> Corrected:
-        """Return the present motion from ``now`` to the landing, s, corrected; it is the one that holds from now on."""
+        """Return the present motion from ``now`` to the landing, s, corrected; it is the present one from now on."""
         flight = self._flight
-        self._look_at(now, landing)
-        flight.evaluations, flight.is_warm = evaluations, warm_start is not None
+        self._evaluate_between(now, landing)
+        flight.evaluations = evaluations
+        flight.is_warm = warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
         self._step(STEPS["correct_motion"])
@@ -174,46 +188,53 @@ class Update:
         return self._judged(motion)
 
     def predicted(self, motion: RemainingMotion) -> Corrected:
-        """Return what comes of a motion as it is; the estimate is that when it begins."""
-        self._look_at(motion.begin, motion.end)
+        """Return the prediction of a motion as it is; the estimate is that when it begins."""
+        self._evaluate_between(motion.begin, motion.end)
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["predict_motion"])
         return self._judged(motion)
 
     @property
     def times(self) -> Array:
-        """Times (K,), s since takeoff, at which the rest of the flight was looked at last."""
-        begin, end = self._flight.now, self._flight.landing
-        return np.asarray(begin + (end - begin) * self._instants.s)
+        """Times (K,), s since takeoff, at which the remaining flight was evaluated last."""
+        begin = self._flight.now
+        return np.asarray(begin + (self._flight.landing - begin) * self._instants.s)
 
-    def _look_at(self, now: float, landing: float) -> None:
-        """Look at the rest of a flight, from now to a landing, s."""
-        self._flight.now, self._flight.landing = now, landing
+    def _evaluate_between(self, now: float, landing: float) -> None:
+        """Let the kernel evaluate the flight from now to a landing, s."""
+        self._flight.now = now
+        self._flight.landing = landing
         if not self.views.has_distances:
             return
-        place, velocity = self.estimate.place(now)
-        self._path[:] = (*place, *velocity, self.estimate.gravity)
+        position, velocity = self.estimate.com_at(now)
+        self._path[:] = (*position, *velocity, self.estimate.gravity)
         instants = self.views.between(now, landing)
         if instants is not self._instants:
             self._instants = instants
             self._struct.point_to(**self._of_instants(instants))
 
     def _judged(self, motion: RemainingMotion) -> Corrected:
-        found = self._flight.corrected
+        result = self._flight.corrected
         return Corrected(
-            motion, found.miss, self._called["worst"].copy(), self._called["torque_peak"].copy(), found.share
+            motion=motion,
+            miss=result.miss,
+            worst=self._called["worst"].copy(),
+            torque_peak=self._called["torque_peak"].copy(),
+            share=result.share,
         )
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
-        self._flight.now, self._flight.landing = now, landing
+        self._flight.now = now
+        self._flight.landing = landing
         self._step(STEPS["rewrite_motion"])
         return self._written(now, landing)
 
     def remember(self, motion: RemainingMotion) -> None:
-        """Take a motion as the present one."""
+        """Make a motion the present one."""
         self.motions.append(motion)
-        self._flight.now, self._flight.landing = motion.begin, motion.end
+        self._flight.now = motion.begin
+        self._flight.landing = motion.end
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["remember_motion"])
 
@@ -227,11 +248,10 @@ class Update:
         compiled.flight(self._robot.pointer, self._constraints.pointer, self._flight, step, compiled.instructions)
 
     def _of_instants(self, grid: GaussGrid) -> dict[str, Array]:
-        """What a motion, and its changes y, are made of where it is looked at."""
-        values = self.views.functions.values(grid.s)
-        free = np.stack([part[:, CONDITIONS:] @ self.views.whitening for part in values])
+        """What a motion, and its changes y, are made of at the instants of a grid."""
+        value, first, second = self.views.functions.values(grid.s)
+        free = np.stack([order[:, CONDITIONS:] @ self.views.whitening for order in (value, first, second)])
         basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1).swapaxes(1, 2)
-        value, first, second = values
         return {
             "s": doubles(grid.s),
             "integrals": doubles(grid.integrals[grid.nodes :]),
@@ -267,7 +287,7 @@ def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int
     first = rewriting.first
     width = len(views.whitening)
     gap = gauss_legendre(gap_nodes)
-    motion = [part @ first.coefficients / first.end**order for order, part in enumerate(first.table)]
+    motion = [series @ first.coefficients / first.end**order for order, series in enumerate(first.table)]
     return {
         "centre": doubles(first.centre),
         "amplitude": doubles(first.amplitude),
@@ -297,11 +317,12 @@ def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array
 
 
 def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
-    """C, what it changes by with each mass, and the places of the centres of mass, by the rotations of the bodies."""
+    """C, by what it changes with each mass, and the centres of mass, by the rotations of the bodies."""
     by_links = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    own, weights = by_links * bodies.rotations.sum(axis=0), bodies.of_points(by_links)
-    back = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
-    by_mass = back[:, :, None] * weights[:, None, :]
+    own = by_links * bodies.rotations.sum(axis=0)
+    weights = bodies.of_points(by_links)
+    conjugate = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
+    by_mass = conjugate[:, :, None] * weights[:, None, :]
     return {
         "by_mass_real": doubles(by_mass.real),
         "by_mass_imaginary": doubles(by_mass.imag),

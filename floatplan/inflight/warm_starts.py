@@ -1,4 +1,4 @@
-"""Corrections at takeoff that are known before the flight: the first correction, which is the largest, begins there."""
+"""Corrections at takeoff that are computed before the flight: the first, which is the largest, begins with one."""
 
 import math
 from bisect import bisect_right
@@ -12,17 +12,11 @@ from floatplan.inflight.update import Corrected
 from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 
-REACH = 0.15  # [-] of the plan's angular momentum, either way
-STEPS = 3  # [-] either way
-SHORTEST = 0.25  # [-] of them, where the goal is out of reach after a whole one
-EVALUATIONS = 30  # [-] of changed motions, for each
-WARM_PART = 0.1  # [-] of the flight: later corrections do not begin so
-
 
 class WarmStarts:
     """Corrections at takeoff, by angular momentum; those between are made of the two nearest, beyond is the last.
 
-    There are as many as reach the goal within the limits.
+    There are as many as lead to the goal within the limits.
 
     Parameters
     ----------
@@ -36,33 +30,36 @@ class WarmStarts:
     def __init__(
         self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Corrected], planned: float
     ) -> None:
-        self._latest = WARM_PART * motion.end
+        self._latest = 0.1 * motion.end  # later corrections do not begin so
         free = motion.coefficients[CONDITIONS:]
-        reach = abs(planned) * REACH
+        farthest = abs(planned) * 0.15  # from the plan's momentum, either way
+        shortest = 0.25  # of a step, where the goal is out of reach after a whole one
+        evaluations = 30  # of changed motions, for each
 
-        def changes(step: float) -> list[tuple[float, Array]]:
+        def further_changes(step: float) -> list[tuple[float, Array]]:
             """Momenta one step further each, with their changes; shorter steps where the goal is out of reach."""
-            reached = []
+            changes = []
             changed = motion
             momentum = planned
-            least = SHORTEST * abs(step)
-            while abs(step) >= least > 0 and abs(momentum + step - planned) <= reach * (1 + 1e-9):
-                there = corrected(changed, momentum + step, EVALUATIONS)
-                if abs(there.miss) > CORRECTION_GAINS.far or (there.worst < -CORRECTION_GAINS.kept).any():
+            least = shortest * abs(step)
+            while abs(step) >= least > 0 and abs(momentum + step - planned) <= farthest * (1 + 1e-9):
+                further = corrected(changed, momentum + step, evaluations)
+                if abs(further.miss) > CORRECTION_GAINS.far or (further.worst < -CORRECTION_GAINS.kept).any():
                     step /= 2
                     continue
-                changed = there.motion
+                changed = further.motion
                 momentum += step
-                reached.append((momentum, changed.coefficients[CONDITIONS:] - free))
-            return reached
+                changes.append((momentum, changed.coefficients[CONDITIONS:] - free))
+            return changes
 
-        starts = [(planned, np.zeros_like(free)), *changes(-reach / STEPS), *changes(reach / STEPS)]
+        step = farthest / 3
+        starts = [(planned, np.zeros_like(free)), *further_changes(-step), *further_changes(step)]
         starts.sort(key=lambda start: start[0])
         self._momenta = [momentum for momentum, _ in starts]
         self._changes = read_only([change for _, change in starts])
 
     def at(self, now: float, angular_momentum: float) -> Array | None:
-        """Change of the free coefficients (m, n) to begin with at ``now``, s; None where none is known."""
+        """Change of the free coefficients (m, n) to begin with at ``now``, s; None where there is none."""
         momenta = self._momenta
         last = len(momenta) - 1
         if not last or now > self._latest or not math.isfinite(angular_momentum):

@@ -1,4 +1,4 @@
-"""Flights afloat, without gravity and angular momentum: from rest to rest, the base turned by the joints alone."""
+"""Flights afloat, without gravity and angular momentum: between postures at rest, the base rotated by the joints."""
 
 import math
 from collections.abc import Iterator
@@ -9,11 +9,11 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.initial.apart import kept_apart
 from floatplan.initial.robots import ChosenRobot
+from floatplan.initial.separation import separated
 from floatplan.motion.flight import tree_dynamics
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.planning.repair import proved_plan
 from floatplan.plans.measures import PlanWarning
 from floatplan.plans.plan import Plan
@@ -22,63 +22,54 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import position_limits
 from floatplan.robot.wheels import wheels
 
-FAST = math.radians(2000)  # [rad/s] that no joint of a legged robot turns at, whatever its URDF says
-SPUN = 10 * math.tau  # [rad] that a wheel may turn either way
-MOTION = Motion(degree="auto", objective="acceleration")
-SWINGS = (1.0, 0.6, 0.3)  # [-] of half a joint's range
-WIDEST_SWING = math.radians(60)  # [rad]
-UNHURRIED = 3.0  # [-] times the duration at the velocity limits
-SLOWER = (1.0, 2.0, 4.0)  # [-] of that duration
-SHORTEST = 1.0  # [s]
-NODES = 40  # [-] of the turn that straight swings make
-DIRECTIONS = 512  # [-] of the joints, compared
-INSIDE = 0.05  # [-] of a joint's range, kept free at its ends
-PATIENCE = 8e6  # [instants of one body] with one of them, until a motion is found
-CORRECTIONS = 2  # [-] with lower accelerations, where a locked joint cannot be held
-CALMER = 0.8  # [-] of the acceleration that would just do
+FAST = math.radians(2000)  # [rad/s] beyond the rates of legged robots, whatever the URDF says
+WHEEL_RANGE = 10 * math.tau  # [rad] of a wheel, either way
+LONGEST_SEARCH = 8e6  # [instants of one body] for one flight, about 1.3 s
 
 
 def limits_of(chosen: ChosenRobot) -> Limits:
-    """Return the URDF's limits; where it gives no velocities, what is fast; of wheels a range of many turns."""
+    """Return the URDF's limits; where it has no velocities, what is fast; of wheels a range of many turns."""
     robot = chosen.robot
-    spun = {name: (-SPUN, SPUN) for name in wheels(robot) if name in robot.joints}
+    ranges = {name: (-WHEEL_RANGE, WHEEL_RANGE) for name in wheels(robot) if name in robot.joints}
     return Limits(
-        position=spun or "urdf",
+        position=ranges or "urdf",
         velocity="urdf" if np.isfinite(robot.motor_velocity_limits).any() else FAST,
         torque="urdf" if np.isfinite(robot.motor_torque_limits).any() else "none",
     )
 
 
-def turns_afloat(chosen: ChosenRobot, asked: float | None = None) -> Iterator[Problem]:
-    """Yield problems without gravity and angular momentum, from rest to rest: smaller and slower ones later.
+def problems_afloat(chosen: ChosenRobot, duration: float | None = None) -> Iterator[Problem]:
+    """Yield problems without gravity and angular momentum, between postures at rest: smaller and slower ones later.
 
-    Of the directions in which the joints may swing they take those that turn the base farthest. All last as long as
-    asked, s, where that is given.
+    Of the directions in which the joints may move they take those that rotate the base farthest. All have the same
+    duration, s, where that is set.
     """
     robot = chosen.robot
     limits = limits_of(chosen)
     low, high = position_limits(robot, limits).T
-    width = high - low
-    start = np.clip(robot.resting, low + INSIDE * width, high - INSIDE * width)
+    margin = 0.05 * (high - low)  # of the start from the ends of joint ranges
+    start = np.clip(robot.resting, low + margin, high - margin)
     start = np.deg2rad(np.round(np.rad2deg(start)))
     rates = np.minimum(robot.velocity_limits, FAST)
     directions = _directions(len(robot.joints))
-    widest = np.where(high - low < SPUN, WIDEST_SWING, SPUN)
-    room = np.minimum(np.where(directions > 0, high - start, start - low) / 2, widest)
-    turns = _turns(chosen, start, start + directions * room)
-    best = int(np.abs(turns).argmax())
-    for swing, slower in product(SWINGS, SLOWER if asked is None else (1.0,)):
-        goal = np.deg2rad(np.round(np.rad2deg(start + swing * (directions * room)[best])))
-        unhurried = round(max(UNHURRIED * float((np.abs(goal - start) / rates).max()), SHORTEST) * slower, 1)
-        turn = float(_turns(chosen, start, goal[None])[0])
+    widest = np.where(high - low < WHEEL_RANGE, math.radians(60), WHEEL_RANGE)
+    half_ranges = np.where(directions > 0, high - start, start - low) / 2
+    changes = directions * np.minimum(half_ranges, widest)
+    best = int(np.abs(_rotations(chosen, start, start + changes)).argmax())
+    slower_factors = (1.0, 2.0, 4.0) if duration is None else (1.0,)
+    for share, slower in product((1.0, 0.6, 0.3), slower_factors):
+        goal = np.deg2rad(np.round(np.rad2deg(start + share * changes[best])))
+        at_limits = float((np.abs(goal - start) / rates).max())  # s
+        unhurried = round(max(3.0 * at_limits, 1.0) * slower, 1)
+        rotation = float(_rotations(chosen, start, goal[None])[0])
         if len(robot.joints) > 1:
-            turn = math.radians(round(math.degrees(turn)))
+            rotation = math.radians(round(math.degrees(rotation)))
         yield Problem(
             robot,
             Posture(0.0, start),
-            Posture(turn, goal),
-            Flight(unhurried if asked is None else asked, angular_momentum=0.0, gravity=0.0),
-            MOTION,
+            Posture(rotation, goal),
+            Flight(unhurried if duration is None else duration, angular_momentum=0.0, gravity=0.0),
+            Motion(degree="auto", objective="acceleration"),
             limits,
             name=robot.name,
         )
@@ -86,48 +77,50 @@ def turns_afloat(chosen: ChosenRobot, asked: float | None = None) -> Iterator[Pr
 
 def _directions(joints: int) -> Array:
     """Signs (K, n), the first all positive: every one of a few joints, seeded ones of many."""
-    if 2**joints <= DIRECTIONS:
+    most = 512  # that are compared
+    if 2**joints <= most:
         return np.array(list(product((1.0, -1.0), repeat=joints)))
-    drawn = np.random.default_rng(0).choice((1.0, -1.0), (DIRECTIONS - 1, joints))
-    return np.concatenate((np.ones((1, joints)), drawn))
+    random = np.random.default_rng(0).choice((1.0, -1.0), (most - 1, joints))
+    return np.concatenate((np.ones((1, joints)), random))
 
 
-def _turns(chosen: ChosenRobot, start: Array, goals: Array) -> Array:
-    """What straight swings from a posture (n,) to others (K, n) make of the orientation (K,), rad."""
-    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+def _rotations(chosen: ChosenRobot, start: Array, goals: Array) -> Array:
+    """Changes of the orientation (K,), rad, by straight motions of the joints from a posture (n,) to others (K, n)."""
+    count = 40  # nodes of the quadrature
+    nodes, weights = np.polynomial.legendre.leggauss(count)
     shares = (nodes + 1) / 2
-    ways = goals - start
-    positions = start + shares[:, None, None] * ways
+    changes = goals - start
+    positions = start + shares[:, None, None] * changes
     rows = tree_dynamics(chosen.robot.tree).momentum_map(positions.reshape(-1, len(start)))
-    rows = rows.reshape(NODES, len(goals), -1)
-    rates = (rows[:, :, 1:] * ways).sum(axis=2) / rows[:, :, 0]
+    rows = rows.reshape(count, len(goals), -1)
+    rates = (rows[:, :, 1:] * changes).sum(axis=2) / rows[:, :, 0]
     return np.asarray(-(weights @ rates) / 2)
 
 
 def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float]:
-    """Return a problem with its proved plan without warnings, and what that took, instants of one body.
+    """Return a problem with its proved plan without warnings, and the work of the search, instants of one body.
 
-    It is the plan that ``floatplan plan`` finds, given up where that takes long. Where only a locked joint cannot be
-    held, it is one that moves more calmly; where links overlap, one that keeps them apart, or else it has that warning.
+    It is the plan that ``floatplan plan`` makes, given up where that takes long. Where only a locked joint bears too
+    much, it is one that moves more calmly; where links overlap, one that separates them, or else it has that warning.
     """
     work = 0.0
     overlapping: tuple[Problem, Plan] | None = None
-    for _ in range(1 + CORRECTIONS):
+    for _ in range(3):  # plans: the first, then with lower accelerations or separated links
         try:
-            found = planned(problem, SearchOptions(patience=PATIENCE))
+            result = planned(problem, SearchOptions(patience=LONGEST_SEARCH))
         except InputError:
             break
-        work += found.work
-        proved = proved_plan(found)
-        if found.gave_up or not proved.ok or proved.certificate is None or not proved.certificate.proved:
+        work += result.work
+        plan = proved_plan(result)
+        if result.gave_up or not plan.ok or plan.certificate is None or not plan.certificate.proved:
             break
-        kinds = {warning.kind for warning in warnings_in_plane(proved)}
+        kinds = {warning.kind for warning in warnings_in_plane(plan)}
         if not kinds:
-            return (problem, proved), work
+            return (problem, plan), work
         if kinds == {"overlap"}:
-            overlapping = overlapping or (problem, proved)
+            overlapping = overlapping or (problem, plan)
         try:
-            other = _apart(problem, proved) if "overlap" in kinds else _calmer(problem, proved)
+            other = _separated(problem, plan) if "overlap" in kinds else _calmer(problem, plan)
         except InputError:  # an end is outside a narrower range, or its links are as near
             break
         if other is None:
@@ -136,9 +129,9 @@ def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float
     return overlapping, work
 
 
-def _apart(problem: Problem, plan: Plan) -> Problem | None:
-    """The problem with links kept apart that a plan's motion brings into one another; None where nothing is left."""
-    return kept_apart(problem, lambda times: plan.joint_motion(times)[0], plan.duration)
+def _separated(problem: Problem, plan: Plan) -> Problem | None:
+    """The problem with limits that separate the links which overlap in a plan; None where no limit helps."""
+    return separated(problem, lambda times: plan.joint_motion(times)[0], plan.duration)
 
 
 def warnings_in_plane(plan: Plan) -> list[PlanWarning]:
@@ -148,10 +141,12 @@ def warnings_in_plane(plan: Plan) -> list[PlanWarning]:
 
 def _calmer(problem: Problem, plan: Plan) -> Problem | None:
     """The problem with accelerations low enough for locked joints to hold; None where other warnings remain."""
-    warnings = warnings_in_plane(plan)
-    shares = [w.limit / w.value for w in warnings if w.kind == "holding_torque" and w.value and w.limit]
-    if len(shares) < len(warnings):
-        return None
-    acceleration = CALMER * min(shares) * float(plan.peaks.joints["acceleration"].max())
+    shares = []
+    for warning in warnings_in_plane(plan):
+        if warning.kind != "holding_torque" or not warning.value or not warning.limit:
+            return None
+        shares.append(warning.limit / warning.value)
+    calmer = 0.8  # of the acceleration that would just do
+    acceleration = calmer * min(shares) * float(plan.peaks.joints["acceleration"].max())
     rounded = math.radians(float(f"{math.degrees(acceleration):.2g}"))
     return replace(problem, limits=replace(problem.limits, acceleration=rounded))

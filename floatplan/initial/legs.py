@@ -11,11 +11,7 @@ from floatplan.arrays import Array
 from floatplan.robot.robot import Robot
 from floatplan.robot.standing import FLAT, SOLE, Spot, corners, heights_over_com, may_roll, out_of_round
 
-NO_LENGTH = 0.05  # [-] of a leg's length: joints that are no farther apart than that are at one place
-SAMPLES = 128  # [-] of a leg's postures
-STEPS = 0.15  # [-] of its length by which a leg that steps can shorten; one that only sways keeps its length
-MOST_LEANING, LEANS = np.radians(70), 141  # [rad, -] of a sole away from square to its shank, and how many are tried
-WIDEST = np.pi  # [rad] either way from the reference posture, of joints without a range
+NO_LENGTH = 0.05  # [-] of a leg's length: joints that are no farther from each other coincide
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +22,7 @@ class Leg:
     ----------
     robot : Robot
     foot : the frame on which it stands
-    posture : (n,) rad, the robot's reference posture, which tells the sole of a foot from its back
+    posture : (n,) rad, the robot's reference posture, which tells the sole of a foot from its upper side
     """
 
     robot: Robot
@@ -35,12 +31,13 @@ class Leg:
 
     @cached_property
     def bodies(self) -> list[int]:
-        """Bodies from the hip's to the foot's; empty where the foot is part of the base."""
-        found, body = list[int](), self.robot.frames[self.foot].body
+        """Bodies from the hip's to the foot's; empty where the foot is on the base."""
+        upwards: list[int] = []
+        body = self.robot.frames[self.foot].body
         while body > 0:
-            found.append(body)
+            upwards.append(body)
             body = int(self.robot.tree.parent[body])
-        return found[::-1]
+        return upwards[::-1]
 
     @cached_property
     def joints(self) -> list[int]:
@@ -56,7 +53,7 @@ class Leg:
 
     @cached_property
     def sole(self) -> tuple[Spot, Spot] | None:
-        """Both ends of the foot's sole, which is below the way from the first to the second.
+        """Both ends of the foot's sole, which is below the line from the first to the second.
 
         It is the side of the foot on which it stands, as flat as soles are, that is longest and faces away from the
         shank. A foot that is fixed to the shank has none: it stands on its tip; and neither has a wheel, or what has no
@@ -66,25 +63,29 @@ class Leg:
             return None
         y = np.append(0.0, self.posture)
         home = self.robot.frames[self.foot]
-        radius = max(abs(each.place - home.local) + each.radius for each in self.corners)
+        radius = max(abs(corner.place - home.local) + corner.radius for corner in self.corners)
         if may_roll(out_of_round(self.robot, self.foot, Spot(home.body, home.local), radius, y), radius):
             return None
         origins = self._distinct(y)
         if len(origins) < 3 or origins[-1] != Spot(self.bodies[-1], 0j):
             return None
         knee, ankle = heights_over_com(self.robot, origins[-2:], y)
-        places = heights_over_com(self.robot, self.corners, y)
-        away = (ankle - knee) / abs(ankle - knee)
-        radii = np.array([each.radius for each in self.corners])
-        best, most = None, 0.0
-        for lean in np.linspace(-MOST_LEANING, MOST_LEANING, LEANS):
-            turned = places * np.conj(away * np.exp(1j * lean)) * -1j  # as if the ground were there
-            under = turned.imag - radii
+        shank = (ankle - knee) / abs(ankle - knee)
+        positions = heights_over_com(self.robot, self.corners, y)
+        radii = np.array([corner.radius for corner in self.corners])
+        best = None
+        longest = 0.0
+        most = np.radians(70)
+        for lean in np.linspace(-most, most, 141):  # of the sole away from square to its shank
+            over_ground = positions * np.conj(shank * np.exp(1j * lean)) * -1j  # as if the ground were there
+            under = over_ground.imag - radii
             low = np.flatnonzero(under < under.min() + FLAT)
-            first, second = low[turned.real[low].argmin()], low[turned.real[low].argmax()]
-            length = float(turned.real[second] - turned.real[first])
-            if length > SOLE and length * np.cos(lean) > most:
-                best, most = (self.corners[first], self.corners[second]), length * np.cos(lean)
+            first = low[over_ground.real[low].argmin()]
+            second = low[over_ground.real[low].argmax()]
+            length = float(over_ground.real[second] - over_ground.real[first])
+            if length > SOLE and length * np.cos(lean) > longest:
+                best = (self.corners[first], self.corners[second])
+                longest = length * np.cos(lean)
         return best
 
     @property
@@ -101,15 +102,14 @@ class Leg:
         y = np.append(0.0, self.posture)
         spots = self._distinct(y)
         if self.sole is None:
-            places = heights_over_com(self.robot, self.corners, y)
+            ends = heights_over_com(self.robot, self.corners, y)
             last = heights_over_com(self.robot, spots[-1:], y)[0] if spots else 0j
-            far = int(np.abs(places - last).argmax())
-            if spots and abs(places[far] - last) > NO_LENGTH * self._length(y):
-                spots = [*spots, self.corners[far]]
+            farthest = int(np.abs(ends - last).argmax())
+            if spots and abs(ends[farthest] - last) > NO_LENGTH * self._length(y):
+                spots = [*spots, self.corners[farthest]]
         if len(spots) < 3:
             return spots
-        places = heights_over_com(self.robot, spots, y)
-        bones = np.abs(np.diff(places))
+        bones = np.abs(np.diff(heights_over_com(self.robot, spots, y)))
         knee = 1 + int(np.minimum(bones[:-1], bones[1:]).argmax())
         return spots[knee - 1 : knee + 2]
 
@@ -131,7 +131,8 @@ class Leg:
     @cached_property
     def steps(self) -> bool:
         """Whether it can lift its foot by bending."""
-        return len(self.joints) > 1 and self.shortens() > STEPS
+        least = 0.15  # of its length: one that only sways does not shorten
+        return len(self.joints) > 1 and self.shortens() > least
 
     def shortens(self) -> float:
         """By what share of its greatest length the foot can come nearer to the first joint of the leg."""
@@ -139,30 +140,29 @@ class Leg:
             return 0.0
         robot = self.robot
         low, high = robot.position_limits.T
-        low = np.maximum(low, self.posture - WIDEST)
-        high = np.minimum(high, self.posture + WIDEST)
-        drawn = np.random.default_rng(0).uniform(low, high, (SAMPLES, len(low)))
-        y = np.column_stack((np.zeros(SAMPLES), drawn)).T
+        low = np.maximum(low, self.posture - np.pi)  # of joints without a range
+        high = np.minimum(high, self.posture + np.pi)
+        count = 128  # postures
+        sampled = np.random.default_rng(0).uniform(low, high, (count, len(low)))
+        y = np.column_stack((np.zeros(count), sampled)).T
         hip, foot = heights_over_com(robot, [Spot(self.bodies[0], 0j), self._end], y).T
         length = np.abs(foot - hip)
         return float(1 - length.min() / length.max()) if length.max() > 0 else 0.0
 
     @cached_property
     def _end(self) -> Spot:
-        """The ankle of a foot that has one, else the tip of the leg: a sole's turning moves the leg no nearer."""
+        """The ankle of a foot that has one, else the tip of the leg: rotating a sole does not shorten the leg."""
         return self.bend_spots[-1] if self.bend_spots else self.corners[0]
 
     def _distinct(self, y: Array) -> list[Spot]:
-        """Origins of the leg's joints from the hip on, of those at one place the last."""
+        """Origins of the leg's joints from the hip on, of those that coincide the last."""
         spots = [Spot(body, 0j) for body in self.bodies]
         if not spots:
             return []
-        places, least = heights_over_com(self.robot, spots, y), NO_LENGTH * self._length(y)
-        return [
-            spot
-            for index, spot in enumerate(spots)
-            if index + 1 == len(spots) or abs(places[index + 1] - places[index]) > least
-        ]
+        distances = np.abs(np.diff(heights_over_com(self.robot, spots, y)))
+        least = NO_LENGTH * self._length(y)
+        distinct = [spot for spot, distance in zip(spots, distances, strict=False) if distance > least]
+        return [*distinct, spots[-1]]
 
     @cached_property
     def length(self) -> float:

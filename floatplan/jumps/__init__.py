@@ -1,5 +1,22 @@
 """Whole jumps: stance, flight, stance. One program over all phases, then the flight's plan and stances that fit it.
 
-In order of reading: contacts, phases and setup say what is asked; model, rows, program, separation and exchange solve
-it; flight, motion and exact make motions of the solution, which check judges; planner and launch call them.
+In order of reading: contacts, phases and setup say what is requested; model, locked_joints, rows, separation,
+variables, program and rounds solve it; flight, motion and exact make motions of the solution, which check judges;
+planner and launch call them; conflicts says why there is none.
+
+Glossary
+--------
+phase : a time in which the contacts do not change; of a side, "takeoff", "flight" or "landing"
+contact, anchor : a point on which the robot stands, with those coupled to it; the one that stands in all phases of its
+    side, from which positions are measured
+node : an instant of the program; densest next to the flight
+seam : the instant at which a stance meets the flight
+y, v, a : (n+1,) orientation theta_0 of the base and planned joints q, rad; their first and second derivatives
+phi, e : angles of the bodies, rad, and their rotations exp(i sigma phi); sigma is the plane's ``turn``, 1 or -1
+h : angular momentum of the flight about the centre of mass, kg m^2/s
+drift : acceleration of a foot that closes a chain at both ends of a phase, over g
+Positions are pairs (horizontal, vertical) or complex numbers, horizontal + i vertical, m: of points of the robot from
+its centre of mass or from the anchor; of the world from the takeoff of the flight. The program is scaled by the weight,
+N, the height of the centre of mass where the robot stands, m, and the time of a fall by it, sqrt(height / g), s.
+A ratio is a horizontal over a vertical force; a share is that of a limit; a margin is what a program leaves of one.
 """

@@ -1,4 +1,4 @@
-"""What a robot stands on: feet that are points, soles with heel and toe, and what has to stay above the ground."""
+"""What a robot stands on: feet that are points, soles with heel and toe; and the points that stay above the ground."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -24,19 +24,13 @@ from floatplan.robot.standing import (
 )
 from floatplan.tables import POINT_FEET
 
-SAME = 2e-3  # [m] by which places of left and right may differ
-LEVEL = 0.02  # [m] by which feet that stand together may differ in the reference posture
-STANDING = 5e-3  # [m] what is no higher than that over the ground, in the standing posture, belongs to the feet
-WAYS = 64  # [-] directions in which the hull is looked at
-COARSE = 5e-3  # [m] by which a corner may be outside those that are watched
-FITS = 1e-3  # [m] by which a foot may be no circle about its frame
-LEVEL_LINE = 1e-9  # [-] slope of a line that is as good as level
-KNEE = 0.8  # [rad] by which a knee bends that would stand straight: legs are 8 % shorter, and can push
-BENT = 0.2  # [-] sine of the angle between thigh and shank, below which a leg that stands counts as straight
+SAME_POINT = 2e-3  # [m] within which two points are one, as those of left and right
+LEVEL = 0.02  # [m] by which the heights of feet that stand in one phase may differ in the reference posture
+BENT = 0.2  # [-] sine of the angle between thigh and shank below which a leg counts as straight, or folded
 
 
 @dataclass(frozen=True)
-class Contact:
+class GroundContact:
     """A point that the robot can stand on, with those that are coupled to it, left and right.
 
     Attributes
@@ -45,7 +39,7 @@ class Contact:
     suffix : ".heel" or ".toe" for an end of a sole, ".tip" for that of a leg, which have no frames of their own
     spots : the points, in the order of the frames
     depth : its height over the ground where it stands, m; where it rolls, the radius
-    vertical : whether it only presses: a heel, whose toe holds the foot, and shares its horizontal force
+    vertical : whether it only presses: a heel, whose toe takes the horizontal force of the sole
     """
 
     frames: tuple[str, ...]
@@ -80,55 +74,72 @@ class Contact:
         return self.frame + self.suffix
 
 
-def way_between(robot: Robot, first: Spot, second: Spot, y: Array) -> tuple[float, float]:
-    """From one spot to another in a posture y (n+1,), where what rolls would be at its body's angle 0, m."""
+def displacement(robot: Robot, start: Spot, end: Spot, y: Array) -> tuple[float, float]:
+    """Vector from one spot to another in a posture y (n+1,), m; circles that roll are where angles are 0."""
     angles = robot.tree.absolute_angles(y[0], y[1:])
-    one, two = spot_weights(robot, [first, second])
-    way = (two - one) @ np.append(robot.tree.rotations(angles), angles)
-    return float(way.real), float(way.imag)
+    start_weights, end_weights = spot_weights(robot, [start, end])
+    vector = (end_weights - start_weights) @ np.append(robot.tree.rotations(angles), angles)
+    return float(vector.real), float(vector.imag)
 
 
 def is_ground(obstacle: Obstacle, ground: float) -> bool:
     """Whether an obstacle is the ground at a height, m, on which a robot stands, or below that.
 
-    It is a half-plane with a level line that is at rest. Nothing but feet touches the ground of a jump, and these stand
-    on it, which the capsules around them, thicker than the feet, would not allow of an obstacle.
+    It is a half-plane with a level line that does not move. Nothing but feet touches the ground of a jump, and these
+    stand on it, which the capsules around them, thicker than the feet, would not allow of an obstacle.
     """
     if not isinstance(obstacle, HalfPlane) or any(obstacle.velocity):
         return False
     across, up = obstacle.normal
-    return abs(across) <= LEVEL_LINE * up and obstacle.point[1] <= ground + POINT_FEET
+    is_level = abs(across) <= 1e-9 * up  # but for rounding
+    return is_level and obstacle.point[1] <= ground + POINT_FEET
 
 
-def links_of(robot: Robot, contacts: Iterable[Contact]) -> set[str | None]:
+def links_of(robot: Robot, contacts: Iterable[GroundContact]) -> set[str | None]:
     """Links on which contacts stand."""
-    return {robot.contact_link(robot.frames[frame].link) for each in contacts for frame in each.frames}
+    links = set()
+    for contact in contacts:
+        for frame in contact.frames:
+            links.add(robot.contact_link(robot.frames[frame].link))
+    return links
 
 
-def ground_below(robot: Robot, contact: Contact, y: Array) -> float:
+def contact_positions(robot: Robot, contacts: Sequence[GroundContact], y: Array) -> ComplexArray:
+    """Positions (.., contacts) relative to the centre of mass in postures y (n+1, ..), m; of pairs, of one of both."""
+    return heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
+
+
+def contact_depths(contacts: Sequence[GroundContact]) -> Array:
+    """Heights (contacts,) of contacts over the ground on which they stand, m."""
+    return np.array([contact.depth for contact in contacts])
+
+
+def ground_below(robot: Robot, contact: GroundContact, y: Array) -> float:
     """Height of the ground on which a contact stands in a posture y (n+1,), over the centre of mass, m."""
-    return float(heights_over_com(robot, contact.spots[:1], y)[0].imag - contact.depth)
+    return float(contact_positions(robot, [contact], y)[0].imag - contact.depth)
 
 
-def contact_at(robot: Robot, frame: str, y: Array) -> tuple[Contact, ...]:
+def contact_at(robot: Robot, frame: str, y: Array) -> tuple[GroundContact, ...]:
     """Return the contact of a frame, a point; or toe and heel where its link has a sole.
 
     See :func:`floatplan.robot.standing.standing_points`, whose parameters and errors these are.
     """
     contacts = []
     for suffix, spot, depth in standing_points(robot, frame, y):
-        twins = _twins(robot, frame, spot)
-        frames = (frame, *(name for name, _ in twins))
-        spots = (spot, *(twin for _, twin in twins))
-        contacts.append(Contact(frames, suffix, spots, depth, vertical=suffix == HEEL))
+        frames = [frame]
+        spots = [spot]
+        for name, twin in _twins(robot, frame, spot):
+            frames.append(name)
+            spots.append(twin)
+        contacts.append(GroundContact(tuple(frames), suffix, tuple(spots), depth, vertical=suffix == HEEL))
     return tuple(contacts)
 
 
-def not_round(robot: Robot, contact: Contact, y: Array) -> str:
+def not_round(robot: Robot, contact: GroundContact, y: Array) -> str:
     """Why a contact cannot roll on circles about its frames down to the ground, for a person; "" where it can.
 
-    The outline of each link has to be such a circle, so far about what is lowest in a posture y (n+1,) that stands as
-    it may roll.
+    The outline of each link has to be such a circle near its lowest point in a posture y (n+1,) that stands, as far as
+    a foot may roll.
     """
     for frame, spot in zip(contact.frames, contact.spots, strict=True):
         if contact.of_sole:
@@ -140,7 +151,7 @@ def not_round(robot: Robot, contact: Contact, y: Array) -> str:
     return ""
 
 
-def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
+def rolling(robot: Robot, contact: GroundContact, y: Array) -> GroundContact:
     """Return a contact on circles that roll, about its frames down to the ground, in a posture y (n+1,) that stands.
 
     Raises
@@ -151,7 +162,7 @@ def rolling(robot: Robot, contact: Contact, y: Array) -> Contact:
     reason = not_round(robot, contact, y)
     if reason:
         raise InputError(reason, advice='name a frame at the centre of a round foot, or let feet = "auto"')
-    return replace(contact, spots=tuple(each._replace(radius=contact.depth) for each in contact.spots))
+    return replace(contact, spots=tuple(spot._replace(radius=contact.depth) for spot in contact.spots))
 
 
 def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
@@ -162,56 +173,67 @@ def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
     """
     tree = robot.tree
     home = robot.frames[frame]
-    alike = [
-        (name, each)
-        for name, each in robot.frames.items()
-        if name == each.link and each.body != home.body and (tree.turns[each.body] == tree.turns[home.body]).all()
-    ]
-    found: dict[int, list[tuple[str, Spot]]] = {}
     postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, 1 + len(robot.joints)))
-    for name, each in alike:
-        both = [Spot(frame.body, frame.local) for frame in (home, each)]
-        pair = [heights_over_com(robot, both, q) for q in postures]
-        turned = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[each.body]))
-        if max(abs(first - second) for first, second in pair) < SAME:
-            twin = name, Spot(each.body, each.local + (spot.place - home.local) * turned)
-            found.setdefault(each.body, []).append(twin)
+    candidates: dict[int, list[tuple[str, Spot]]] = {}  # by body
+    for name, other in robot.frames.items():
+        turns_alike = (tree.turns[other.body] == tree.turns[home.body]).all()
+        if name != other.link or other.body == home.body or not turns_alike:
+            continue
+        both = [Spot(home.body, home.local), Spot(other.body, other.local)]
+        distances = []
+        for y in postures:
+            first, second = heights_over_com(robot, both, y)
+            distances.append(abs(first - second))
+        if max(distances) < SAME_POINT:
+            rotation = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[other.body]))
+            twin = Spot(other.body, other.local + (spot.place - home.local) * rotation)
+            candidates.setdefault(other.body, []).append((name, twin))
 
     has_geometry = robot.stands_on_geometry(home.link)
 
-    def unlike(twin: tuple[str, Spot]) -> tuple[bool, float]:
-        own = robot.link_hulls.get(robot.contact_link(twin[0]) or "", ())
-        away = min([abs(corner.place - twin[1].place) for corner in corners(own)], default=np.inf)
-        return robot.stands_on_geometry(twin[0]) != has_geometry, away
+    def unlikeness(candidate: tuple[str, Spot]) -> tuple[bool, float]:
+        name, twin = candidate
+        hull = robot.link_hulls.get(robot.contact_link(name) or "", ())
+        distance = min([abs(corner.place - twin.place) for corner in corners(hull)], default=np.inf)
+        return robot.stands_on_geometry(name) != has_geometry, distance
 
-    return [min(twins, key=unlike) for twins in found.values()]
+    return [min(of_body, key=unlikeness) for of_body in candidates.values()]
 
 
 def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
-    """Return the frames on which the robot stands beside ``frame``, and itself, the rearmost first.
+    """Return the frames on which the robot stands, ``frame`` among them, the rearmost first.
 
     They are the limbs' ends that reach as low as it does in the posture ``y`` (n+1,).
     """
+    tree = robot.tree
     home = robot.frames[frame]
-    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in robot.limb_ends}
-    own = min([height for link, height in heights.items() if robot.layout.body_of[link] == home.body], default=None)
-    chosen = {tuple(robot.tree.turns[home.body].tolist()): frame}
-    for link in sorted(heights, key=lambda link: heights[link]):
-        if own is not None and heights[link] < own + LEVEL:
-            chosen.setdefault(tuple(robot.tree.turns[robot.frames[link].body].tolist()), link)
-    places = {
-        each: heights_over_com(robot, [Spot(robot.frames[each].body, robot.frames[each].local)], y)[0].real
-        for each in chosen.values()
-    }
-    return sorted(places, key=lambda each: places[each])
+    heights = _lowest_heights(robot, robot.limb_ends, y)
+    own_height = None
+    for link, height in heights.items():
+        if robot.layout.body_of[link] == home.body:
+            own_height = height if own_height is None else min(own_height, height)
+    feet = {tuple(tree.turns[home.body].tolist()): frame}  # by how they turn: one of left and right
+    for link in sorted(heights, key=heights.__getitem__):
+        if own_height is not None and heights[link] < own_height + LEVEL:
+            feet.setdefault(tuple(tree.turns[robot.frames[link].body].tolist()), link)
+    horizontal = {}
+    for name in feet.values():
+        foot = robot.frames[name]
+        horizontal[name] = heights_over_com(robot, [Spot(foot.body, foot.local)], y)[0].real
+    return sorted(horizontal, key=horizontal.__getitem__)
 
 
-def in_the_air(robot: Robot, contacts: Sequence[Contact], y: Array, most: float = LEVEL) -> str:
+def _lowest_heights(robot: Robot, links: Iterable[str], y: Array) -> dict[str, float]:
+    """Height of the lowest point of each link over the centre of mass in a posture y (n+1,), m."""
+    return {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in links}
+
+
+def in_the_air(robot: Robot, contacts: Sequence[GroundContact], y: Array, most: float = LEVEL) -> str:
     """Which contact is above the ground, by more than ``most``, m, in a posture y (n+1,); for a person."""
-    heights = {link: undersides(robot, corners(robot.link_hulls[link]), y).min() for link in robot.touching_links}
+    heights = _lowest_heights(robot, robot.touching_links, y)
     if not heights:
         return ""
-    lowest = min(heights, key=lambda link: heights[link])
+    lowest = min(heights, key=heights.__getitem__)
     for contact in contacts:
         above = ground_below(robot, contact, y) - heights[lowest]
         if above > most:
@@ -237,60 +259,61 @@ class _Leg:
     knee: int
     per_radian: float
 
-    def places(self, robot: Robot, postures: Array) -> ComplexArray:
-        """Hip, knee and foot (3, P) over the centre of mass in postures (P, n+1), m."""
+    def positions(self, robot: Robot, postures: Array) -> ComplexArray:
+        """Hip, knee and foot (3, P) relative to the centre of mass in postures (P, n+1), m."""
         spots = [Spot(self.thigh, 0j), Spot(self.shank, 0j), self.foot]
         return np.asarray(heights_over_com(robot, spots, postures.T).T)
 
     def bends(self, robot: Robot, postures: Array) -> Array:
         """Angles (P,) from the thigh to the shank in postures (P, n+1), rad; 0 where the leg is straight."""
-        hip, knee, foot = self.places(robot, postures)
+        hip, knee, foot = self.positions(robot, postures)
         return np.asarray(np.angle((foot - knee) / (knee - hip)))
 
 
-def _legs(robot: Robot, contacts: Sequence[Contact]) -> list[_Leg]:
+def _legs(robot: Robot, contacts: Sequence[GroundContact]) -> list[_Leg]:
     """Legs with one joint between thigh and shank, of the contacts that are points."""
     tree = robot.tree
     legs: list[_Leg] = []
     for contact in contacts:
         foot = contact.spots[0]
         thigh = int(tree.parent[foot.body])
-        ways = tree.turns[foot.body] - tree.turns[thigh]
-        if not contact.of_sole and thigh > 0 and np.count_nonzero(ways) == 1:
-            knee = int(np.flatnonzero(ways)[0])
-            legs.append(_Leg(thigh, foot.body, foot, knee, float(tree.turn * ways[knee])))
+        by_joint = tree.turns[foot.body] - tree.turns[thigh]
+        if not contact.of_sole and thigh > 0 and np.count_nonzero(by_joint) == 1:
+            knee = int(np.flatnonzero(by_joint)[0])
+            legs.append(_Leg(thigh, foot.body, foot, knee, float(tree.turn * by_joint[knee])))
     return legs
 
 
-def with_bent_knees(robot: Robot, contacts: Sequence[Contact], y: Array, limits: Array) -> Array:
-    """Return the posture y (n+1,) with bent knees, where legs are straight or folded that stand together.
+def with_bent_knees(robot: Robot, contacts: Sequence[GroundContact], y: Array, limits: Array) -> Array:
+    """Return the posture y (n+1,) with bent knees where several feet stand on straight or folded legs.
 
-    Between two feet the joints of a straight leg cannot follow from where its foot stands. A knee bends to the side on
+    Between two feet the joints of a straight leg do not follow from where its foot stands. A knee bends to the side on
     which its range ``limits`` (n, 2) rad is wider, and the hip turns so that the foot stays on its line from the hip.
     """
     legs = _legs(robot, contacts)
     if sum(not contact.vertical for contact in contacts) < 2:
         return y
     tree = robot.tree
+    bend = 0.8  # [rad] of a knee: legs are 8 % shorter then, and can push
     bent = y.copy()
     for leg in legs:
         if abs(np.sin(leg.bends(robot, y[None])[0])) > BENT:
             continue
-        hip, _, foot = leg.places(robot, y[None])[:, 0]
+        hip, _, foot = leg.positions(robot, y[None])[:, 0]
         low, high = limits[leg.knee] - y[1 + leg.knee]
-        turned = np.sign(high + low) or 1.0
-        bent[1 + leg.knee] += turned * min(KNEE / abs(leg.per_radian), max(high, -low) / 2)
-        moved_hip, _, moved_foot = leg.places(robot, bent[None])[:, 0]
-        ways = tree.turns[leg.thigh] - tree.turns[int(tree.parent[leg.thigh])]
-        if np.count_nonzero(ways) == 1:
-            joint = int(np.flatnonzero(ways)[0])
-            change = np.angle((foot - hip) / (moved_foot - moved_hip)) / (tree.turn * ways[joint])
+        side = np.sign(high + low) or 1.0
+        bent[1 + leg.knee] += side * min(bend / abs(leg.per_radian), max(high, -low) / 2)
+        moved_hip, _, moved_foot = leg.positions(robot, bent[None])[:, 0]
+        by_joint = tree.turns[leg.thigh] - tree.turns[int(tree.parent[leg.thigh])]
+        if np.count_nonzero(by_joint) == 1:
+            joint = int(np.flatnonzero(by_joint)[0])
+            change = np.angle((foot - hip) / (moved_foot - moved_hip)) / (tree.turn * by_joint[joint])
             bent[1 + joint] = np.clip(bent[1 + joint] + change, *limits[joint])
     return bent
 
 
-def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limits: Array) -> Array:
-    """Return the part of joint ranges ``limits`` (n, 2) rad in which motions between ``postures`` (P, n+1) are sought.
+def bent_ranges(robot: Robot, contacts: Sequence[GroundContact], postures: Array, limits: Array) -> Array:
+    """Narrow joint ranges ``limits`` (n, 2) rad to where motions between ``postures`` (P, n+1) are sought.
 
     No joint is more than half a turn from all of them; and a leg on a point that stands bent stays bent to that side,
     since next to straight, or folded, what it does between two instants says little of what it does in them.
@@ -300,18 +323,22 @@ def bent_ranges(robot: Robot, contacts: Sequence[Contact], postures: Array, limi
     for leg in _legs(robot, contacts):
         bends = leg.bends(robot, postures)
         if (np.abs(np.sin(bends)) > BENT).all():
-            ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends
-            reached = joints[:, leg.knee] + ends / leg.per_radian
-            ranges[leg.knee] = reached.min(), reached.max()
+            ends = np.stack((0 * bends, np.copysign(np.pi, bends))) - bends  # to straight, and to folded
+            knee_angles = joints[:, leg.knee] + ends / leg.per_radian
+            ranges[leg.knee] = knee_angles.min(), knee_angles.max()
     return np.stack((np.maximum(limits[:, 0], ranges[:, 0]), np.minimum(limits[:, 1], ranges[:, 1])), axis=1)
 
 
 @dataclass(frozen=True)
-class Watched:
-    """Points that stay above the ground: places on bodies, and the heights (P,) m of their centres at least.
+class ClearancePoints:
+    """Points of bodies that stay above the ground.
 
-    Those that are ``low`` (P,) do for bodies that have not turned to one side since they stood. ``touchdown`` (P,) m
-    are the heights of those centres where the robot lands turned; minus infinity of what belongs to a foot itself.
+    Attributes
+    ----------
+    spots : (P,) centres of the robot's corners
+    least : (P,) m, least heights of those centres
+    low : (P,) whether the point is enough for bodies that have not turned to one side since they stood
+    touchdown : (P,) m, least heights where the robot lands turned; minus infinity for what belongs to a foot itself
     """
 
     spots: tuple[Spot, ...]
@@ -320,53 +347,83 @@ class Watched:
     touchdown: Array
 
 
-def watched_points(robot: Robot, contacts: Sequence[Contact], ground: float, y: Array, room: float) -> Watched:
+def clearance_points(
+    robot: Robot, contacts: Sequence[GroundContact], ground: float, y: Array, clearance: float
+) -> ClearancePoints:
     """Return corners of the robot's hull, body by body but for its feet, as few as leave no other far outside.
 
     Parameters
     ----------
-    contacts : on which it stands before the flight or after it; what is inside circles about them is not watched
+    contacts : on which it stands before the flight or after it; what is inside circles about them is left out
     ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
-    room : kept from the ground, m, or half the height where the robot stands; of feet nothing is
+    clearance : from the ground, m, at most half the height where the robot stands; of feet there is none
     """
-    feet = [spot for each in contacts for spot in each.spots]
-    feet_links = links_of(robot, contacts)
-    circles = [(spot, each.depth + FITS) for each in contacts for spot in each.spots]
-    hulls = robot.hulls(dict.fromkeys(frame for each in contacts for frame in each.frames))
-    kept: dict[tuple[float, ...], list[tuple[Spot, bool]]] = {}
-    for shape in hulls:
-        for corner in corners([shape]):
-            group = kept.setdefault(tuple(robot.tree.turns[corner.body].tolist()), [])
-            own = [(abs(corner.place - spot.place), most) for spot, most in circles if spot.body == corner.body]
-            if all(apart + corner.radius > most for apart, most in own):
-                group.append((corner, shape.link in feet_links))
+    feet = [spot for contact in contacts for spot in contact.spots]
+    directions = np.exp(2j * np.pi * np.arange(64) / 64)
+    rotations = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
     spots = []
     least = []
     low = []
     touchdown = []
-    ways = np.exp(2j * np.pi * np.arange(WAYS) / WAYS)
-    turned = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
-    for members in filter(None, kept.values()):
-        places = np.array([corner.place for corner, _ in members])
-        radii = np.array([corner.radius for corner, _ in members])
-        reach = np.outer(ways.real, places.real) + np.outer(ways.imag, places.imag) + radii
-        farthest = dict[int, bool]()
-        for under in (True, False):
-            facing = reach[(ways * turned[members[0][0].body]).imag < 0] if under else reach
-            while (missing := facing.max(axis=1) - facing[:, [*farthest]].max(axis=1, initial=-np.inf)).max() > COARSE:
-                farthest[int(facing[missing.argmax()].argmax())] = under
-        heights = undersides(robot, [corner for corner, _ in members], y) - ground
-        for index in sorted(farthest):
-            above = heights[index]
-            spot, is_foot = members[index]
-            stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME for foot in feet)
-            if above > STANDING and not stands:
+    for corners_of_group in _corners_alike(robot, contacts).values():
+        if not corners_of_group:
+            continue
+        group = [spot for spot, _ in corners_of_group]
+        downwards = (directions * rotations[group[0].body]).imag < 0
+        chosen = _extreme_corners(group, directions, downwards)
+        heights = undersides(robot, group, y) - ground
+        for index in sorted(chosen):
+            height = heights[index]
+            spot, is_foot = corners_of_group[index]
+            stands = any(foot.body == spot.body and abs(foot.place - spot.place) < SAME_POINT for foot in feet)
+            if height > 5e-3 and not stands:  # m: what is no higher where the robot stands belongs to the feet
+                usual = spot.radius + min(clearance, height / 2)
                 spots.append(spot._replace(radius=0.0))
-                least.append(spot.radius + (-POINT_FEET / 2 if is_foot else min(room, above / 2)))
-                low.append(farthest[index])
-                own_height = -np.inf if is_foot and near_contact(spot, feet) else spot.radius + min(room, above / 2)
-                touchdown.append(own_height)
-    return Watched(tuple(spots), np.array(least), np.array(low, bool), np.array(touchdown))
+                least.append(spot.radius - POINT_FEET / 2 if is_foot else usual)
+                low.append(chosen[index])
+                touchdown.append(-np.inf if is_foot and near_contact(spot, feet) else usual)
+    return ClearancePoints(tuple(spots), np.array(least), np.array(low, bool), np.array(touchdown))
+
+
+def _corners_alike(robot: Robot, contacts: Sequence[GroundContact]) -> dict[tuple[float, ...], list[tuple[Spot, bool]]]:
+    """Corners outside the circles of feet, and whether they are a foot's; grouped by how their bodies turn."""
+    feet_links = links_of(robot, contacts)
+    frames: dict[str, None] = {}
+    circles = []
+    for contact in contacts:
+        frames.update(dict.fromkeys(contact.frames))
+        radius = contact.depth + 1e-3  # m: feet are circles about their frames up to that
+        circles += [(spot, radius) for spot in contact.spots]
+    groups: dict[tuple[float, ...], list[tuple[Spot, bool]]] = {}
+    for shape in robot.hulls(frames):
+        for corner in corners([shape]):
+            group = groups.setdefault(tuple(robot.tree.turns[corner.body].tolist()), [])
+            is_inside = False
+            for spot, radius in circles:
+                if spot.body == corner.body and abs(corner.place - spot.place) + corner.radius <= radius:
+                    is_inside = True
+            if not is_inside:
+                group.append((corner, shape.link in feet_links))
+    return groups
+
+
+def _extreme_corners(group: Sequence[Spot], directions: ComplexArray, downwards: BoolArray) -> dict[int, bool]:
+    """Indices of corners beyond which no other is by 5 mm in any direction; whether one was chosen among those below.
+
+    Directions that face ``downwards`` where the robot stands come first.
+    """
+    centers = np.array([corner.place for corner in group])
+    radii = np.array([corner.radius for corner in group])
+    reach = np.outer(directions.real, centers.real) + np.outer(directions.imag, centers.imag) + radii
+    chosen = dict[int, bool]()
+    for is_below in (True, False):
+        facing = reach[downwards] if is_below else reach
+        while True:
+            beyond = facing.max(axis=1) - facing[:, [*chosen]].max(axis=1, initial=-np.inf)
+            if beyond.max() <= 5e-3:
+                break
+            chosen[int(facing[beyond.argmax()].argmax())] = is_below
+    return chosen
 
 
 def near_contact(corner: Spot, feet: Sequence[Spot]) -> bool:

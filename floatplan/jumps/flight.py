@@ -1,67 +1,65 @@
 """The flight of a jump: an ordinary problem whose both ends are those of the stances, planned by :func:`plan`."""
 
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from floatplan.jumps.contacts import Contact, ground_below, is_ground
-from floatplan.jumps.limits import scaled_limits
-from floatplan.jumps.program import LIFT, JumpProgram, Solution
+from floatplan.arrays import Array
+from floatplan.jumps.contacts import GroundContact, ground_below, is_ground
+from floatplan.jumps.program import JumpProgram
+from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
 from floatplan.tables import POINT_FEET
 
-DEGREES = (7, 8, 10, 12)  # [-] of the polynomials, tried one after the other
-PATIENCE = 1.6e7  # [instants of one body] with each of them at first, about a second
-BEYOND_NODES = (1.0, 1.04, 1.12)  # [-] of the least largest share, in a flight whose joints are polynomials
-HIGH = 0.8  # [-] of what a hop lifts its feet by at most, where it does so
-KEPT = 0.6  # [-] of the same: what it keeps there
-LIFTED = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
 
-
-def _from_frame(program: JumpProgram, contact: Contact, y: np.ndarray) -> complex:
-    """Place of a contact relative to its frame's origin, m."""
+def _from_frame(program: JumpProgram, contact: GroundContact, y: Array) -> complex:
+    """Position of a contact relative to its frame's origin, m."""
     robot = program.model.robot
     home = robot.frames[contact.frame]
-    spots = [contact.spots[0], Spot(home.body, home.local)]
-    place, origin = heights_over_com(robot, spots, y)
-    return complex(place - origin)
+    point, origin = heights_over_com(robot, [contact.spots[0], Spot(home.body, home.local)], y)
+    return complex(point - origin)
 
 
-def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -> Problem:
+def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolution) -> Problem:
     """Return the problem of the flight between the stances of a solution.
 
-    Joints, rates, accelerations, angular momentum and duration are pinned, so that the feet are at rest, in velocity
-    and acceleration, at both ends, where no force acts.
+    Joints, rates, accelerations, angular momentum and duration are pinned, so that the feet do not move or accelerate
+    at both ends, where no force acts.
     """
     index = program.flight
-    first = program.starts[index]
-    last = program.starts[index + 1]
-    start, goal = (
-        Posture(float(solution.y[0, node]), solution.y[1:, node].copy(), solution.v[1:, node], solution.a[1:, node])
-        for node in (first, last)
-    )
+    takeoff = program.starts[index]
+    landing = program.starts[index + 1]
+    postures = []
+    for node in (takeoff, landing):
+        y = solution.y[:, node]
+        postures.append(Posture(float(y[0]), y[1:].copy(), solution.v[1:, node], solution.a[1:, node]))
     before = program.phases[index - 1].anchor
     after = program.phases[index + 1].anchor
-    lifted = problem.takeoff.position[1] - before.depth
-    ground = lifted + _from_frame(program, before, solution.y[:, first]).imag
-    height = ground + after.depth - _from_frame(program, after, solution.y[:, last]).imag
+    anchor_height = problem.takeoff.position[1] + _from_frame(program, before, solution.y[:, takeoff]).imag
+    ground = anchor_height - before.depth
+    height = ground + after.depth - _from_frame(program, after, solution.y[:, landing]).imag
     model = program.model
-    speed = model.function("speed", model.com_from(before.spots[0], 1))
-    horizontal, _ = speed(solution.y[:, first], solution.v[:, first], solution.a[:, first])
+    com_speed = model.function("speed", model.com_from(before.spots[0], 1))
+    horizontal, _ = com_speed(solution.y[:, takeoff], solution.v[:, takeoff], solution.a[:, takeoff])
     time = float(solution.durations[index])
-    windows = [(each, each.window or (0.0, time)) for each in problem.obstacles]
-    there = [each for each, (begin, end) in windows if begin < time and end > 0 and not is_ground(each, ground)]
+    obstacles = []
+    for obstacle in problem.obstacles:
+        begin, end = obstacle.window or (0.0, time)
+        if begin < time and end > 0 and not is_ground(obstacle, ground):
+            obstacles.append(obstacle)
     return replace(
         problem,
-        start=start,
-        goal=goal,
+        start=postures[0],
+        goal=postures[1],
         flight=Flight(
             time,
             angular_momentum=solution.momentum,
@@ -70,42 +68,44 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: Solution) -
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*there, *_grounds(problem, program, solution, ground)),
+        obstacles=(*obstacles, *_grounds(problem, program, solution, ground)),
         ground=False,
         written=None,
     )
 
 
-def _grounds(problem: Problem, program: JumpProgram, solution: Solution, ground: float) -> list[HalfPlane]:
+def _grounds(problem: Problem, program: JumpProgram, solution: JumpSolution, ground: float) -> list[HalfPlane]:
     """Half-planes below the links' capsules, which are thicker than what stands: as deep as these are at both ends.
 
-    Another is as high as the ground, as long as the program's capsules are well above it: so long its feet are lifted.
+    Another is as high as the ground, while the program's capsules are well above it: while its feet are lifted.
     """
     index = program.flight
     robot = problem.robot
     shares = program.phases[index].shares
-    flown = solution.y[:, program.starts[index] : program.starts[index + 1] + 1]
-    anchors = program.phases[index - 1].anchor, program.phases[index + 1].anchor
-    before, after = (ground_below(robot, *each) for each in zip(anchors, flown[:, [0, -1]].T, strict=True))
+    y = solution.y[:, program.nodes_of(index)]
+    before = ground_below(robot, program.phases[index - 1].anchor, y[:, 0])
+    after = ground_below(robot, program.phases[index + 1].anchor, y[:, -1])
     time = float(solution.durations[index])
-    rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
-    heights = rise + undersides(robot, corners(robot.shapes), flown).min(axis=1)
+    com_rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
+    heights = com_rise + undersides(robot, corners(robot.shapes), y).min(axis=1)
     level = ground + min(0.0, *heights[[0, -1]]) - POINT_FEET
-    lifted = np.flatnonzero(heights > np.clip(heights.max() / 2, POINT_FEET, LIFTED))
-    found = [HalfPlane(point=(0.0, round(level, 4)))]
+    half_planes = [HalfPlane(point=(0.0, round(level, 4)))]
+    clearly = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
+    lifted = np.flatnonzero(heights > np.clip(heights.max() / 2, POINT_FEET, clearly))
     if len(lifted) > 1:
         first, last = lifted[[0, -1]]
         level = ground + min(0.0, heights[first : last + 1].min() - POINT_FEET)
-        found.append(HalfPlane(point=(0.0, round(level, 4)), window=(time * shares[first], time * shares[last])))
-    if program.lift < LIFT:  # of so little, a good part is kept
-        first, last = np.flatnonzero(heights >= HIGH * heights.max())[[0, -1]]
-        window = time * shares[first], time * shares[last]
-        found.append(HalfPlane(point=(0.0, round(ground + KEPT * heights.max(), 4)), window=window))
-    return found
+        window = (time * shares[first], time * shares[last])
+        half_planes.append(HalfPlane(point=(0.0, round(level, 4)), window=window))
+    if program.lift < FOOT_LIFT:  # of so little, 0.6 of the highest is required where it is at least 0.8 of it
+        first, last = np.flatnonzero(heights >= 0.8 * heights.max())[[0, -1]]
+        window = (time * shares[first], time * shares[last])
+        half_planes.append(HalfPlane(point=(0.0, round(ground + 0.6 * heights.max(), 4)), window=window))
+    return half_planes
 
 
-def tighter_limits(problem: Problem, program: JumpProgram, solution: Solution) -> list[Limits]:
-    """Return limits of a flight that takes no larger share than the whole jump, where that share is least; then wider.
+def tighter_limits(problem: Problem, program: JumpProgram, solution: JumpSolution) -> list[Limits]:
+    """Return limits of a flight that takes no larger share than the whole jump, where that share counts; then wider.
 
     The solution's factor is the largest share, of what the program's margins leave, at its nodes in flight too. Between
     them a polynomial may need a little more.
@@ -114,28 +114,56 @@ def tighter_limits(problem: Problem, program: JumpProgram, solution: Solution) -
     if request is None or request.objective != "limits":
         return []
     velocity = program.node.bounds.velocity
-    known = np.isfinite(problem.velocity_limits)
-    rates = (velocity[known] / problem.velocity_limits[known]).tolist()
-    shares = [program.node.bounds.held, *(rate / request.margin["velocity"] for rate in rates)]
+    limited = np.isfinite(problem.velocity_limits)
+    rate_shares = (velocity[limited] / problem.velocity_limits[limited]).tolist()
+    shares = [program.node.bounds.locked, *(share / request.margin["velocity"] for share in rate_shares)]
     least = solution.factor * max(shares)
-    levels = [least * beyond for beyond in BEYOND_NODES]
-    return [
-        scaled_limits(problem, level * request.margin["torque"], level * request.margin["velocity"])
-        for level in levels
-        if level * max(request.margin.values()) < 1
-    ]
+    tighter = []
+    for beyond in (1.0, 1.04, 1.12):  # times the least share, for joints that are polynomials
+        level = least * beyond
+        if level * max(request.margin.values()) < 1:
+            scaled = scaled_limits(problem, level * request.margin["torque"], level * request.margin["velocity"])
+            tighter.append(scaled)
+    return tighter
 
 
 def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = ()) -> Plan:
-    """Return the plan of a flight's problem: of a low degree where that does soon, else of higher ones.
+    """Return the plan of a flight's problem: of a low degree where that is quick, else of higher ones.
 
     Limits that are ``tighter`` than the problem's are tried before these, one after the other.
     """
-    tries = [*((limits, PATIENCE) for limits in tighter), (problem.limits, PATIENCE), (problem.limits, None)]
-    for (limits, patience), degree in itertools.product(tries, DEGREES):
+    patience = 1.6e7  # [instants of one body] with each degree at first, about a second
+    tries = [*((limits, patience) for limits in tighter), (problem.limits, patience), (problem.limits, None)]
+    for (limits, work), degree in itertools.product(tries, (7, 8, 10, 12)):  # of the polynomials
         motion = replace(problem.motion, degree=degree)
-        asked = replace(problem, motion=motion, limits=limits, jump=None)
-        found = planned(asked, SearchOptions(seed, patience=patience)).plan
-        if found.ok:
+        variant = replace(problem, motion=motion, limits=limits, jump=None)
+        plan = planned(variant, SearchOptions(seed, patience=work)).plan
+        if plan.ok:
             break
-    return replace(found, problem=replace(found.problem, jump=problem.jump, limits=problem.limits))
+    return replace(plan, problem=replace(plan.problem, jump=problem.jump, limits=problem.limits))
+
+
+def scaled_limits(problem: Problem, torque: float = 1.0, velocity: float = 1.0) -> Limits:
+    """Return a problem's limits, those of torques with torque-speed curves and those of rates times factors."""
+    limits = problem.limits
+    robot = problem.robot
+    curves = {name: replace(curve, stall=torque * curve.stall) for name, curve in limits.motor.items()}
+    return replace(
+        limits,
+        motor=curves,
+        torque=_times(torque, limits.torque, robot.motors, robot.motor_torque_limits),
+        velocity=_times(velocity, limits.velocity, robot.motors, robot.motor_velocity_limits),
+    )
+
+
+def _times(factor: float, limits: Any, motors: tuple[str, ...], of_file: Array) -> Any:
+    """Limits, as a problem has them, times a factor; ``of_file`` are those of the robot's file, by motor."""
+    if isinstance(limits, str) and limits == "urdf":
+        limits = {}
+        for name, most in zip(motors, of_file.tolist(), strict=True):
+            if math.isfinite(most):
+                limits[name] = most
+        limits = limits or "none"
+    if isinstance(limits, Mapping):
+        return {name: factor * most for name, most in limits.items()}
+    return limits if isinstance(limits, str) else (factor * np.asarray(limits)).tolist()

@@ -1,4 +1,4 @@
-"""The answer: a jump from standing to standing, what its check found, and its file, ``jump.json``.
+"""The result: a jump from standing to standing, with its check, and its file, ``jump.json``.
 
 JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``problem`` as in plan files, ``flight``,
 an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its first contact,
@@ -25,7 +25,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import check_finite, plain, read_json, write_atomically
 from floatplan.jumps.check import JumpCheck, check_jump
-from floatplan.jumps.contacts import Contact
+from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import Grid, Stance
 from floatplan.planning.repair import judged
@@ -43,16 +43,13 @@ from floatplan.tables import Range
 
 FORMAT = "floatplan.jump/1"
 ARRAYS = ("times", "y", "v", "a", "ratios")
-LARGEST_DEPTH = 10.0  # [m] of a foot's point over the ground
-LONGEST_EXPLANATION = 300  # [characters] in a representation
-WHOLE = "take the file as it was written, or plan the jump again"
 UNKNOWN = "must not be there: a jump's file has no such key"
 CONTACT = KeyedTable(
     {
         "frames": many(text, "names of frames"),
         "suffix": one_of("", *SOLE_ENDS, TIP),
         "places": many(POINT, "places"),
-        "depth": number(Range(0.0, LARGEST_DEPTH, "m")),
+        "depth": number(Range(0.0, 10.0, "m")),  # of a foot's point: no robot's foot is larger
         "vertical": flag,
     },
     {"rolls": flag},
@@ -87,9 +84,9 @@ class Jump(Outputs, JumpMotion):
 
     Attributes
     ----------
-    problem : Problem, as given
+    problem : Problem, as it was passed
     request : JumpRequest
-    flight : the Plan in its middle, whose t = 0 is the takeoff; None where nothing was found
+    flight : the Plan in its middle, whose t = 0 is the takeoff; None where there is no jump
     before, after : stances of takeoff and landing, in order of time
     status : "found" or "not_found"
     explanation : sentences for a person
@@ -115,9 +112,9 @@ class Jump(Outputs, JumpMotion):
         """Return the same jump with what was proved of its flight, which both files then hold."""
         if self.flight is None:
             return self
-        found = copy(self)  # with its check
-        object.__setattr__(found, "flight", judged(self.flight, certificate))
-        return found
+        certified = copy(self)  # with its check
+        object.__setattr__(certified, "flight", judged(self.flight, certificate))
+        return certified
 
     def refuse_unless_ok(self, action: str) -> None:
         """Raise InputError where there is no jump to "fly", say, or it is no motion that its robot can make."""
@@ -129,7 +126,7 @@ class Jump(Outputs, JumpMotion):
 
     @property
     def verdict(self) -> str:
-        """What was found out, for a person: "flight proved, stances checked" only where both are true."""
+        """The verdict, for a person: "flight proved, stances checked" only where both are true."""
         if self.flight is None:
             return "no jump found"
         flight, _ = verdict_in_words(self.flight.ok, self.flight.certificate, False)
@@ -150,14 +147,16 @@ class Jump(Outputs, JumpMotion):
             raise InputError(f"{self.verdict}, so there is nothing to show")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what was found out, as plain data: what ``floatplan jump --json`` prints."""
-        told = {name: getattr(self, name) for name in ("status", "ok", "verdict", "explanation", "duration")}
-        phases = [vars(phase) for phase in self.phases]
+        """Return the result as builtin data: what ``floatplan jump --json`` prints."""
         facts: dict[str, Any] = plain(
             {
-                **told,
+                "status": self.status,
+                "ok": self.ok,
+                "verdict": self.verdict,
+                "explanation": self.explanation,
+                "duration": self.duration,
                 "warnings": [warning.to_dict() for warning in self.warnings],
-                "phases": phases,
+                "phases": [vars(phase) for phase in self.phases],
                 "figures": dict(self.check.figures),
                 "sentences": self.check.sentences,
             }
@@ -178,36 +177,37 @@ class Jump(Outputs, JumpMotion):
             "robot": robot_record(self.problem.robot).to_dict(),
             "problem": problem_to_dict(self.problem),
             "flight": None if self.flight is None else self.flight.record.to_dict(),
-            "stances": [{"side": side, **_stance(each)} for side, stances in sides for each in stances],
+            "stances": [{"side": side, **_stance(stance)} for side, stances in sides for stance in stances],
         }
         return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
 
     def __repr__(self) -> str:
         checked = "" if self.flight is None else f", stances {'checked' if self.check.ok else 'not within limits'}"
-        return f"Jump({self.status}{checked}, {self.duration:.3g} s)\n  {self.explanation[:LONGEST_EXPLANATION]}"
+        return f"Jump({self.status}{checked}, {self.duration:.3g} s)\n  {self.explanation[:300]}"
 
 
 def _stance(stance: Stance) -> dict[str, Any]:
     return {
-        "contacts": [
-            {
-                "frames": list(each.frames),
-                "suffix": each.suffix,
-                "places": [[spot.place.real, spot.place.imag] for spot in each.spots],
-                "depth": each.depth,
-                "vertical": each.vertical,
-                "rolls": each.radius > 0,
-            }
-            for each in stance.contacts
-        ],
-        "place": [stance.place.real, stance.place.imag],
+        "contacts": [_contact(contact) for contact in stance.contacts],
+        "place": [stance.anchor_position.real, stance.anchor_position.imag],
         **{name: getattr(stance.grid, name) for name in ARRAYS},
+    }
+
+
+def _contact(contact: GroundContact) -> dict[str, Any]:
+    return {
+        "frames": list(contact.frames),
+        "suffix": contact.suffix,
+        "places": [[spot.place.real, spot.place.imag] for spot in contact.spots],
+        "depth": contact.depth,
+        "vertical": contact.vertical,
+        "rolls": contact.radius > 0,
     }
 
 
 @one_thread
 def load_jump(path: str | Path, urdf: str | Path | None = None) -> Jump:
-    """Read a jump's file and the URDF that it names, or another place of the same file.
+    """Read a jump's file and the URDF that it names, or the same URDF elsewhere.
 
     Raises
     ------
@@ -220,9 +220,9 @@ def load_jump(path: str | Path, urdf: str | Path | None = None) -> Jump:
         if not isinstance(content, dict) or content.get("format") != FORMAT:
             raise InputError(f"is no jump file: its format is not {FORMAT!r}", element="format")
         check_finite(content)
-    given = optional(as_path)(urdf, "urdf")
+    urdf_path = optional(as_path)(urdf, "urdf")
     with naming(path), _within():
-        return _read(content, path, given)
+        return _read(content, path, urdf_path)
 
 
 def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Jump:
@@ -231,28 +231,36 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     if content["flight"] is not None:
         with _within("flight"):
             flight = rebuild(record_from_dict(content["flight"]), path, urdf)
-    found = RobotRecord.from_dict(content["robot"])
-    robot = recorded_robot(found, path, urdf) if flight is None else flight.robot
-    if robot.sha256 != found.sha256:
+    record = RobotRecord.from_dict(content["robot"])
+    robot = recorded_robot(record, path, urdf) if flight is None else flight.robot
+    if robot.sha256 != record.sha256:
         advice = "take the jump's file as it was written, or plan it again"
         raise InputError("is not the robot of the flight", element="robot.sha256", advice=advice)
-    if isinstance(content["problem"].get("jump"), dict):  # files from before this key asked for nothing of it
+    if isinstance(content["problem"].get("jump"), dict):  # a file without this key requires nothing of it
         content["problem"]["jump"].setdefault("pitch_error", 0.0)
     with _within("problem"):
         problem = problem_from_dict(content["problem"], robot)
     request = problem.jump or JumpRequest()
     check_size(content["stances"], "stances", LARGEST)
     sides: dict[str, list[Stance]] = {"takeoff": [], "landing": []}
-    for index, each in enumerate(content["stances"]):
-        stance = _read_stance(each, robot, problem.flight.gravity, f"stances[{index}]")
-        sides[each["side"]].append(stance)
-    rolls = {each.radius > 0 for stances in sides.values() for stance in stances for each in stance.contacts}
-    if request.feet != "auto" and rolls - {request.feet == "rolling"}:
-        raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
+    for index, table_of_stance in enumerate(content["stances"]):
+        stance = _read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
+        sides[table_of_stance["side"]].append(stance)
+    jump = Jump(
+        problem,
+        request,
+        flight,
+        before=tuple(sides["takeoff"]),
+        after=tuple(sides["landing"]),
+        status=content["status"],
+        explanation=content["explanation"],
+    )
+    for contact in jump.contacts:
+        if request.feet != "auto" and (contact.radius > 0) != (request.feet == "rolling"):
+            raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
-    answer = {"status": content["status"], "explanation": content["explanation"]}
-    return Jump(problem, request, flight, tuple(sides["takeoff"]), tuple(sides["landing"]), **answer)
+    return jump
 
 
 @contextmanager
@@ -261,17 +269,18 @@ def _within(element: str | None = None) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        found = [one.within(element=element) for one in single(error)]
-        refuse(
-            [
-                InputError(one.reason, source=one.source, element=one.element, advice=one.advice or WHOLE)
-                for one in found
-            ]
-        )
+        errors = []
+        for one in single(error):
+            inner = one.within(element=element)
+            advice = inner.advice or "take the file as it was written, or plan the jump again"
+            errors.append(InputError(inner.reason, source=inner.source, element=inner.element, advice=advice))
+        refuse(errors)
 
 
 def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> Stance:
-    contacts = [_read_contact(each, robot, f"{element}.contacts[{k}]") for k, each in enumerate(content["contacts"])]
+    contacts = []
+    for index, table_of_contact in enumerate(content["contacts"]):
+        contacts.append(_read_contact(table_of_contact, robot, f"{element}.contacts[{index}]"))
     if not contacts:
         raise InputError("must name what stands", element=f"{element}.contacts")
     times = _array(content["times"], f"{element}.times", (None,))
@@ -285,27 +294,29 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
     return Stance(robot, float(gravity), tuple(contacts), complex(*content["place"]), grid)
 
 
-def _read_contact(content: Mapping[str, Any], robot: Robot, element: str) -> Contact:
+def _read_contact(content: Mapping[str, Any], robot: Robot, element: str) -> GroundContact:
     frames = tuple(content["frames"])
     places = content["places"]
     if not frames or len(places) != len(frames):
         reason = f"has {len(frames)} frames and {len(places)} places, not as many of both"
         raise InputError(reason, element=element)
-    unknown = [frame for frame in frames if frame not in robot.frames]
-    if unknown:
-        reason = f"the robot has no frame {unknown[0]!r}"
-        raise InputError(reason, element=f"{element}.frames")
     radius = float(content["depth"]) if content.get("rolls") is True else 0.0
-    spots = [Spot(robot.frames[name].body, complex(*place), radius) for name, place in zip(frames, places, strict=True)]
-    return Contact(frames, content["suffix"], tuple(spots), float(content["depth"]), content["vertical"])
+    spots = []
+    for name, point in zip(frames, places, strict=True):
+        if name not in robot.frames:
+            raise InputError(f"the robot has no frame {name!r}", element=f"{element}.frames")
+        spots.append(Spot(robot.frames[name].body, complex(*point), radius))
+    return GroundContact(frames, content["suffix"], tuple(spots), float(content["depth"]), content["vertical"])
 
 
 def _array(value: Any, element: str, shape: tuple[int | None, ...]) -> Array:
     """Finite numbers of a shape, in which None is any size; lists of no numbers have any other sizes."""
     array = numbers(value, element) if value != [] else np.zeros([size or 0 for size in shape])
-    if len(array.shape) != len(shape) or any(
-        size not in (None, own) for own, size in zip(array.shape, shape, strict=True)
-    ):
+    has_shape = len(array.shape) == len(shape)
+    for own, size in zip(array.shape, shape, strict=False):
+        if size is not None and own != size:
+            has_shape = False
+    if not has_shape:
         reason = f"has shape {array.shape}, not {shape}"
         raise InputError(reason, element=element)
     if not np.isfinite(array).all():

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arguments import numbers
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
+from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
@@ -24,8 +25,6 @@ from floatplan.problem.parts import Obstacle, Posture
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
-HEIGHTS = 601  # [-] instants among which the centre of mass is highest
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JumpMotion(MotionInFile):
@@ -33,9 +32,9 @@ class JumpMotion(MotionInFile):
 
     Attributes
     ----------
-    problem : Problem, as given
+    problem : Problem, as it was passed
     request : JumpRequest
-    flight : the Plan in its middle, whose t = 0 is the takeoff; None where nothing was found
+    flight : the Plan in its middle, whose t = 0 is the takeoff; None where there is no jump
     before, after : stances of takeoff and landing, in order of time
     """
 
@@ -54,6 +53,11 @@ class JumpMotion(MotionInFile):
     def stances(self) -> tuple[Stance, ...]:
         """All stances."""
         return (*self.before, *self.after)
+
+    @property
+    def contacts(self) -> list[GroundContact]:
+        """Contacts of all stances, by stance."""
+        return [contact for stance in self.stances for contact in stance.contacts]
 
     @property
     def takeoff_time(self) -> float:
@@ -79,33 +83,34 @@ class JumpMotion(MotionInFile):
     @cached_property
     def height(self) -> float:
         """Greatest height of the centre of mass over the ground, m."""
-        times = np.linspace(0.0, self.duration, HEIGHTS)
+        times = np.linspace(0.0, self.duration, 601)  # 3 ms apart, in which it falls by 0.01 mm next to the highest
         return float(self.state(times).com_position[:, 1].max()) - self.ground
 
     @property
     def dynamics(self) -> PinocchioDynamics:
         """The robot's rigid-body dynamics."""
         assert self.flight is not None
-        return self.flight.in_plane.dynamics
+        dynamics: PinocchioDynamics = self.flight.dynamics
+        return dynamics
 
     @cached_property
     def whole_problem(self) -> Problem:
-        """The flight's problem with what was asked of the jump: its name, limits and obstacles, its ends and duration.
+        """The flight's problem with what the jump's problem sets: name, limits and obstacles, ends and duration.
 
         Its clock begins with the jump, that of its obstacles too.
         """
-        ends = self.state([0.0, self.duration])  # refused where no jump was found
+        ends = self.state([0.0, self.duration])  # refused where there is no jump
         assert self.flight is not None
-        found = self.flight.problem
-        within = np.clip(ends.positions, *found.position_limits.T)  # which robots that fall may leave
-        start, goal = map(Posture, ends.orientation.tolist(), within)
+        of_flight = self.flight.problem
+        positions = np.clip(ends.positions, *of_flight.position_limits.T)  # which robots that fall may leave
+        start, goal = map(Posture, ends.orientation.tolist(), positions)
         return replace(
-            found,
+            of_flight,
             name=self.problem.name,
             limits=self.problem.limits,
             start=start,
             goal=goal,
-            flight=replace(found.flight, duration=self.duration),
+            flight=replace(of_flight.flight, duration=self.duration),
             obstacles=tuple(delayed(obstacle, self.takeoff_time) for obstacle in self.problem.obstacles),
         )
 
@@ -114,19 +119,19 @@ class JumpMotion(MotionInFile):
         """Phases in order of time."""
         if self.flight is None:
             return ()
-        before, after = (
-            [JumpPhase("stance", tuple(n for c in each.contacts for n in c.names), *each.span) for each in side]
-            for side in (self.before, self.after)
-        )
-        flight = JumpPhase("flight", (), self.takeoff_time, self.takeoff_time + self.flight.duration)
-        return (*before, flight, *after)
+        phases = []
+        for stance in self.stances:
+            names = tuple(name for contact in stance.contacts for name in contact.names)
+            phases.append(JumpPhase("stance", names, *stance.span))
+        phases.insert(len(self.before), JumpPhase("flight", (), *self.flight_span))
+        return tuple(phases)
 
     @cached_property
     @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What it does beside what was asked: its flight's warnings, and links that overlap, at instants of the jump.
+        """What it does although nobody asked for it: its flight's warnings, and links that overlap at instants of it.
 
-        None where no jump was found.
+        None where there is no jump.
         """
         if self.flight is None:
             return ()
@@ -147,21 +152,30 @@ class JumpMotion(MotionInFile):
         Raises
         ------
         InputError
-            A time is not a number or lies outside the jump; or no jump was found.
+            A time is not a number or lies outside the jump; or there is no jump.
         """
         instants = np.atleast_1d(np.asarray(numbers(times, "times"), dtype=np.float64)).ravel()
         if self.flight is None:
             raise InputError("no jump was found", element="times")
         if not ((instants >= 0) & (instants <= self.duration)).all():
             raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
-        phases = self.phases
-        index = np.searchsorted([phase.end for phase in phases[:-1]], instants)
-        motions: list[Callable[[Array], JumpState]] = [each.at for each in self.stances]
+        motions: list[Callable[[Array], JumpState]] = [stance.at for stance in self.stances]
         motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
-        rows = [np.flatnonzero(index == number) for number in range(len(phases))]
-        parts = [(own, motion(instants[own])) for own, motion in zip(rows, motions, strict=True) if len(own)]
-        size = self.problem.robot.model.nv
-        return joined(instants, size, parts, [name for phase in phases for name in phase.contacts])
+        phase_of = self._phase_of(instants)
+        pieces = []
+        for number, motion in enumerate(motions):
+            rows = np.flatnonzero(phase_of == number)
+            if len(rows):
+                pieces.append((rows, motion(instants[rows])))
+        names: list[str] = []
+        for contact in self.contacts:
+            names += contact.names
+        return joined(instants, self.problem.robot.model.nv, pieces, names)
+
+    def _phase_of(self, times: Array) -> IntArray:
+        """Indices (N,) of the phases at times (N,), s; at a change of contacts that of the phase before."""
+        ends = [phase.end for phase in self.phases]
+        return np.searchsorted(ends[:-1], times)
 
     def state(self, times: npt.ArrayLike) -> FlightState:
         """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
@@ -172,7 +186,7 @@ class JumpMotion(MotionInFile):
         orientation_rate = full.velocities[:, 2]
         positions, velocities, accelerations = full.planned(robot)[:, 1:].transpose(0, 2, 1)
 
-        # The coordinates' place is the base's; the centre of mass is where the base's origin is seen from it.
+        # The coordinates are of the base's origin; the centre of mass follows from where it sees that origin.
         weights = tree.point_weights(np.array([0]), np.array([0j]))[0]
         rotations = tree.rotations(tree.absolute_angles(orientation, positions))
         rotation_rates = 1j * tree.turn * (orientation_rate[:, None] + velocities @ tree.turns.T) * rotations
@@ -202,28 +216,24 @@ class JumpMotion(MotionInFile):
         angles = tree.absolute_angles(state.orientation, state.positions)
         com = state.com_position @ [1, 1j]
         segments = LinkShapes(tree, self.robot.shapes).place(np.asarray(com, np.complex128), angles)
-        return np.asarray(np.min([least_distances(segments, each, times) for each in obstacles], axis=0))
+        return np.asarray(np.min([least_distances(segments, obstacle, times) for obstacle in obstacles], axis=0))
 
     @one_thread
     def planned_positions(self, times: Array) -> Array:
         """Planned positions (N, n), rad, at times (N,) s from the jump's start; there has to be a flight."""
         assert self.flight is not None
-        ends = np.array([phase.end for phase in self.phases])
-        index = np.searchsorted(ends[:-1], times)
-        found = np.empty((len(times), len(self.problem.robot.joints)))
-        stances = dict(
-            zip([*range(len(self.before)), *range(len(self.before) + 1, len(ends))], self.stances, strict=True)
-        )
-        for number in range(len(ends)):
-            own = np.flatnonzero(index == number)
-            if not len(own):
+        phase_of = self._phase_of(times)
+        positions = np.empty((len(times), len(self.problem.robot.joints)))
+        for number, stance in enumerate((*self.before, None, *self.after)):
+            rows = np.flatnonzero(phase_of == number)
+            if not len(rows):
                 continue
-            if number in stances:
-                found[own] = stances[number].grid.curve(times[own])[:, 1:]
+            if stance is None:
+                since = np.clip(times[rows] - self.takeoff_time, 0.0, self.flight.duration)
+                positions[rows] = self.flight.joint_motion(since)[0]
             else:
-                since = np.clip(times[own] - self.takeoff_time, 0.0, self.flight.duration)
-                found[own] = self.flight.joint_motion(since)[0]
-        return found
+                positions[rows] = stance.grid.curve(times[rows])[:, 1:]
+        return positions
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
@@ -233,20 +243,23 @@ class JumpMotion(MotionInFile):
         """Forces (..., 3), N, in the world's axes, of every point that stands at some time; zero where it does not."""
         plane = self.problem.robot.plane
         axes = np.stack((plane.horizontal, plane.vertical))
-        found = self.at(times).forces
-        return {name: (force @ axes).reshape(*np.shape(times), 3) for name, force in found.items()}
+        in_plane = self.at(times).forces
+        return {name: (force @ axes).reshape(*np.shape(times), 3) for name, force in in_plane.items()}
 
     def contact_points(self, times: npt.ArrayLike) -> dict[str, Array]:
         """Where those forces act (..., 3), m, in the world; NaN where the point is not in contact.
 
         Of a point it is the origin of its frame, of a foot that rolls the lowest point of its circle.
         """
-        return {name: place.reshape(*np.shape(times), 3) for name, place in self.at(times).points.items()}
+        points = self.at(times).points
+        return {name: point.reshape(*np.shape(times), 3) for name, point in points.items()}
 
 
 def delayed(obstacle: Obstacle, delay: float) -> Obstacle:
     """Return the same obstacle for a clock that begins so many seconds earlier."""
     shift = delay * np.array(obstacle.velocity)
-    places: dict[str, Any] = {name: tuple((getattr(obstacle, name) - shift).tolist()) for name in obstacle.places()}
+    points: dict[str, Any] = {}
+    for name in obstacle.places():
+        points[name] = tuple((getattr(obstacle, name) - shift).tolist())
     window = obstacle.window and (obstacle.window[0] + delay, obstacle.window[1] + delay)
-    return replace(obstacle, **places, window=window)
+    return replace(obstacle, **points, window=window)

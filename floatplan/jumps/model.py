@@ -1,20 +1,20 @@
-"""CasADi expressions of a planar robot: places of its points, and inverse dynamics with contact forces.
+"""CasADi expressions of a planar robot: positions of its points, and inverse dynamics with contact forces.
 
-The coordinates are y = (theta_0, q): orientation of the base and planned joints, rad; the base's place follows from the
-point that is at rest, or from the centre of mass. With the rotations e_k = exp(i sigma phi_k) of the bodies a point is
-at ``sum_k W_k e_k`` from a reference point, W from :meth:`floatplan.robot.PlanarTree.point_weights`. Places are pairs
-(horizontal, vertical). Virtual work with body k's angle gives
+The coordinates are y = (theta_0, q): orientation of the base and planned joints, rad; the base's position follows from
+the point that does not move, or from the centre of mass. With the rotations e_k = exp(i sigma phi_k) of the bodies a
+point is at ``sum_k W_k e_k`` from a reference point, W from :meth:`floatplan.robot.PlanarTree.point_weights`. Positions
+are pairs (horizontal, vertical). Virtual work with body k's angle gives
 
 ``Q_k = sum_b m_b <i sigma W_bk e_k, c_b'' + i g> + I_k phi_k'' - sum_f <i sigma W_fk e_k + rho_fk, F_f>``,
 
 W from the base's origin, c_b the bodies' centres, F_f forces at points f. Motors' torques are ``motor_turns^T Q``,
-and ``sum_k Q_k = 0`` is the balance of moments about the base's origin. What turns rotors is part of Q.
+and ``sum_k Q_k = 0`` is the balance of moments about the base's origin. The inertia of rotors is part of Q.
 
 A foot's circle of radius r about the point C of body b rolls on level ground where ``C' = -sigma r phi_b'``: then
-``C + sigma r phi_b = sum_k W_k e_k + rho_k phi_k``, with ``rho_b = sigma r``, is at rest, as C is for a foot that is a
-point, r = 0. Its derivatives by the angles are those of the part of the foot that is on the ground, ``P = C - i r``,
-where the force acts: one form for places, rates, closures and moments. P itself moves as C does, and the angular
-momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre of mass.
+``C + sigma r phi_b = sum_k W_k e_k + rho_k phi_k``, with ``rho_b = sigma r``, does not move, as C does not for a foot
+that is a point, r = 0. Its derivatives by the angles are those of the point of the foot that is on the ground,
+``P = C - i r``, where the force acts: one form for positions, rates, closures and moments. P itself moves as C does,
+and the angular momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre of mass.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ from floatplan.errors import import_optional
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, spot_weights
 
-Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical part, CasADi expressions
+Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical component, CasADi expressions
 
 
 def casadi() -> Any:
@@ -56,84 +56,92 @@ class PlanarModel:
         self.robot = robot
         self.gravity = gravity
         sx = casadi().SX
-        self.y, self.v, self.a = (sx.sym(name, 1 + len(robot.joints)) for name in ("y", "v", "a"))
+        size = 1 + len(robot.joints)
+        self.y = sx.sym("y", size)
+        self.v = sx.sym("v", size)
+        self.a = sx.sym("a", size)
         rates = np.column_stack((np.ones(len(robot.tree.mass)), robot.tree.turns))
         _, first, same = np.unique(np.column_stack((rates, robot.tree.offsets)), True, True, axis=0)
-        self._leading = first.tolist()  # bodies of which no two turn alike
-        self._alike = same.ravel()  # of each body the index among these of the one that turns as it does
+        self._leading = first.tolist()  # bodies of which no two rotate alike
+        self._alike = same.ravel()  # of each body the index among these of the one that rotates as it does
         self._rates = sx(rates)  # of bodies' angles, by y
+        self._sigma = robot.tree.turn  # sign of angles: 1, or -1 where they are clockwise
 
     @cached_property
     def angles(self) -> tuple[Any, Any, Any]:
         """Angles phi of the bodies, phi' and phi''."""
-        phi, *changes = (casadi().mtimes(self._rates, each) for each in (self.y, self.v, self.a))
-        return phi + self.robot.tree.offsets, changes[0], changes[1]
+        ca = casadi()
+        phi = ca.mtimes(self._rates, self.y) + self.robot.tree.offsets
+        return phi, ca.mtimes(self._rates, self.v), ca.mtimes(self._rates, self.a)
 
     @cached_property
     def rotations(self) -> tuple[Pair, Pair, Pair]:
         """Rotations e of the bodies, e' and e''."""
         ca = casadi()
-        turn = self.robot.tree.turn
         phi = self.angles[0]
-        rate = turn * self.angles[1]
-        acceleration = turn * self.angles[2]
+        rate = self._sigma * self.angles[1]
+        acceleration = self._sigma * self.angles[2]
         c = ca.cos(phi)
-        s = turn * ca.sin(phi)
+        s = self._sigma * ca.sin(phi)
         first = (-rate * s, rate * c)
         return (c, s), first, (-acceleration * s - rate * first[1], acceleration * c + rate * first[0])
 
     def weights(self, spots: Sequence[Spot], reference: Spot | None = None) -> ComplexArray:
-        """Weights (points, 2 m) of places relative to a reference; to the centre of mass where there is none."""
-        found = spot_weights(self.robot, spots)
-        return found if reference is None else found - self.weights([reference])
+        """Weights (points, 2 m) of positions relative to a reference; to the centre of mass where there is none."""
+        weights = spot_weights(self.robot, spots)
+        return weights if reference is None else weights - self.weights([reference])
 
     @cached_property
     def centers(self) -> list[Spot]:
         """Centres of mass of the bodies."""
-        return [Spot(body, complex(place)) for body, place in enumerate(self.robot.tree.center)]
+        return [Spot(body, complex(center)) for body, center in enumerate(self.robot.tree.center)]
 
-    def places(self, weights: ComplexArray, derivative: int = 0) -> Pair:
-        """Places (points,) m of weights (points, 2 m), or their first or second derivatives."""
+    def positions(self, weights: ComplexArray, derivative: int = 0) -> Pair:
+        """Positions (points,) m of weights (points, 2 m), or their first or second derivatives."""
         ca = casadi()
+        rotated, rolled = np.split(weights, 2, axis=1)
+        rotated = self._summed(rotated)
+        rolled = self._summed(rolled)
+        real = self.constant(rotated.real)
+        imaginary = self.constant(rotated.imag)
         c, s = self.rotations[derivative]
-        turned, rolled = (self._gathered(each) for each in np.split(weights, 2, axis=1))
-        real, imaginary, *rolls = map(self._constant, (turned.real, turned.imag, rolled.real, rolled.imag))
         c = c[self._leading]
         s = s[self._leading]
         angles = self.angles[derivative][self._leading]
-        x, z = (ca.mtimes(each, angles) for each in rolls)
+        x = ca.mtimes(self.constant(rolled.real), angles)
+        z = ca.mtimes(self.constant(rolled.imag), angles)
         return x + ca.mtimes(real, c) - ca.mtimes(imaginary, s), z + ca.mtimes(imaginary, c) + ca.mtimes(real, s)
 
-    def _gathered(self, weights: ComplexArray) -> ComplexArray:
-        """Weights (.., m) of all bodies, summed over those that turn alike, in the order of the leading ones."""
+    def _summed(self, weights: ComplexArray) -> ComplexArray:
+        """Weights (.., m) of all bodies, summed over those that rotate alike, in the order of the leading ones."""
         return np.asarray(weights @ (self._alike[:, None] == np.arange(len(self._leading))))
 
-    def _relative(self, derivative: int) -> Pair:
+    def _relative_rotations(self, derivative: int) -> Pair:
         """Derivatives of the leading bodies' rotations as each of them sees them, ``conj(e_k) e_l'`` at (k, l).
 
         They depend on the angle between two bodies alone, so that they have far fewer second derivatives than what is
-        turned into the plane and back.
+        rotated into the plane and back.
         """
         ca = casadi()
-        turn = self.robot.tree.turn
         count = len(self._leading)
-        phi, rate, acceleration = (each[self._leading] for each in self.angles)
-        apart = ca.repmat(phi.T, count, 1) - ca.repmat(phi, 1, count)
-        c = ca.cos(apart)
-        s = turn * ca.sin(apart)
-        rate = turn * ca.repmat(rate.T, count, 1)
+        phi, rate, acceleration = (angles[self._leading] for angles in self.angles)
+        difference = ca.repmat(phi.T, count, 1) - ca.repmat(phi, 1, count)
+        c = ca.cos(difference)
+        s = self._sigma * ca.sin(difference)
+        rate = self._sigma * ca.repmat(rate.T, count, 1)
         if derivative == 1:
             return -rate * s, rate * c
-        acceleration = turn * ca.repmat(acceleration.T, count, 1)
+        acceleration = self._sigma * ca.repmat(acceleration.T, count, 1)
         return -acceleration * s - rate**2 * c, acceleration * c - rate**2 * s
 
-    def _constant(self, values: Any) -> Any:
+    def constant(self, values: Any) -> Any:
+        """A sparse constant, in which rounding is zero."""
         ca = casadi()
         return ca.sparsify(ca.DM(np.where(np.abs(values) > 1e-14, values, 0.0)))
 
     def com_from(self, reference: Spot, derivative: int = 0) -> Pair:
-        """Place of the centre of mass relative to a point, or a derivative, m."""
-        x, z = self.places(-self.weights([reference]), derivative)
+        """Position of the centre of mass relative to a point, or a derivative, m."""
+        x, z = self.positions(-self.weights([reference]), derivative)
         return x, z
 
     def moments(self, reference: Spot | None, forces: Sequence[tuple[Spot, Pair]]) -> Any:
@@ -148,15 +156,16 @@ class PlanarModel:
         tree = self.robot.tree
         moments = self.work(self.centers, tree.mass, Spot(0, 0j), reference)
         inertia = tree.inertia * ca.mtimes(self._rates, self.a)
+        c, s = self.rotations[0]
         for spot, (horizontal, vertical) in forces:
             lever, rolled = np.split(self.weights([spot], Spot(0, 0j))[0], 2)
-            c, s = self.rotations[0]
-            real, imaginary, rolled = map(self._constant, (lever.real, lever.imag, rolled.real))
+            real = self.constant(lever.real)
+            imaginary = self.constant(lever.imag)
             across = real * horizontal + imaginary * vertical
             along = real * vertical - imaginary * horizontal
-            moments -= tree.turn * (c * along - s * across) + rolled * horizontal
+            moments -= self._sigma * (c * along - s * across) + self.constant(rolled.real) * horizontal
         moments += inertia
-        return moments if tree.rotors is None else moments + ca.mtimes(self._constant(tree.rotors), self.a[1:])
+        return moments if tree.rotors is None else moments + ca.mtimes(self.constant(tree.rotors), self.a[1:])
 
     def work(
         self, spots: Sequence[Spot], mass: Array, hinge: Spot | None, reference: Spot | None, derivative: int = 2
@@ -166,26 +175,28 @@ class PlanarModel:
         Parameters
         ----------
         spots, mass : where, and (points,) kg
-        hinge : is at rest in the virtual motion; the centre of mass where there is none
+        hinge : is fixed in the virtual motion; the centre of mass where there is none
         reference : as of :meth:`moments`
         derivative : 2, or 1 for velocities in place of accelerations
         """
         ca = casadi()
         c, s = self.rotations[0]
-        pulled = mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
-        turned, rolled = (self._gathered(each) for each in np.split(pulled @ self.weights(spots, reference), 2, axis=1))
-        x, z = (each[self._alike.tolist(), :] for each in self._relative(derivative))
-        swung = ca.sum2(self._constant(turned.real) * z + self._constant(turned.imag) * x)
+        levers = mass * self.weights(spots, hinge)[:, : len(self.robot.tree.mass)].conj().T
+        rotated, rolled = np.split(levers @ self.weights(spots, reference), 2, axis=1)
+        rotated = self._summed(rotated)
+        rolled = self._summed(rolled)
+        x, z = (component[self._alike.tolist(), :] for component in self._relative_rotations(derivative))
+        by_rotations = ca.sum2(self.constant(rotated.real) * z + self.constant(rotated.imag) * x)
         # What rolls, and the weight, act along axes of the plane.
         angles = self.angles[derivative][self._leading]
-        weight = (0.0 if reference is None else self.gravity) * pulled.sum(axis=1)
-        across = ca.mtimes(self._constant(rolled.real), angles) - weight.imag
-        up = ca.mtimes(self._constant(rolled.imag), angles) + weight.real
-        return self.robot.tree.turn * (swung + c * up - s * across)
+        weight = (0.0 if reference is None else self.gravity) * levers.sum(axis=1)
+        across = ca.mtimes(self.constant(rolled.real), angles) - weight.imag
+        up = ca.mtimes(self.constant(rolled.imag), angles) + weight.real
+        return self._sigma * (by_rotations + c * up - s * across)
 
     def motor_torques(self, moments: Any) -> Any:
         """Torques (motors,) N m, each motor's own, of moments Q."""
-        return casadi().mtimes(self._constant(self.robot.tree.motor_turns.T), moments)
+        return casadi().mtimes(self.constant(self.robot.tree.motor_turns.T), moments)
 
     def momentum(self) -> Any:
         """Angular momentum about the centre of mass and the plane's normal, kg m^2/s."""
@@ -196,16 +207,19 @@ class PlanarModel:
 
     def momentum_about(self, spot: Spot) -> tuple[Any, Any, Any]:
         """Angular momentum L about the one contact on the ground, kg m^2/s; L' and L'' where moments balance."""
-        turn = self.robot.tree.turn
+        sigma = self._sigma
         mass = self.robot.mass
         weight = mass * self.gravity
-        (x, z), (vx, vz), (_, az) = (self.com_from(spot, order) for order in range(3))
-        place, speed, change = (-turn * spot.radius * angles[spot.body] for angles in self.angles)  # of P
-        x = x - place
+        x, z = self.com_from(spot)
+        vx, vz = self.com_from(spot, 1)
+        _, az = self.com_from(spot, 2)
+        # Horizontal position, speed and acceleration of P, the point on the ground.
+        ground, speed, acceleration = (-sigma * spot.radius * angles[spot.body] for angles in self.angles)
+        x = x - ground
         z = z + spot.radius
         first = weight * x + mass * speed * vz
-        second = weight * (vx - speed) + mass * (change * vz + speed * az)
-        return self.momentum() + turn * mass * (x * vz - z * vx), -turn * first, -turn * second
+        second = weight * (vx - speed) + mass * (acceleration * vz + speed * az)
+        return self.momentum() + sigma * mass * (x * vz - z * vx), -sigma * first, -sigma * second
 
     def function(self, name: str, outputs: Sequence[Any], *more: Any) -> Any:
         """A CasADi function of y, v, a and ``more`` symbols; arrays (size, N) are N evaluations."""

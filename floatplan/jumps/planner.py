@@ -1,7 +1,7 @@
 """From a problem to a jump: one program over all phases, its flight planned, its stances made exact and checked."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from time import process_time
@@ -12,30 +12,26 @@ from floatplan.arguments import SEED, TRIES, made, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.jumps.check import FIGURES, SHARES, JumpCheck, judged, limit_shares
+from floatplan.jumps.conflicts import Conflict, conflict_sentence, conflicting_limits, relaxed, violated_kinds
 from floatplan.jumps.exact import NoExactStanceError, exact_stances, released
-from floatplan.jumps.exchange import solved
 from floatplan.jumps.flight import flight_problem, planned_flight, tighter_limits
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import flight_state
 from floatplan.jumps.phases import instants
-from floatplan.jumps.program import LIFT, LOW_LIFT, JumpProgram, Solution
-from floatplan.jumps.relief import Given, broken, eased, in_the_way, sentence
-from floatplan.jumps.setup import CORRECTIONS, Room, Setup, corrected, jump_setup
+from floatplan.jumps.program import JumpProgram
+from floatplan.jumps.rounds import solve_in_rounds
+from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup
+from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
-ROOM = Room(0.9, 0.96, 0.7)  # of the first program; the next depends on what its jump breaks
+MARGINS = NodeMargins(torque=0.9, velocity=0.96, friction=0.7)  # of the first program; then as its jump's check demands
 STARTS = 4
-WORK = 300  # [-] times the starts: iterations after which no other is tried
-BEYOND = (1.5, 2.5)  # [-] times what has to give is tried, one after the other
-MOST_WITHOUT_FLIGHT = 2  # [-] programs whose flight is not found: more nodes do not bring it nearer
-INSTANTS = 1001  # [-] of the flight, where its shares of limits are measured
-FAILED = "no jump was found near the one at hand"
-MINOR = 0.2  # [-] of the largest share that gives: what gives less is not changed
+NEAR_FAILED = "no jump was found near the one at hand"
 
 
 @one_thread
@@ -52,25 +48,24 @@ def jump(
     """Plan a whole jump: from standing through a flight to standing again.
 
     The goal's orientation fixes the whole turns; postures, durations and momentum of the flight are optimised unless
-    the request fixes them. The sum of the motors' squared torques is least, or the largest share of a limit.
+    the request fixes them. The sum of the motors' squared torques is minimised, or the largest share of a limit.
 
     Parameters
     ----------
     problem : Problem, or path of a problem file
     request : JumpRequest, optional
-        In place of the problem's own; a problem without one needs it.
+        Instead of the problem's own; a problem without one needs it.
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        How many are tried at most, until one is found: fewer where together they take 300 iterations each.
+        How many are tried at most, until one succeeds: fewer where all of them take 300 iterations each.
     progress : callable, optional
-        Told in a few words what is done; after a search ``near`` a jump that found none, what is in the way there too.
+        Called with a few words on what is being done; after a search ``near`` a jump that failed, with its conflicts.
     helps : bool
-        Whether it is told what stands in the way where no jump is found, and tried what would help, which takes as
-        long again at most, or little more.
+        Whether conflicting limits are explained where no jump is found, and relaxed ones are tried, as long again.
     near : Jump, optional
-        One of nearly the same problem, with the same phases: the search begins from it, and only where that finds
-        nothing with the starts.
+        One of nearly the same problem, with the same phases: the search begins from it, and only where that fails
+        with the starts.
 
     Returns
     -------
@@ -80,7 +75,7 @@ def jump(
     Raises
     ------
     InputError
-        The problem or the request is wrong, or asks for what no jump keeps; there is no request, nothing can stand as
+        The problem or the request is wrong, or requires what no jump does; there is no request, nothing can stand as
         requested, or CasADi is not installed.
     """
     casadi()
@@ -96,29 +91,34 @@ def jump(
     say = progress or (lambda _: None)
     with naming(file):
         setup = jump_setup(problem, requested)
-        first = setup.program(ROOM)
+        first = setup.program(MARGINS)
         first.separation.check_standing(first.node, first.motion(first.guess()))
-    began = process_time()
-    begun = None if near is None else beside(first, near)
-    if begun is not None:
-        found = _near(setup, first, begun, seed, say, helps)
-        if found.ok:
-            return found
-        missed = f"{FAILED}. {found.explanation} Searching on: "
-        say = partial(lambda told, words: told(missed + words), say)
-    answer, best, tried = _searched(setup, first, seed, starts, say)
-    if answer is None and setup.turn == 0.0:
-        answer = _low(setup, seed, say)
-    if answer is not None and answer.ok:
-        return answer
-    until = 2 * process_time() - began
-    if answer is not None:
-        gives = broken(requested, answer.check.figures)
+    start_time = process_time()
+    guess = guess_near(first, near)
+    if guess is not None:
+        result = _search_near(setup, first, guess, seed, say, helps)
+        if result.ok:
+            return result
+        say = partial(_say_after, f"{NEAR_FAILED}. {result.explanation} Searching on: ", say)
+    search = _search(setup, first, seed, starts, say)
+    last = search.jump
+    if last is None and setup.base_rotation == 0.0:
+        last = _low_hop(setup, seed, say)
+    if last is not None and last.ok:
+        return last
+    until = 2 * process_time() - start_time
+    if last is None:
+        last, conflicts = _not_found_in_starts(problem, requested, search, helps, say)
     else:
-        answer, gives = _none_found(problem, requested, best if helps else None, tried, say)
-    if not (gives and helps):
-        return answer
-    return _saying(answer, f"{answer.explanation} {_tried(problem, gives, seed, until, say)}")
+        conflicts = violated_kinds(requested, last.check.figures)
+    if conflicts and helps:
+        attempts = _try_relaxed(problem, conflicts, seed, until, say)
+        last = _with_explanation(last, f"{last.explanation} {attempts}")
+    return last
+
+
+def _say_after(prefix: str, report: Callable[[str], None], words: str) -> None:
+    report(prefix + words)
 
 
 def _requested(problem: Problem, request: JumpRequest | None, file: str | Path | None) -> JumpRequest:
@@ -130,116 +130,144 @@ def _requested(problem: Problem, request: JumpRequest | None, file: str | Path |
     return requested
 
 
-def _none_found(
-    problem: Problem,
-    request: JumpRequest,
-    best: tuple[JumpProgram, Solution] | None,
-    starts: int,
-    say: Callable[[str], None],
-) -> tuple[Jump, list[Given]]:
-    """The result where no start ended well, and the limits that conflict in the best of them, if there is one."""
-    counted = "1 start" if starts == 1 else f"{starts} starts"
-    if best is None:
-        return _not_found(problem, request, f"No jump was found in {counted}."), []
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What the starts of a search end with.
+
+    Attributes
+    ----------
+    jump : the first whose check holds, else the last whose check does not; None where no program has a solution
+    nearest : the program that is nearest to a solution, and where it ended, where another has none
+    starts : how many were tried
+    """
+
+    jump: Jump | None
+    nearest: tuple[JumpProgram, JumpSolution] | None
+    starts: int
+
+
+def _not_found_in_starts(
+    problem: Problem, request: JumpRequest, search: _Search, helps: bool, say: Callable[[str], None]
+) -> tuple[Jump, list[Conflict]]:
+    """The result where no program has a solution, and, if that ``helps``, the limits that conflict in the nearest."""
+    counted = "1 start" if search.starts == 1 else f"{search.starts} starts"
+    if search.nearest is None or not helps:
+        return Jump(problem, request, explanation=f"No jump was found in {counted}."), []
     say("what stands in the way")
-    conflicting = in_the_way(*best, request)
-    words = [sentence(limit, problem) for limit in conflicting] or [best[1].worst[1]]
-    explanation = f"No jump was found in {counted}. In the way: {'; '.join(words)}."
-    return _not_found(problem, request, explanation), conflicting
+    program, last = search.nearest
+    conflicts = conflicting_limits(program, last, request)
+    sentences = [conflict_sentence(conflict, problem) for conflict in conflicts] or [last.worst[1]]
+    explanation = f"No jump was found in {counted}. In the way: {'; '.join(sentences)}."
+    return Jump(problem, request, explanation=explanation), conflicts
 
 
-def _saying(answer: Jump, explanation: str) -> Jump:
-    """The same motion, with its check, and what is said of it."""
-    told = replace(answer, explanation=explanation)
-    vars(told)["check"] = answer.check
-    return told
+def _with_explanation(jump: Jump, explanation: str) -> Jump:
+    """The same motion and check, with another explanation."""
+    explained = replace(jump, explanation=explanation)
+    vars(explained)["check"] = jump.check
+    return explained
 
 
-def _tried(problem: Problem, gives: Sequence[Given], seed: int, until: float, say: Callable[[str], None]) -> str:
-    """What is said of jumps with limits that give more, each tried from the generic guess."""
-    gives = [each for each in gives if each.share >= MINOR * max(other.share for other in gives)]
-    vain: list[str] = []
-    for beyond in BEYOND:
-        words, other = eased(problem, gives, beyond)
-        if words in vain or (vain and process_time() > until):
+def _try_relaxed(
+    problem: Problem, conflicts: Sequence[Conflict], seed: int, until: float, say: Callable[[str], None]
+) -> str:
+    """A sentence on jumps with wider limits, each tried from the generic guess."""
+    minor = 0.2  # [-] of the largest share: limits that are exceeded by less stay as they are
+    largest = max(conflict.share for conflict in conflicts)
+    conflicts = [conflict for conflict in conflicts if conflict.share >= minor * largest]
+    failures: list[str] = []
+    for beyond in (1.5, 2.5):  # times the least change
+        words, other = relaxed(problem, conflicts, beyond)
+        if words in failures or (failures and process_time() > until):
             break
         say(f"trying {words}")
         assert other.jump is not None
         setup = jump_setup(other, other.jump)
-        first = setup.program(ROOM)
-        program, solution = solved(first, first.guess())
+        first = setup.program(MARGINS)
+        program, solution = solve_in_rounds(first, first.guess())
         if solution.converged and completed(setup, program, solution, seed).ok:
             return f"With {words} a jump was found and checked."
-        vain.append(words)
-    return f"Tried without finding one: {'; '.join(vain)}."
+        failures.append(words)
+    return f"Tried without finding one: {'; '.join(failures)}."
 
 
-def _near(setup: Setup, first: JumpProgram, begun: Array, seed: int, say: Callable[[str], None], helps: bool) -> Jump:
-    """The jump that is found from one at hand; or none, and what is in the way there, which elsewhere need not be."""
+def _search_near(
+    setup: Setup, first: JumpProgram, guess: Array, seed: int, say: Callable[[str], None], helps: bool
+) -> Jump:
+    """The jump from the guess of another one; where it fails, with the limits that conflict there, if that helps.
+
+    Elsewhere other limits may conflict, or none.
+    """
     say("from the jump at hand")
-    found = program, solution = solved(first.warm(), begun)
+    program, solution = solve_in_rounds(first.warm(), guess)
     if solution.converged:
-        return _corrected(setup, found, lambda room: setup.program(room).warm(), seed, say)
-    say(f"{FAILED}; what is in the way there")
-    gives = in_the_way(program, solution, setup.request, begun) if helps else []
-    words = "; ".join(sentence(each, setup.problem) for each in gives)
-    return _not_found(setup.problem, setup.request, f"In the way there: {words}." if words else "")
+        return _corrected(setup, (program, solution), lambda margins: setup.program(margins).warm(), seed, say)
+    say(f"{NEAR_FAILED}; what is in the way there")
+    conflicts = conflicting_limits(program, solution, setup.request, guess) if helps else []
+    words = "; ".join(conflict_sentence(conflict, setup.problem) for conflict in conflicts)
+    explanation = f"In the way there: {words}." if words else ""
+    return Jump(setup.problem, setup.request, explanation=explanation)
 
 
-def _searched(
-    setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]
-) -> tuple[Jump | None, tuple[JumpProgram, Solution] | None, int]:
-    """The first jump that is found, or what a solution came to; the nearest without one; and how many were tried."""
-    best: tuple[JumpProgram, Solution] | None = None
-    answer: Jump | None = None
-    known: JumpProgram | None = None  # of the start before: what it could not keep apart is kept apart from the start
-    spent = tried = 0
+def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]) -> _Search:
+    """Try one start after the other, until the check of a jump holds."""
+    work = 300 * starts  # iterations, after which no other start is tried
+    spent = 0
+    number = 0
+    jump: Jump | None = None
+    nearest: tuple[JumpProgram, JumpSolution] | None = None
+    previous: JumpProgram | None = None  # what it could not separate is separated from the start
     for start in range(starts):
-        if spent >= WORK * starts:
+        if spent >= work:
             break
-        tried = start + 1
-        say(f"start {tried} of {starts}")
-        found = known, solution = solved(first, first.guess(_generator(seed, start)), known)
+        number = start + 1
+        say(f"start {number} of {starts}")
+        program, solution = solve_in_rounds(first, first.guess(_generator(seed, start)), previous)
+        previous = program
         spent += solution.iterations
         if not solution.converged:
-            if best is None or (solution.missing, solution.worst) < (best[1].missing, best[1].worst):
-                best = found
+            if nearest is None or (solution.shortfall, solution.worst) < (nearest[1].shortfall, nearest[1].worst):
+                nearest = (program, solution)
             continue
-        answer = _corrected(setup, found, setup.program, seed, say)
-        if not answer.ok and answer.flight is not None and answer.check.figures.get("touchdown", 0.0) < 0.0:
-            say(f"start {tried} of {starts}, clear of the ground where it lands turned")
-            room = replace(ROOM, turned=True)
-            program = setup.program(room)
-            found = solved(program, program.guess(_generator(seed, start)))
-            spent += found[1].iterations
-            if found[1].converged:
-                answer = max(answer, _corrected(setup, found, setup.program, seed, say, room), key=_merit)
-        if answer.ok:
+        jump = _corrected(setup, (program, solution), setup.program, seed, say)
+        hits_ground = jump.flight is not None and jump.check.figures.get("touchdown", 0.0) < 0.0
+        if not jump.ok and hits_ground:
+            say(f"start {number} of {starts}, clear of the ground where it lands turned")
+            margins = replace(MARGINS, rotated_landing=True)
+            program = setup.program(margins)
+            program, solution = solve_in_rounds(program, program.guess(_generator(seed, start)))
+            spent += solution.iterations
+            if solution.converged:
+                other = _corrected(setup, (program, solution), setup.program, seed, say, margins)
+                jump = max(jump, other, key=_merit)
+        if jump.ok:
             break
-    return answer, best, tried
+    return _Search(jump, nearest, number)
 
 
-def _low(setup: Setup, seed: int, say: Callable[[str], None]) -> Jump | None:
+def _low_hop(setup: Setup, seed: int, say: Callable[[str], None]) -> Jump | None:
     """The hop in which feet rise by less, from the generic guess; None where it has none either."""
-    say(f"with feet that rise by {1e3 * LOW_LIFT:.0f} mm in place of {1e3 * LIFT:.0f} mm")
-    room = replace(ROOM, lift=LOW_LIFT)
-    first = setup.program(room)
-    found = solved(first, first.guess())
-    if not found[1].converged:
+    say(f"with feet that rise by {1e3 * LOW_FOOT_LIFT:.0f} mm in place of {1e3 * FOOT_LIFT:.0f} mm")
+    margins = replace(MARGINS, lift=LOW_FOOT_LIFT)
+    first = setup.program(margins)
+    program, solution = solve_in_rounds(first, first.guess())
+    if not solution.converged:
         return None
-    answer = _corrected(setup, found, setup.program, seed, say, room)
-    return _saying(answer, f"{answer.explanation} Its feet were asked to rise by {1e3 * LOW_LIFT:.0f} mm only.")
+    jump = _corrected(setup, (program, solution), setup.program, seed, say, margins)
+    lift = f"Its feet were asked to rise by {1e3 * LOW_FOOT_LIFT:.0f} mm only."
+    return _with_explanation(jump, f"{jump.explanation} {lift}")
 
 
-def _merit(answer: Jump) -> tuple[bool, bool, float]:
-    """Whether a jump is found; whether nothing fails but at touchdown, where it lands turned; and how high it is there.
+def _merit(jump: Jump) -> tuple[bool, bool, float]:
+    """Whether its check holds; whether nothing fails but the height at touchdown, rotated; and that height.
 
-    Such a one is a jump for somebody who asks for less there.
+    Such a one is a jump for somebody who requires less there.
     """
-    height = answer.check.figures.get("touchdown", 0.0)
-    least = FIGURES["touchdown"].most(answer.request)
-    failing, _ = judged(answer.request, answer.check.figures, answer.check.unlimited)
-    return answer.ok, answer.flight is not None and len(failing) == 1 and height < least, height
+    height = jump.check.figures.get("touchdown", 0.0)
+    least = FIGURES["touchdown"].most(jump.request)
+    failing, _ = judged(jump.request, jump.check.figures, jump.check.unlimited)
+    only_touchdown = jump.flight is not None and len(failing) == 1 and height < least
+    return jump.ok, only_touchdown, height
 
 
 def _generator(seed: int, start: int) -> np.random.Generator | None:
@@ -247,56 +275,62 @@ def _generator(seed: int, start: int) -> np.random.Generator | None:
     return np.random.default_rng((seed, start)) if start else None
 
 
-def beside(program: JumpProgram, near: Jump) -> Array | None:
-    """Return a jump with a program's phases as a guess (size,), as slow as these may be; None of one with others."""
-    stands = [tuple(name for contact in phase.contacts for name in contact.names) for phase in program.phases]
-    if near.problem.robot.joints != program.model.robot.joints or [each.contacts for each in near.phases] != stands:
+def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
+    """Return a jump with a program's phases as a guess (size,), as slow as these may be; None if it has others."""
+    if near is None or near.problem.robot.joints != program.model.robot.joints:
         return None
+    if len(near.phases) != len(program.phases):
+        return None
+    for phase, other in zip(program.phases, near.phases, strict=True):
+        if other.contacts != tuple(name for contact in phase.contacts for name in contact.names):
+            return None
     assert near.flight is not None
-    parts = program.split(program.guess())
-    lasted = np.array([each.end - each.begin for each in near.phases])
-    lasts = np.clip(lasted, *np.transpose([phase.bounds for phase in program.phases]))
-    state = near.at(np.minimum(instants(program.phases, lasted), near.duration))
+    guess = program.split(program.guess())
+    of_near = np.array([phase.end - phase.begin for phase in near.phases])
+    durations = np.clip(of_near, *np.transpose([phase.bounds for phase in program.phases]))
+    state = near.at(np.minimum(instants(program.phases, of_near), near.duration))
     for index, phase in enumerate(program.phases):
-        nodes = slice(int(program.starts[index]), int(program.starts[index + 1]) + 1)
-        parts[3 + index] = phase.gathered({name: force[nodes] for name, force in state.forces.items()})
-    parts[:3] = state.planned(near.problem.robot)
-    parts[-3][:, 0] = lasts
-    parts[-2][:] = near.flight.angular_momentum
-    return program.join(parts)
+        nodes = program.nodes_of(index)
+        guess.forces[index] = phase.stacked({name: force[nodes] for name, force in state.forces.items()})
+    guess.y, guess.v, guess.a = state.planned(near.problem.robot)
+    guess.durations[:, 0] = durations
+    guess.momentum[:] = near.flight.angular_momentum
+    return program.join(guess)
 
 
 def _corrected(
     setup: Setup,
-    found: tuple[JumpProgram, Solution],
-    program: Callable[[Room], JumpProgram],
+    solved: tuple[JumpProgram, JumpSolution],
+    program_of: Callable[[NodeMargins], JumpProgram],
     seed: int,
     say: Callable[[str], None],
-    room: Room = ROOM,
+    margins: NodeMargins = MARGINS,
 ) -> Jump:
-    """The jump of a program's solution, else of one with more nodes; ``say`` is told which of them is at work."""
+    """The jump of a program's solution, else of one with more nodes; ``say`` is called with the program's number."""
     programs = 1 + CORRECTIONS
     number = 1
     without_flight = 0
+    most_without_flight = 2  # programs whose flight is not found: more nodes do not bring it nearer
 
-    def finer(room: Room) -> JumpProgram:
+    def finer(margins: NodeMargins) -> JumpProgram:
         nonlocal number
         number += 1
         say(f"program {number} of {programs} at most, with more nodes")
-        return program(room)
+        return program_of(margins)
 
-    def complete(program: JumpProgram, solution: Solution) -> tuple[Jump, Mapping[str, float] | None]:
-        say(f"program {number} of {programs} at most: flight, stances, check")
+    def complete(program: JumpProgram, solution: JumpSolution) -> tuple[Jump, Mapping[str, float] | None]:
         nonlocal without_flight
-        answer = completed(setup, program, solution, seed)
-        without_flight += answer.flight is None
-        given_up = without_flight == MOST_WITHOUT_FLIGHT
-        return answer, None if answer.ok or given_up else answer.check.figures
+        say(f"program {number} of {programs} at most: flight, stances, check")
+        jump = completed(setup, program, solution, seed)
+        without_flight += jump.flight is None
+        if jump.ok or without_flight == most_without_flight:
+            return jump, None
+        return jump, jump.check.figures
 
-    return corrected(room, setup.request, found, finer, complete)
+    return corrected(margins, setup.request, solved, finer, complete)
 
 
-def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int) -> Jump:
+def completed(setup: Setup, program: JumpProgram, solution: JumpSolution, seed: int) -> Jump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
     problem = setup.problem
     request = setup.request
@@ -305,32 +339,35 @@ def completed(setup: Setup, program: JumpProgram, solution: Solution, seed: int)
         tighter = tighter_limits(problem, program, solution)
         plan = planned_flight(flight_problem(problem, program, solution), seed, tighter)
         if not plan.ok:
-            return _not_found(problem, request, f"No flight between the stances was found: {plan.explanation}")
-        before, after = (exact_stances(program, solution, side, plan) for side in ("takeoff", "landing"))
+            explanation = f"No flight between the stances was found: {plan.explanation}"
+            return Jump(problem, request, explanation=explanation)
+        before = exact_stances(program, solution, "takeoff", plan)
+        after = exact_stances(program, solution, "landing", plan)
     except InputError as error:
-        return _not_found(problem, request, f"The flight between the stances cannot be planned: {error}")
+        explanation = f"The flight between the stances cannot be planned: {error}"
+        return Jump(problem, request, explanation=explanation)
     except NoExactStanceError as error:
-        return _not_found(problem, request, f"Between the program's nodes no stance was found: {error}.")
-    found = Jump(problem, request, plan, before, after, status="found")
-    check = found.check
-    share = _largest_share(found, check) if request.objective == "limits" else 0.0
-    told = f" Of what the margins leave the jump takes {share:.0%}." if share else ""
-    held = f"The stances hold at 2 kHz.{told}" if check.ok else f"Between the program's nodes, {check.sentences[0]}."
-    return _saying(found, held)
+        explanation = f"Between the program's nodes no stance was found: {error}."
+        return Jump(problem, request, explanation=explanation)
+    jump = Jump(problem, request, plan, before, after, status="found")
+    check = jump.check
+    if not check.ok:
+        return _with_explanation(jump, f"Between the program's nodes, {check.sentences[0]}.")
+    explanation = "The stances hold at 2 kHz."
+    share = _largest_share(jump, check) if request.objective == "limits" else 0.0
+    if share:
+        explanation += f" Of what the margins leave the jump takes {share:.0%}."
+    return _with_explanation(jump, explanation)
 
 
 def _largest_share(jump: Jump, check: JumpCheck) -> float:
     """The largest share of what the margins leave of limits, in stances and in flight; 0 where nothing is limited."""
     assert jump.flight is not None
-    times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, INSTANTS)
+    times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, 1001)  # half a millisecond apart
     of_flight = limit_shares(jump.problem, flight_state(jump.flight, jump.takeoff_time, times))
     largest = 0.0
     for name in SHARES:
         if name not in check.unlimited:
-            taken = max(check.figures[name], float(of_flight[name].max(initial=0.0)))
-            largest = max(largest, taken / FIGURES[name].most(jump.request))
+            share = max(check.figures[name], float(of_flight[name].max(initial=0.0)))
+            largest = max(largest, share / FIGURES[name].most(jump.request))
     return largest
-
-
-def _not_found(problem: Problem, request: JumpRequest, explanation: str) -> Jump:
-    return Jump(problem, request, explanation=explanation)

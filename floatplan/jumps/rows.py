@@ -1,17 +1,28 @@
-"""Rows of a jump's program at one node: what a stance holds, and what a flight holds, as functions of the node."""
+"""Rows of a jump's program at one node: what a stance requires, and what a flight requires, as functions of the node.
+
+A row is an expression with bounds and a label. :class:`NodeRows` writes the functions of single nodes,
+:class:`NodeFunctions` evaluates them at many, and :class:`Rows` collects what a program consists of.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import Contact, Watched, ground_below, way_between
-from floatplan.jumps.held import HeldJoints
+from floatplan.jumps.contacts import (
+    ClearancePoints,
+    GroundContact,
+    contact_depths,
+    contact_positions,
+    displacement,
+    ground_below,
+)
+from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
 from floatplan.jumps.phases import Phase
 from floatplan.robot.standing import Spot, heights_over_com
@@ -19,21 +30,22 @@ from floatplan.tables import POINT_FEET
 
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
 Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
-BALANCE = "balance of moments"
-STANDS = "stands"
-MEETS = "meets the ground"
-RELEASE = "release"
-PRESSED = "pressed on the ground"
-LEAST_FORCE = 0.05  # [-] of the weight, vertical, at nodes where more than one contact stands
-CLEAR = "clear of the ground"
-EFFORT = "effort of"
-ROUNDING = 1e-9  # [m]
-BEYOND = 1e-4  # [-, m] its bound is what has to become a row: not the right joint where the left one is
+
+
+class Label:
+    """What rows are about, in words that messages repeat."""
+
+    BALANCE = "balance of moments"
+    STANDS = "stands"
+    MEETS = "meets the ground"
+    RELEASE = "release"
+    PRESSED = "pressed on the ground"
+    CLEAR = "clear of the ground"
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """What the program holds, margins taken off.
+    """What the program requires, margins taken off.
 
     Attributes
     ----------
@@ -42,9 +54,9 @@ class Bounds:
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
-    held : share of the efforts of joints that are held
+    locked : share of the efforts of locked joints
     pressed : least vertical force over the weight, where more than one contact stands
-    pitch_error : rad, by which the robot may be turned about its feet where it lands, either way
+    pitch_error : rad, by which the robot may be rotated about its feet where it lands, either way
     """
 
     torque: Array
@@ -54,14 +66,14 @@ class Bounds:
     velocity: Array
     position: Array
     friction: float
-    held: float = 1.0
-    pressed: float = LEAST_FORCE
-    pitch_error: float = 0.0
+    locked: float
+    pressed: float
+    pitch_error: float
 
 
 @dataclass
 class Rows:
-    """Constraints as they are gathered: expressions with bounds, and what each is about; and functions of nodes.
+    """Constraints as they are collected: expressions with bounds and labels; and functions of nodes.
 
     Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
     """
@@ -71,7 +83,7 @@ class Rows:
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
-    calls: Calls = field(default_factory=lambda: Calls())
+    functions: NodeFunctions = field(default_factory=lambda: NodeFunctions())
 
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
@@ -87,82 +99,118 @@ class Rows:
 
     def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
         shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
-        if shares:
-            own = values[shares]
-            values[shares] = self.factor - own
+        if shares:  # -factor <= share <= factor, as two rows
+            limited = values[shares]
+            values[shares] = self.factor - limited
             low[shares] = 0.0
             high[shares] = np.inf
-            self._append(self.factor + own, low[shares], high[shares], [labels[row] for row in shares])
+            self._append(self.factor + limited, low[shares], high[shares], [labels[row] for row in shares])
         self.values.append(values)
         self.low.append(low)
         self.high.append(high)
         self.labels += labels
 
 
-class Calls:
+class CompiledProgram(NamedTuple):
+    """IPOPT's solver, a function of the variables for all rows, and the rows; the callback, which CasADi does not own.
+
+    Attributes
+    ----------
+    solver, evaluate : CasADi's
+    rows : Rows
+    callback : as of :func:`floatplan.jumps.locked_joints.first_feasible`
+    """
+
+    solver: Any
+    evaluate: Any
+    rows: Rows
+    callback: Any
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A function of one vector, its arguments (size, nodes), and symbols (outputs, nodes) of what it returns."""
+
+    function: Any
+    points: Any
+    symbols: Any
+
+
+class NodeFunctions:
     """Functions of single nodes, evaluated at many: their derivatives are taken node by node, each in one expression.
 
     What they return are symbols, in which the rest of a program is written; arguments are affine in its variables.
     """
 
     def __init__(self) -> None:
-        self._found: list[tuple[Any, Any, Any]] = []  # function of one vector, its arguments (size, nodes), symbols
+        self._calls: list[_Call] = []
 
     def __call__(self, function: Any, *arguments: Any) -> list[Any]:
         """Outputs (size, nodes) for arguments (size, nodes)."""
         ca = casadi()
-        ways = [function.size1_in(k) for k in range(function.n_in())]
-        point = ca.SX.sym("point", sum(ways))
-        outputs = function.call(ca.vertsplit(point, np.cumsum([0, *ways]).tolist()))
-        one = ca.Function("one", [point], [ca.vertcat(*outputs)], {"cse": True})
+        sizes = [function.size1_in(k) for k in range(function.n_in())]
+        point = ca.SX.sym("point", sum(sizes))
+        outputs = function.call(ca.vertsplit(point, np.cumsum([0, *sizes]).tolist()))
+        of_point = ca.Function("of_point", [point], [ca.vertcat(*outputs)], {"cse": True})
         points = ca.vertcat(*arguments)
-        symbols = ca.MX.sym("called", one.size1_out(0), points.shape[1])
-        self._found.append((one, points, symbols))
-        return list(ca.vertsplit(symbols, np.cumsum([0, *[each.shape[0] for each in outputs]]).tolist()))
+        symbols = ca.MX.sym("called", of_point.size1_out(0), points.shape[1])
+        self._calls.append(_Call(of_point, points, symbols))
+        output_sizes = [output.shape[0] for output in outputs]
+        return list(ca.vertsplit(symbols, np.cumsum([0, *output_sizes]).tolist()))
 
-    def solver(self, raw: Any, goal: Any, values: Any, settings: dict[str, Any], look: Any) -> tuple[Any, Any]:
-        """IPOPT's solver of a program, which a ``look`` at its iterates may stop, and a function raw -> values."""
+    def solver(self, raw: Any, cost: Any, values: Any, settings: dict[str, Any], callback: Any) -> tuple[Any, Any]:
+        """IPOPT's solver of a program, whose iterates a ``callback`` may stop, and a function raw -> values.
+
+        The program is written in its variables and in the symbols of the calls. Its derivatives are those by both,
+        times those of the symbols by the variables.
+        """
         ca = casadi()
-        given = [raw, *[symbols for _, _, symbols in self._found]]
-        both = ca.vertcat(*[ca.vec(each) for each in given])
+        symbols = [raw]
+        outputs = [raw]
+        for call in self._calls:
+            symbols.append(call.symbols)
+            outputs.append(call.function.map(call.points.shape[1])(call.points))
+        all_symbols = ca.vertcat(*[ca.vec(symbol) for symbol in symbols])
         lam_f = ca.MX.sym("lam_f")
         lam_g = ca.MX.sym("lam_g", values.shape[0])
-        bends = ca.hessian(lam_f * goal + ca.dot(lam_g, values), both)
-        now = [raw, *[one.map(points.shape[1])(points) for one, points, _ in self._found]]
-        found = ca.Function("found", given, [goal, values])(*now)
-        slope = ca.Function("slope", given, [ca.jacobian(values, both)])(*now)
-        bend, weights = ca.Function("bend", [*given, lam_f, lam_g], bends)(*now, lam_f, lam_g)
-        sizes = np.cumsum([0, *[each.numel() for each in given]]).tolist()
-        curved = 0.0
+        of_symbols = ca.hessian(lam_f * cost + ca.dot(lam_g, values), all_symbols)
+        full_cost, full_values = ca.Function("program", symbols, [cost, values])(*outputs)
+        jacobian = ca.Function("jacobian", symbols, [ca.jacobian(values, all_symbols)])(*outputs)
+        hessian, gradient = ca.Function("hessian", [*symbols, lam_f, lam_g], of_symbols)(*outputs, lam_f, lam_g)
+        sizes = np.cumsum([0, *[symbol.numel() for symbol in symbols]]).tolist()
+        curvature = 0.0  # of the functions of nodes, weighted by the program's gradient by their symbols
         chain = [ca.MX.eye(raw.shape[0])]
-        for called, weight in zip(self._found, ca.vertsplit(weights, sizes)[1:], strict=True):
-            first, second = self._derivatives(raw, *called[:2], weight)
-            curved += second
+        for call, weight in zip(self._calls, ca.vertsplit(gradient, sizes)[1:], strict=True):
+            first, second = self._derivatives(raw, call, weight)
+            curvature += second
             chain.append(first)
-        through = ca.vertcat(*chain)
+        by_variables = ca.vertcat(*chain)
         none = ca.MX.sym("p", 0)
-        full = ca.mtimes(through.T, ca.mtimes(bend, through)) + curved
+        full_hessian = ca.mtimes(by_variables.T, ca.mtimes(hessian, by_variables)) + curvature
         options = {
-            "jac_g": ca.Function("jac_g", [raw, none], [found[1], ca.mtimes(slope, through)]),
-            "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full)]),
+            "jac_g": ca.Function("jac_g", [raw, none], [full_values, ca.mtimes(jacobian, by_variables)]),
+            "hess_lag": ca.Function("hess_lag", [raw, none, lam_f, lam_g], [ca.triu(full_hessian)]),
             "print_time": False,
             "ipopt": settings,
-            "iteration_callback": look,
+            "iteration_callback": callback,
         }
-        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": found[0], "g": found[1]}, options)
-        return solver, ca.Function("values", [raw], [found[1]])
+        solver = ca.nlpsol("jump", "ipopt", {"x": raw, "f": full_cost, "g": full_values}, options)
+        return solver, ca.Function("values", [raw], [full_values])
 
-    def _derivatives(self, raw: Any, one: Any, points: Any, weights: Any) -> tuple[Any, Any]:
+    def _derivatives(self, raw: Any, call: _Call, weights: Any) -> tuple[Any, Any]:
         """First derivatives of a function's outputs at all nodes by the variables, and the second, weighted, summed."""
         ca = casadi()
-        count = points.shape[1]
-        point = ca.SX.sym("point", one.size1_in(0))
-        weight = ca.SX.sym("weight", one.size1_out(0))
-        slope = ca.Function("slope", [point], [ca.jacobian(one(point), point)])
-        bend = ca.Function("bend", [point, weight], [ca.hessian(ca.dot(weight, one(point)), point)[0]])
-        linear = ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(points), raw))))
-        wides = slope.map(count)(points), bend.map(count)(points, ca.reshape(weights, -1, count))
-        first, second = (ca.mtimes(ca.diagcat(*ca.horzsplit(wide, points.shape[0])), linear) for wide in wides)
+        size, count = call.points.shape
+        point = ca.SX.sym("point", call.function.size1_in(0))
+        weight = ca.SX.sym("weight", call.function.size1_out(0))
+        output = call.function(point)
+        jacobian = ca.Function("jacobian", [point], [ca.jacobian(output, point)])
+        hessian = ca.Function("hessian", [point, weight], [ca.hessian(ca.dot(weight, output), point)[0]])
+        linear = ca.MX(ca.sparsify(ca.evalf(ca.jacobian(ca.vec(call.points), raw))))
+        jacobians = jacobian.map(count)(call.points)
+        hessians = hessian.map(count)(call.points, ca.reshape(weights, -1, count))
+        first = ca.mtimes(ca.diagcat(*ca.horzsplit(jacobians, size)), linear)
+        second = ca.mtimes(ca.diagcat(*ca.horzsplit(hessians, size)), linear)
         return first, ca.mtimes(linear.T, second)
 
 
@@ -173,177 +221,205 @@ class NodeRows:
     ----------
     model : PlanarModel
     phases : of the jump
-    watched : what stays above the ground
+    points : that stay above the ground
     bounds : Bounds
     ends : (2, n+1) y where the robot stands before and after
-    known : contacts that stand, and y (n+1,), of postures in which what is watched may be nearer to the ground
-        Feet that have left, or are to come, may then be as far in the ground as other parts of feet.
-    held : joints that are held, whose torques are rows; CLEAR, where all that is watched is in stances too
+    low_postures : contacts that stand, and y (n+1,), of postures in which points may be nearer to the ground
+        Feet that have left, or are to come, may then be as far in the ground as other corners of feet.
+    extra : what has rows in addition: locked joints; Label.CLEAR, where all points have rows in stances too
     """
 
-    held: tuple[str, ...] = ()
+    extra: tuple[str, ...] = ()
 
     def __init__(
         self,
         model: PlanarModel,
         phases: Sequence[Phase],
-        watched: Watched,
+        points: ClearancePoints,
         bounds: Bounds,
         ends: Array,
-        known: Sequence[tuple[Contact, Array]] = (),
+        low_postures: Sequence[tuple[GroundContact, Array]] = (),
     ) -> None:
         self.model = model
         self.phases = tuple(phases)
-        self.watched = watched
+        self.points = points
         self.bounds = bounds
         self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
-        self.flies = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
-        self._holding = HeldJoints(model)
-        self._functions: dict[tuple[Contact, ...], Any] = {}
+        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        self._locked = LockedJoints(model)
+        self._functions: dict[tuple[GroundContact, ...], Any] = {}
         self.weight = model.robot.mass * model.gravity  # [N]
         end = 0 if self.phases[0].contacts else -1
         self.height = -ground_below(model.robot, self.phases[end].anchor, ends[end])  # [m] of the centre of mass
         self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
         self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
-        spots = [*watched.spots, *(contact.spots[0] for contact in self.feet)]
-        dips = POINT_FEET / 2 if known else 0.0
-        self.least = np.append(watched.least, [contact.depth - dips for contact in self.feet])  # [m] heights of those
-        for contact, y in known:
-            heights = heights_over_com(model.robot, [contact.spots[0], *spots], y).imag
-            self.least = np.minimum(self.least, heights[1:] - heights[0] + contact.depth - ROUNDING)
+        dip = POINT_FEET / 2 if low_postures else 0.0
+        self.least_heights = np.append(points.least, contact_depths(self.feet) - dip)  # [m] of the points, then of feet
+        rounding = 1e-9  # [m]
+        for contact, y in low_postures:
+            heights = heights_over_com(model.robot, [contact.spots[0], *self._spots], y).imag
+            over_ground = heights[1:] - heights[0] + contact.depth
+            self.least_heights = np.minimum(self.least_heights, over_ground - rounding)
+
+    @cached_property
+    def feet(self) -> list[GroundContact]:
+        """All contacts, each once."""
+        feet: dict[str, GroundContact] = {}
+        for phase in self.phases:
+            for contact in phase.contacts:
+                feet[contact.name] = contact
+        return list(feet.values())
+
+    @property
+    def _spots(self) -> list[Spot]:
+        """The points that stay above the ground, then the feet."""
+        return [*self.points.spots, *(contact.spots[0] for contact in self.feet)]
 
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
         """Function of a stance's node, and its rows' bounds.
 
         It is (y, v, a, forces over weight, drifts) -> (rows, torques, load), the torques of :meth:`_motor_torques`. The
         load is the ground's vertical force on all contacts over the weight.
-        The drifts are accelerations, (c,), that a chain's closures keep, so that it is closed at both ends.
+        The drifts are accelerations, (c,), that a chain's closures have, so that it is closed at both ends.
         """
         ca = casadi()
         model = self.model
-        friction = self.bounds.friction
         forces = ca.SX.sym("forces", 2 * len(phase.others))
         drifts = ca.SX.sym("drifts", drifting(phase))
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
-        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, BALANCE)]
+        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, Label.BALANCE)]
         rows += self._closures(phase, drifts)
-        heels = sum(pair[1] for contact, pair in zip(phase.others, pairs, strict=True) if contact.vertical)
-        for contact, pair in zip(phase.contacts, [(own[0], own[1] + heels), *pairs], strict=True):
-            for sign in (1.0, -1.0) if not contact.vertical else ():
-                held = (friction * pair[1] + sign * pair[0]) / self.weight
-                rows.append((held, 0.0, np.inf, f"friction of {contact.name}"))
-        rows += [(own[k] / self.weight, 0.0, 0.0, RELEASE) for k in (0, 1)]
+        rows += self._friction_rows(phase, own, pairs)
+        for component in own:
+            rows.append((component / self.weight, 0.0, 0.0, Label.RELEASE))
         if phase.others:  # else it may pull a little between nodes
-            rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, PRESSED))
-        rows += [*self._torque_rows(moments), *self._held_rows(phase.contacts, [own, *pairs])]
-        ground = -phase.anchor.depth
-        near = np.flatnonzero(self.watched.low | (CLEAR in self.held)).tolist()
-        if near:
-            heights = model.places(model.weights([self.watched.spots[at] for at in near], anchor))[1]
-            low = zip(casadi().vertsplit(heights), self.least[near].tolist(), strict=True)
-            rows += [(height - ground, least, np.inf, CLEAR) for height, least in low]
-        standing = [contact.name for contact in phase.contacts]
-        for contact, least in zip(self.feet, self.least[len(self.watched.spots) :].tolist(), strict=True):
-            if contact.name not in standing:
-                height = model.places(model.weights(contact.spots[:1], anchor))[1]
-                rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
-        output = ca.vertcat(*[row[0] for row in rows])
+            rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, Label.PRESSED))
+        rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
+        rows += self._height_rows(phase)
+        output, bounds = _separated(rows)
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
         function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
-        return function, [row[1:] for row in rows]
+        return function, bounds
 
-    def turned(self, phase: Phase) -> tuple[Any, Array]:
-        """Heights of what is watched where the robot is turned about a foot, a function of (y, v, a); the least, m.
+    def _friction_rows(self, phase: Phase, own: Pair, pairs: Sequence[Pair]) -> list[Row]:
+        """Both sides of the friction cone of each contact; a toe takes the load of its heel."""
+        heels = sum(pair[1] for contact, pair in zip(phase.others, pairs, strict=True) if contact.vertical)
+        rows: list[Row] = []
+        for contact, (horizontal, vertical) in zip(phase.contacts, [(own[0], own[1] + heels), *pairs], strict=True):
+            if contact.vertical:
+                continue
+            for sign in (1.0, -1.0):
+                margin = (self.bounds.friction * vertical + sign * horizontal) / self.weight
+                rows.append((margin, 0.0, np.inf, f"friction of {contact.name}"))
+        return rows
 
-        The robot is turned by the pitch error either way, as a rigid body, until a foot is on the ground. No foot is
-        lower than that, so that it is enough to look at one: parts of a leg are measured from its own foot, others from
-        what stands. Of several, as heel and toe, it is the last one on the side to which it turns. A point at (x, z)
-        from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
+    def _height_rows(self, phase: Phase) -> list[Row]:
+        """Heights over the ground of a stance's points that may come near it, and of feet that do not stand."""
+        model = self.model
+        anchor = phase.anchor.spots[0]
+        ground = -phase.anchor.depth
+        rows: list[Row] = []
+        near = np.flatnonzero(self.points.low | (Label.CLEAR in self.extra)).tolist()
+        if near:
+            heights = model.positions(model.weights([self.points.spots[at] for at in near], anchor))[1]
+            for height, least in zip(casadi().vertsplit(heights), self.least_heights[near].tolist(), strict=True):
+                rows.append((height - ground, least, np.inf, Label.CLEAR))
+        standing = [contact.name for contact in phase.contacts]
+        for contact, least in zip(self.feet, self.least_heights[len(self.points.spots) :].tolist(), strict=True):
+            if contact.name not in standing:
+                height = model.positions(model.weights(contact.spots[:1], anchor))[1]
+                rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
+        return rows
+
+    def rotated_heights(self, phase: Phase) -> tuple[Any, Array]:
+        """Heights of points where the robot is rotated about a foot, a function of (y, v, a); and the least, m.
+
+        The robot is rotated by the pitch error either way, as a rigid body, until a foot is on the ground. No foot is
+        lower than that, so that it is enough to look at one: points of a leg are measured from its own foot, others
+        from what stands. Of several, as heel and toe, it is the last one on the side to which it rotates. A point at
+        (x, z) from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
         """
         model = self.model
         error = self.bounds.pitch_error
         end = self.ends[0 if phase.side == "takeoff" else 1]
-        spots: list[Spot] = []
         least: list[float] = []
-        for spot, height in zip(self.watched.spots, self.watched.touchdown.tolist(), strict=True):
-            if np.isfinite(height):
-                spots.append(spot)
-                least.append(height)
         heights = []
-        for spot in spots:
+        for spot, least_height in zip(self.points.spots, self.points.touchdown.tolist(), strict=True):
+            if not np.isfinite(least_height):
+                continue
             feet = self._feet_of_leg(spot.body) or phase.contacts
-            along = heights_over_com(model.robot, [contact.spots[0] for contact in feet], end).real
+            along = contact_positions(model.robot, feet, end).real
             for pivot, sign in ((int(along.argmin()), 1.0), (int(along.argmax()), -1.0)):
                 contact = feet[pivot]
-                x, z = model.places(model.weights([spot], contact.spots[0]._replace(radius=0.0)))
+                x, z = model.positions(model.weights([spot], contact.spots[0]._replace(radius=0.0)))
                 heights.append(z * np.cos(error) + sign * x * np.sin(error) + contact.depth)
-        return model.function("turned", [casadi().vertcat(*heights)]), np.repeat(least, 2)
+                least.append(least_height)
+        return model.function("rotated_heights", [casadi().vertcat(*heights)]), np.array(least)
 
-    def _feet_of_leg(self, body: int) -> list[Contact]:
-        """Contacts of the legs of which a body is a part; none of the base, which no leg has for its own."""
+    def _feet_of_leg(self, body: int) -> list[GroundContact]:
+        """Contacts of the legs to which a body belongs; none for the base, which belongs to no leg."""
         parent = self.model.robot.tree.parent
-        found = []
+        feet = []
         for contact in self.feet:
             for spot in contact.spots:
                 above = spot.body
                 while above > 0 and above != body:
                     above = int(parent[above])
-                if above == body > 0 and contact not in found:
-                    found.append(contact)
-        return found
+                if above == body > 0 and contact not in feet:
+                    feet.append(contact)
+        return feet
 
     def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
-        """Accelerations of the contacts beside the anchor, and their places and rates; of a heel the vertical ones."""
+        """Accelerations of the contacts but the anchor, and their positions and rates; of a heel the vertical ones."""
         anchor = phase.anchor.spots[0]
         model = self.model
         unit = self.unit
+        end = self.ends[0 if phase.side == "takeoff" else 1]
         stand: list[Row] = []
         meet: list[Row] = []
         for contact in phase.others:
-            weights = model.weights(contact.spots[:1], anchor)
-            place, rate, acceleration = (model.places(weights, order) for order in range(3))
-            home = way_between(model.robot, anchor, contact.spots[0], self.ends[0 if phase.side == "takeoff" else 1])
+            spot = contact.spots[0]
+            weights = model.weights([spot], anchor)
+            position, rate, acceleration = (model.positions(weights, order) for order in range(3))
+            at_end = displacement(model.robot, anchor, spot, end)
             for k in axes_of(contact):
                 drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
-                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {STANDS}"))
+                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {Label.STANDS}"))
                 if contact.vertical:  # a level sole stays so where it does not accelerate
                     continue
-                meet += [(each, 0.0, 0.0, f"{contact.name} {MEETS}") for each in (place[k] - home[k], rate[k] * unit)]
+                meet.append((position[k] - at_end[k], 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
+                meet.append((rate[k] * unit, 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
         return [*stand, *meet]
 
     @cached_property
-    def feet(self) -> list[Contact]:
-        """All contacts, each once."""
-        return list({each.name: each for phase in self.phases for each in phase.contacts}.values())
-
-    @cached_property
-    def _distinct(self) -> list[int]:
-        """Motors whose torques are not always those of one before."""
-        turns = self.model.robot.tree.motor_turns
+    def _distinct_motors(self) -> list[int]:
+        """Motors whose torques are not always those of one before: their bodies have other inertias."""
         tree = self.model.robot.tree
-        seen: list[tuple[int, Any]] = []
-        for motor in range(turns.shape[1]):
-            bodies = np.flatnonzero(turns[:, motor])
+        distinct: list[int] = []
+        seen: list[Array] = []
+        for motor in range(tree.motor_turns.shape[1]):
+            bodies = np.flatnonzero(tree.motor_turns[:, motor])
             own = (tree.mass, tree.center, tree.inertia, tree.armature)
-            key = np.array([[*(each[b] for each in own), *tree.turns[b]] for b in bodies])
-            if not any(k.shape == key.shape and np.allclose(k, key, rtol=1e-6, atol=1e-6) for _, k in seen):
-                seen.append((motor, key))
-        return [motor for motor, _ in seen]
+            key = np.array([[*(values[body] for values in own), *tree.turns[body]] for body in bodies])
+            if not any(other.shape == key.shape and np.allclose(other, key, rtol=1e-6, atol=1e-6) for other in seen):
+                distinct.append(motor)
+                seen.append(key)
+        return distinct
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
         bounds = self.bounds
         robot = self.model.robot
         torques = self.model.motor_torques(moments)
-        rates = casadi().mtimes(self.model._constant(robot.motor_ratios), self.model.v[1:])
-        generalised = casadi().mtimes(self.model._constant(robot.tree.turns.T), moments)
+        rates = casadi().mtimes(self.model.constant(robot.motor_ratios), self.model.v[1:])
+        generalised = casadi().mtimes(self.model.constant(robot.tree.turns.T), moments)
         shares = generalised / bounds.joint_torque
         limited = np.flatnonzero(np.isfinite(bounds.joint_torque))
         rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
-        for motor in self._distinct:
+        for motor in self._distinct_motors:
             name = robot.motors[motor]
             torque = torques[motor]
             if np.isfinite(bounds.torque[motor]):
@@ -354,14 +430,14 @@ class NodeRows:
                     rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
         return rows
 
-    def _held_rows(self, contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[Row]:
-        """Torques of joints that are held over their efforts."""
-        names = [name for name in self.held if name != CLEAR]
-        shares = self._holding.shares(names, contacts, forces) / self.bounds.held
-        return [(shares[row], -1.0, 1.0, f"{EFFORT} {name}, held") for row, name in enumerate(names)]
+    def _locked_rows(self, contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[Row]:
+        """Torques of locked joints over their efforts."""
+        names = [name for name in self.extra if name != Label.CLEAR]
+        shares = self._locked.shares(names, contacts, forces) / self.bounds.locked
+        return [(shares[row], -1.0, 1.0, f"effort of {name}, held") for row, name in enumerate(names)]
 
-    def strained(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
-        """What is beyond its bounds at nodes, but no row yet: torques of held joints, of left and right the one; CLEAR.
+    def missing_rows(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
+        """What is beyond its bounds at nodes, but has no row yet: locked joints, of left and right one; Label.CLEAR.
 
         Parameters
         ----------
@@ -369,34 +445,35 @@ class NodeRows:
         forces : of each phase (2 others, nodes) N
         factor : on the bounds of torques
         """
-        names = list(self._holding.efforts)
-        spots = self.watched.spots
-        least = self.least[: len(spots)] - BEYOND
-        found = dict[tuple[float, ...], str]()
+        tolerance = 1e-4  # [-, m] beyond a bound: not the right joint where the left one has a row
+        names = list(self._locked.efforts)
+        spots = self.points.spots
+        least = self.least_heights[: len(spots)] - tolerance
+        missing = dict[tuple[float, ...], str]()  # by shares at all nodes: those of left and right are the same
         shares = [np.zeros((len(names), 0))]
-        for phase, start, given in zip(self.phases, self.starts, forces, strict=False):
-            nodes = [part[:, start : start + phase.intervals + 1] for part in motion]
-            if phase.contacts and CLEAR not in self.held:
-                heights = heights_over_com(self.model.robot, [*spots, phase.anchor.spots[0]], nodes[0]).imag
+        for phase, start, of_others in zip(self.phases, self.starts, forces, strict=False):
+            y, v, a = (values[:, start : start + phase.intervals + 1] for values in motion)
+            if phase.contacts and Label.CLEAR not in self.extra:
+                heights = heights_over_com(self.model.robot, [*spots, phase.anchor.spots[0]], y).imag
                 if (heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any():
-                    found[()] = CLEAR
+                    missing[()] = Label.CLEAR
             if names:
-                shares.append(np.abs(np.asarray(self._bearing(phase)(*nodes, given))))
+                shares.append(np.abs(np.asarray(self._locked_shares(phase)(y, v, a, of_others))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if name not in self.held and row.max() > factor * self.bounds.held + BEYOND:
-                found.setdefault(tuple(row.round(3).tolist()), name)
-        return tuple(found.values())
+            if name not in self.extra and row.max() > factor * self.bounds.locked + tolerance:
+                missing.setdefault(tuple(row.round(3).tolist()), name)
+        return tuple(missing.values())
 
-    def _bearing(self, phase: Phase) -> Any:
-        """Function (y, v, a, forces) -> torques over efforts of all held joints; built once for its contacts."""
+    def _locked_shares(self, phase: Phase) -> Any:
+        """Function (y, v, a, forces) -> torques over efforts of all locked joints; built once for its contacts."""
         if phase.contacts not in self._functions:
             forces = casadi().SX.sym("forces", 2 * len(phase.others))
-            acting: list[Pair] = []
+            of_contacts: list[Pair] = []
             if phase.contacts:
                 own, pairs = balanced(self.model, phase, forces)
-                acting = [own, *pairs]
-            shares = self._holding.shares(list(self._holding.efforts), phase.contacts, acting)
-            self._functions[phase.contacts] = self.model.function("held", [shares], forces)
+                of_contacts = [own, *pairs]
+            shares = self._locked.shares(list(self._locked.efforts), phase.contacts, of_contacts)
+            self._functions[phase.contacts] = self.model.function("locked_shares", [shares], forces)
         return self._functions[phase.contacts]
 
     def _motor_torques(self, moments: Any) -> Any:
@@ -406,7 +483,7 @@ class NodeRows:
         """
         return self.model.motor_torques(moments) / (self.weight * self.height)
 
-    def flight(self) -> tuple[Any, list[Bound]]:
+    def of_flight(self) -> tuple[Any, list[Bound]]:
         """Function (y, v, a) -> (rows, torques) of the flight's nodes: h first, and heights over the centre of mass."""
         ca = casadi()
         model = self.model
@@ -415,30 +492,36 @@ class NodeRows:
             (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
             (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
             *self._torque_rows(moments),
-            *self._held_rows((), []),
+            *self._locked_rows((), []),
         ]
-        spots = [*self.watched.spots, *(contact.spots[0] for contact in self.feet)]
-        _, z = model.places(model.weights(spots))
-        labels = [CLEAR] * len(self.watched.spots) + [f"{contact.name} above the ground" for contact in self.feet]
-        rows += [(z[at], float(self.least[at]), np.inf, label) for at, label in enumerate(labels)]
-        output = ca.vertcat(*[row[0] for row in rows])
-        function = model.function("flight", [output, self._motor_torques(moments)])
-        return function, [row[1:] for row in rows]
+        _, z = model.positions(model.weights(self._spots))
+        labels = [Label.CLEAR] * len(self.points.spots)
+        labels += [f"{contact.name} above the ground" for contact in self.feet]
+        for index, label in enumerate(labels):
+            rows.append((z[index], float(self.least_heights[index]), np.inf, label))
+        output, bounds = _separated(rows)
+        return model.function("flight", [output, self._motor_torques(moments)]), bounds
 
 
-def hermite_step(values: Any, rates: Any, changes: Any, step: Any) -> Any:
+def _separated(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
+    """Values of rows as one vector, and their bounds."""
+    values, low, high, labels = zip(*rows, strict=True)
+    return casadi().vertcat(*values), list(zip(low, high, labels, strict=True))
+
+
+def hermite_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:
     """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
-    return values[:, :-1] + mean + step**2 / 12 * (changes[:, :-1] - changes[:, 1:])
+    return values[:, :-1] + mean + step**2 / 12 * (accelerations[:, :-1] - accelerations[:, 1:])
 
 
-def axes_of(contact: Contact) -> tuple[int, ...]:
-    """Which directions a contact beside the anchor holds: both, or of a heel the vertical one."""
+def axes_of(contact: GroundContact) -> tuple[int, ...]:
+    """In which directions a contact but the anchor is fixed: both, or of a heel the vertical one."""
     return (1,) if contact.vertical else (0, 1)
 
 
 def drifting(phase: Phase) -> int:
-    """How many conditions of contacts beside the anchor drift: not those of heels, which are linear in y."""
+    """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
     return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
@@ -455,10 +538,11 @@ def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[
     return (horizontal, vertical), pairs
 
 
-def spread(contacts: Sequence[Contact], forces: Sequence[Pair]) -> list[tuple[Spot, Pair]]:
-    """Forces of contacts shared among the feet that are coupled: points, and a part of each."""
-    return [
-        (spot, (force[0] / len(contact.spots), force[1] / len(contact.spots)))
-        for contact, force in zip(contacts, forces, strict=True)
-        for spot in contact.spots
-    ]
+def spread(contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[tuple[Spot, Pair]]:
+    """Forces of contacts shared evenly among the feet that are coupled: points, and the share of each."""
+    shared: list[tuple[Spot, Pair]] = []
+    for contact, (horizontal, vertical) in zip(contacts, forces, strict=True):
+        count = len(contact.spots)
+        share = (horizontal / count, vertical / count)
+        shared += [(spot, share) for spot in contact.spots]
+    return shared

@@ -35,7 +35,8 @@ typedef struct {
     double *relative, *x, *y, *moment;           // (bodies), the last one (links), see move_bodies()
     double *rate, *inverse, *base_acceleration;  // theta0', 1 / D_0, theta0''
     double *by_position, *by_speed;              // (joints): of theta0'
-    double *time, *attitude, *attitude_cosine, *attitude_sine, *end_x, *end_y;  // the last two (capsules, 2)
+    double *time, *attitude, *attitude_cosine, *attitude_sine;
+    double *end_x, *end_y, *end_z;                              // (capsules, 2), the last one in space alone
     double *by_angle, *by_swing, *moving_cosine, *moving_sine;  // to work in: (bodies, 8)
     double *by_joint, *by_joint_rate;                           // (joints, 8)
     double *weights, *by;                                       // (terms, 8), (3 joints + 1, 8)
@@ -73,10 +74,11 @@ typedef struct {
     const double *value, *slope, *curvature;  // (columns, nodes): powers of s and their derivatives
 } Interpolation;
 
-// In this order: first those of sums, up to share_row, then those of distances. A share_row is what the magnitudes of two
-// sums leave of 1: corrections in flight have it; a search has a sum_row for each pair of signs.
+// In this order: first those of sums, up to share_row, then those of distances: to a disc or ball, to a bar, of either end of
+// a capsule to a half-plane or half-space, to a box in space, and between two capsules. A share_row is what the magnitudes of two sums leave of
+// 1: corrections in flight have it; a search has a sum_row for each pair of signs.
 typedef enum {
-    sum_row, share_row, circle_row, bar_row, half_plane_start_row, half_plane_end_row, pair_row
+    sum_row, share_row, ball_row, bar_row, wall_start_row, wall_end_row, box_row, pair_row
 } RowKind;
 
 // Rows of constraints of a robot's flights: distances of its capsules, sums of moments and rates, and what two sums'
@@ -84,10 +86,17 @@ typedef enum {
 typedef struct {
     Index capsules, rows, needs_moments, needs_accelerations, needs_places;
     double turn;                                     // 1, or -1 where the robot's bodies are mirrored
-    const double *ends_real, *ends_imaginary;        // (capsules, 2, bodies): weights of start and end
+    const double *ends_real, *ends_imaginary;        // (capsules, 2, bodies): weights of start and end, in a plane
+    const Index *body;                               // (capsules), of the tree, in space
+    const double *ends;                              // (capsules, 2, 3): start and end in that body's axes, in space
+    // The last of the capsules are hulls in space: both of their ends are the lowest point of points, from hull_first[i] to
+    // hull_first[i+1], grown by an ellipsoid.
+    Index hulls;
+    const Index *hull_first;                         // (hulls + 1)
+    const double *hull_points, *hull_axes;           // (points, 3), (hulls, 3, 3): semi-axes
     const double *radius;                            // (capsules)
     const double *path;                              // of the CM: place, velocity, gravity
-    const double *obstacles;                         // (obstacles, 7): place, end or normal, velocity, radius
+    const double *obstacles;                         // (obstacles, 7 or 10): place, end or normal, velocity, radius
     const Index *kind, *first, *second;       // (rows): capsule or sum; obstacle, capsule, or sum (-1: none)
     const Index *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
     const double *least, *per_scale;                 // (rows) of distances
@@ -352,7 +361,7 @@ typedef struct {
     const double *change;                   // (3): by how much these change in flight, rad
     double wrong_turn, most_tilt, slowest;  // rad: another change, a tilt too near to 90 degrees; a turn not resolved
     const double *momentum, *axes;          // (3), (3, H): h = momentum + axes y
-    Index needs_rates;                      // whether rows or sums depend on the base's rates
+    Index needs_rates;                      // whether rows or sums depend on the base's rates, or on where it is
     Index sweeps;                           // this and the next as of Turning
     double settled, largest;
 } SpatialBody;

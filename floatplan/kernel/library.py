@@ -4,7 +4,7 @@ from functools import cache
 from types import SimpleNamespace
 from typing import Any
 
-from floatplan.errors import InputError
+from floatplan.errors import InstallationError
 from floatplan.kernel.build import FOLDER, LIBRARY, is_cut_off, sources_digest
 from floatplan.kernel.structs import FFI
 
@@ -25,7 +25,7 @@ def kernel() -> Kernel:
 
     Raises
     ------
-    InputError
+    InstallationError
         It is not there or cannot be loaded: the installation is not complete.
     """
     path, reason = FOLDER / LIBRARY, "not compiled"
@@ -43,7 +43,7 @@ def kernel() -> Kernel:
                 reason = "compiled from other sources: python -m floatplan.kernel.build"
     except (OSError, AttributeError, KeyError) as error:
         reason = f"cannot be loaded: {error}"
-    raise InputError(f"the kernel cannot be used: {reason}", advice="install floatplan again")
+    raise InstallationError(f"the kernel cannot be used: {reason}", advice="install floatplan again")
 
 
 def description() -> str:

@@ -32,7 +32,7 @@ class CellsAtOnce {
     // Whether all is well: R_WB from a border on, w_B, and how small turns go on.
     bool integrate(const Nines &border) {
         const bool carries = h_W[0] != 0 || h_W[1] != 0 || h_W[2] != 0;
-        const Threes h = everywhere(h_W);
+        const Threes h = everywhere<Threes>(h_W);
         Nines last_swung, last_carried = multiple(all(1));
         for (Index k = 0; k < S; ++k) w_B[k] = -(inverse_inertia[k] * relative[k]);
         if (!spin([&](Index k) { return w_B[k]; }, still, last_swung)) return false;
@@ -165,7 +165,7 @@ class CellsAtOnce {
     // W_j and the transition, of transposed equations as in turning.hpp.
     bool carry_turns() {
         const Index n = 3 * S;
-        const Nines across = cross_matrix(everywhere(h_W));
+        const Nines across = cross_matrix(everywhere<Threes>(h_W));
         for (Index k = 0; k < S; ++k) weight[k] = attitude[k] * inverse_inertia[k] * transposed(attitude[k]) * across;
         collocate(3, [&](Index k, Vector *of) { place(weight[k], of); });
         for (Index i = 0; i < n; ++i)
@@ -194,7 +194,7 @@ class LiftedMotion {
           at_once(rule, motions.duration, h_W) {}
 
     void lay_out(Arena &arena) {
-        lay_out_in_space(arena, at, body, K);
+        lay_out_in_space(arena, at, body, 0, K);
         arena.take(coefficients, motions.columns * n);
         arena.take(basis, 3 * size * K);
         arena.take(relative, 3 * K);
@@ -386,7 +386,7 @@ class LiftedMotion {
                     for (Index axis = 0; axis < motions.axes; ++axis) {
                         const double along[] = {given.axes[axis], given.axes[motions.axes + axis],
                                                 given.axes[2 * motions.axes + axis]};
-                        to[free + axis] += dot(by_h, everywhere(along));
+                        to[free + axis] += dot(by_h, everywhere<Threes>(along));
                     }
                 }
             }

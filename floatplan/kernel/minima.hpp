@@ -56,11 +56,13 @@ struct PlanarRows {
 
     // Values of a row at the instants from one on, until another.
     void values(const Motion &m, Index row, Index from, Index to, double *value) const {
-        row_values(robot, constraints, m, row, from, to, value);
+        row_values<Place>(terms_of(robot), constraints, m, row, from, to, value);
     }
 
     // Values (stride) of one of the rows (rows, stride), after those before it.
-    void next(const Motion &m, Index row, double *values) const { next_values(robot, constraints, m, row, values); }
+    void next(const Motion &m, Index row, double *values) const {
+        next_values<Place>(terms_of(robot), constraints, m, row, values);
+    }
 };
 
 // Brent's minimum within [low, high] (Algorithms for Minimization without Derivatives, 1973, chapter 5), from the lowest

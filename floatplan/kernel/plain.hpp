@@ -9,7 +9,7 @@ static inline Index watching_level(Program<Flight> &program, const Nodes *levels
     program.watches = true;
     program.watch(rules.compiled_level, nullptr, 0);
     program.squares(program.two[0], HUGE_VAL);
-    const double most = program.flight.longest_way(program.two[0].motion);
+    const double most = program.flight.longest_way(program.two[0].state, program.two[0].motion);
     const double needed = most / larger(problem.thickness, rules.smallest_step);
     for (Index level = 0; level < settings.levels; ++level)
         if (levels[level].nodes >= needed) return std::max(level, rules.constrained_level);

@@ -164,7 +164,7 @@ class PlanarFlight {
 
     // Values (stride) of one of the rows (rows, stride), after those before it.
     void write_row(const Motion &motion, const State &, Index row, double *values) const {
-        next_values(robot, constraints, motion, row, values);
+        next_values<Place>(terms_of(robot), constraints, motion, row, values);
     }
 
     // Derivatives (size, 8) of a row at the 8 instants from one on.
@@ -244,7 +244,7 @@ class PlanarFlight {
                     found.ends_hold &= !(value[end] < -problem.tolerance[row]);
             const Index kind = constraints.kind[row], second = constraints.second[row];
             if (kind <= share_row || kind == pair_row || (row && second == constraints.second[row - 1])) continue;
-            const double *obstacle = constraints.obstacles + 7 * second;
+            const double *obstacle = constraints.obstacles + obstacle_numbers<Place> * second;
             const double across = path[2] - obstacle[4], up = path[3] - obstacle[5];
             const double down = up - path[4] * duration;
             const double way = std::hypot(across, larger(std::fabs(up), std::fabs(down))) * duration;
@@ -260,16 +260,8 @@ class PlanarFlight {
         return found;
     }
 
-    // The longest way of an end of a capsule from node to node, m.
-    double longest_way(const Motion &motion) const {
-        double most = 0;
-        for (Index end = 0; end < 2 * constraints.capsules; ++end) {
-            const double *x = motion.end_x + end * motion.stride, *y = motion.end_y + end * motion.stride;
-            double way = 0;
-            for (Index k = 1; k < levels[level].nodes; ++k) way += std::hypot(x[k] - x[k - 1], y[k] - y[k - 1]);
-            most = larger(most, way);
-        }
-        return most;
+    double longest_way(const State &, const Motion &motion) const {
+        return longest_way_of_ends<Place>(constraints, motion, levels[level].nodes);
     }
 
   private:

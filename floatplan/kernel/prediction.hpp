@@ -104,7 +104,7 @@ class RestOfFlight {
             a.worst[block] = HUGE_VAL;
             for (Index r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
                 double *value = a.value + r * K, *violation = a.violation + r * K;
-                row_values(robot, constraints, a.motion, r, 0, K, value);
+                row_values<Place>(terms_of(robot), constraints, a.motion, r, 0, K, value);
                 for (Index k = 0; constraints.kind[r] > share_row && k < K; ++k) {
                     const double *window = f.row_window + 2 * r;
                     if (k < f.nodes || !(time[k] >= window[0] && time[k] <= window[1])) value[k] = HUGE_VAL;

@@ -67,7 +67,7 @@ static inline void chain_rate(const Variables &variables, const Motion &m, Index
     chain(variables, m, n, k, 1, drift + k, stride);
 }
 
-// Ends of the capsules from an instant on, where the attitude is; `began` s since takeoff the path of the CM begins.
+// In the plane, ends of the capsules from an instant on, where the attitude is; `began` s since takeoff the path of the CM begins.
 static inline void place(const Robot &robot, const Constraints &constraints, Motion &m, double began, Index first) {
     const Index instants = m.instants, stride = m.stride, bodies = robot.bodies;
     const double *path = constraints.path;
@@ -102,15 +102,40 @@ static inline void place(const Robot &robot, const Constraints &constraints, Mot
     }
 }
 
-INLINED Nearest nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
-    auto end = [&](Index e) { return Place{load(m.end_x + e * m.stride + k), load(m.end_y + e * m.stride + k)}; };
+// An end of a capsule at the instants computed at once.
+template <typename P> INLINED P end_of(const Motion &m, Index end, Index k) {
+    const Index at = end * m.stride + k;
+    if constexpr (dimensions<P> == 2) return {load(m.end_x + at), load(m.end_y + at)};
+    else return {load(m.end_x + at), load(m.end_y + at), load(m.end_z + at)};
+}
+
+// The longest way of an end of a capsule from one of so many instants to the next, m.
+template <typename P> static inline double longest_way_of_ends(const Constraints &constraints, const Motion &m, Index instants) {
+    const double *const coordinates[] = {m.end_x, m.end_y, m.end_z};
+    double most = 0;
+    for (Index end = 0; end < 2 * (constraints.capsules - constraints.hulls); ++end) {
+        double way = 0;
+        for (Index k = 1; k < instants; ++k) {
+            const auto moved = [&](Index axis) {
+                const double *at = coordinates[axis] + end * m.stride + k;
+                return at[0] - at[-1];
+            };
+            way += dimensions<P> == 2 ? std::hypot(moved(0), moved(1)) : std::hypot(moved(0), moved(1), moved(2));
+        }
+        most = larger(most, way);
+    }
+    return most;
+}
+
+template <typename P> INLINED Nearest<P> nearest(const Constraints &constraints, const Motion &m, Index row, Index k) {
+    constexpr Index numbers = obstacle_numbers<P>;
     const Index first = constraints.first[row], second = constraints.second[row];
     const bool is_pair = constraints.kind[row] == pair_row;
-    const double *obstacle = constraints.obstacles + (is_pair ? 0 : 7 * second);
-    const Place start = end(2 * first), stop = end(2 * first + 1);
-    Nearest found = is_pair ? between(start, stop, end(2 * second), end(2 * second + 1))
-                            : to_obstacle(constraints.kind[row], obstacle, load(m.time + k), start, stop);
-    found.distance -= all(constraints.radius[first] + (is_pair ? constraints.radius[second] : obstacle[6]));
+    const double *obstacle = constraints.obstacles + (is_pair ? 0 : numbers * second);
+    const P start = end_of<P>(m, 2 * first, k), stop = end_of<P>(m, 2 * first + 1, k);
+    Nearest<P> found = is_pair ? between(start, stop, end_of<P>(m, 2 * second, k), end_of<P>(m, 2 * second + 1, k))
+                               : to_obstacle(constraints.kind[row], obstacle, load(m.time + k), start, stop);
+    found.distance -= all(constraints.radius[first] + (is_pair ? constraints.radius[second] : obstacle[numbers - 1]));
     return found;
 }
 
@@ -184,25 +209,26 @@ static inline void limit_weights(Terms terms, const Constraints &constraints, co
     }
 }
 
-// Values of a row at the instants from one on, until another.
-static inline void row_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
-                              Index from, Index to, double *value) {
+// Values of a row at the instants from one on, until another. P is a point where the robot flies: a Place, or Threes.
+template <typename P>
+static inline void row_values(Terms terms, const Constraints &constraints, const Motion &m, Index row, Index from, Index to,
+                              double *value) {
     const Index kind = constraints.kind[row];
     const Vector least = all(constraints.least[row]), per_scale = all(constraints.per_scale[row]);
     for (Index k = from; kind > share_row && k < to; k += LANES)
-        store(value + k - from, (nearest(constraints, m, row, k).distance - least) * per_scale);
-    if (kind <= share_row) limit_values(terms_of(robot), constraints, m, row, from, to, value);
+        store(value + k - from, (nearest<P>(constraints, m, row, k).distance - least) * per_scale);
+    if (kind <= share_row) limit_values(terms, constraints, m, row, from, to, value);
 }
 
 // Values (instants) of one of the rows (rows, stride) after those before it.
-static inline void next_values(const Robot &robot, const Constraints &constraints, const Motion &m, Index row,
-                               double *values) {
-    if (constraints.opposite[row] >= 0) return opposite_values(terms_of(robot), constraints, m, row, values);
-    row_values(robot, constraints, m, row, 0, m.instants, values + row * m.stride);
+template <typename P>
+static inline void next_values(Terms terms, const Constraints &constraints, const Motion &m, Index row, double *values) {
+    if (constraints.opposite[row] >= 0) return opposite_values(terms, constraints, m, row, values);
+    row_values<P>(terms, constraints, m, row, 0, m.instants, values + row * m.stride);
 }
 
-// Derivatives (size, 8) of a row at the 8 instants about k, those from k on that are computed at once; those (size), so
-// far apart, of the attitude there are given.
+// Derivatives (size, 8) of a row of a flight in the plane at the 8 instants about k, those from k on that are computed at
+// once; those (size), so far apart, of the attitude there are given.
 static inline void differentiate_row(const Robot &robot, const Constraints &constraints, Motion &m,
                                      const Variables &variables, Index row, Index k,
                                      const double *attitude_slopes, Index apart, double *pack) {
@@ -215,7 +241,7 @@ static inline void differentiate_row(const Robot &robot, const Constraints &cons
         for (Index c = 0; c < variables.size; ++c) store(slopes + 8 * c, all(0));
         return chain(variables, m, n, k, constraints.needs_accelerations ? 2 : 1, slopes, 8);
     }
-    const Nearest found = nearest(constraints, m, row, k);
+    const Nearest<Place> found = nearest<Place>(constraints, m, row, k);
     const Vector c = load(m.attitude_cosine + k), s = load(m.attitude_sine + k);
     Vector *by_angle = (Vector *)m.by_angle, *by = (Vector *)m.by;
     // How fast a point of a capsule, a share along it, moves as a body turns, m/rad; along the distance.

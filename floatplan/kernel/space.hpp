@@ -7,8 +7,7 @@
 //
 //     d f^C / dq_j  = D^C P_j + I^C Q_j + S_j x* f^C,    d f^C / dq'_j = D^C S_j + I^C (P_j + dS_j/dt).
 
-using Threes = Triple<Vector>;  // at several instants at once
-using Nines = Square<Vector>;
+using Nines = Square<Vector>;  // at several instants at once, as Threes
 using Moving = Spatial<Vector>;
 
 static inline Threes nothing() { return {all(0), all(0), all(0)}; }

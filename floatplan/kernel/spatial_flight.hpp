@@ -7,7 +7,12 @@
 //     zeta' = R I^-1 R^T [h]x zeta + g,    g = -R I^-1 (L dq + A dq') + R I^-1 R^T dh.                                (S2)
 //
 // The turn at landing is sum_j W_j g_j over the stages, with W_j that go backwards through the cells. Where rows or sums
-// depend on w_B, by h, the turns at all instants are carried forwards instead.
+// depend on w_B, by h, the turns at all instants are carried forwards instead, and so for places: a point of body i at x_B, by
+// the base's axes and origin, whose place in the world is x_W = c_W + R_WB (x_B - c_B) with c the centre of mass, moves by
+//
+//     dx_W = zeta x (x_W - c_W) + R_WB sum_j (S_j x_B - dc_B/dq_j) dq_j,    S_j of the joints j that carry i.            (S4)
+//
+// A distance changes by that of its nearest points along its direction; between two links nothing but the joints counts.
 
 // Rows at any instants of a flight in space.
 struct SpatialRows {
@@ -21,7 +26,9 @@ struct SpatialRows {
     Index count() const { return constraints.rows; }
     Terms terms() const { return {body.joints, body.given.tree.joints}; }
 
-    void lay_out(Arena &arena, SpatialAt &at, Index instants) const { lay_out_in_space(arena, at, body, instants); }
+    void lay_out(Arena &arena, SpatialAt &at, Index instants) const {
+        lay_out_in_space(arena, at, body, constraints.capsules, instants);
+    }
 
     // The motion at so many instants s (8 ..), as far as the rows need it; the attitude at the last one may be given.
     void follow(const double *s, Index instants, SpatialAt &at, const double *last = nullptr) const {
@@ -35,6 +42,7 @@ struct SpatialRows {
             chebyshev_sums(series->p_rate, series->terms, n, here, m.stride, m.p_rate + k);
             if (constraints.needs_accelerations)
                 chebyshev_sums(series->p_curvature, series->terms, n, here, m.stride, m.p_curvature + k);
+            store(m.time + k, here * all(series->duration));
         }
         swing_joints(n, m, series->centre, series->amplitude);
         if (!body.given.needs_rates) return;
@@ -48,18 +56,18 @@ struct SpatialRows {
         for (Index k = instants; k % LANES; ++k)
             for (Index e = 0; e < 9; ++e) at.attitude[e * at.stride + k] = at.attitude[e * at.stride + instants - 1];
         for (Index k = 0; k < instants; k += LANES) {
-            find_rates(body, at, k, everywhere(turned->cells.momentum));
+            find_rates(body, at, k, everywhere<Threes>(turned->cells.momentum));
+            if (constraints.needs_places) place_capsules(constraints, at, k);
             if (constraints.needs_moments) drive_tree(body, at, k);
         }
     }
 
     void values(const SpatialAt &at, Index row, Index from, Index to, double *value) const {
-        limit_values(terms(), constraints, at.motion, row, from, to, value);
+        row_values<Threes>(terms(), constraints, at.motion, row, from, to, value);
     }
 
     void next(const SpatialAt &at, Index row, double *values) const {
-        if (constraints.opposite[row] >= 0) return opposite_values(terms(), constraints, at.motion, row, values);
-        limit_values(terms(), constraints, at.motion, row, 0, at.motion.instants, values + row * at.stride);
+        next_values<Threes>(terms(), constraints, at.motion, row, values);
     }
 };
 
@@ -77,6 +85,7 @@ class SpatialFlight {
         RateSlopes slopes;
         double *turns;                   // (3, size, stride): zeta by x
         bool has_rates, has_turns;       // whether w_B is known at all instants, and these turns
+        Moves moves;
         Index *has_slopes;               // (stride / 8): whether the next are
         double *torque_slopes;           // (tree joints, 3 tree joints + 3, stride)
     };
@@ -102,10 +111,11 @@ class SpatialFlight {
     }
 
     void lay_out(Arena &arena, Motion &motion, State &state, Index most) const {
-        lay_out_in_space(arena, state.at, body, most);
+        lay_out_in_space(arena, state.at, body, constraints.capsules, most);
         motion = state.at.motion;
         state.turned.lay_out(arena, most);
         state.slopes.lay_out(arena, joints, most);
+        state.moves.lay_out(arena, constraints.capsules ? tree_joints : 0, most);
         arena.take(state.turns, 3 * motions.size * most);
         arena.take(state.has_slopes, most / 8);
         arena.take(state.torque_slopes, tree_joints * (3 * tree_joints + 3) * most);
@@ -205,7 +215,8 @@ class SpatialFlight {
         }
         at.motion = motion;
         for (Index k = 0; k < stride; k += LANES) {
-            find_rates(body, at, k, everywhere(state.h_W));
+            find_rates(body, at, k, everywhere<Threes>(state.h_W));
+            if (constraints.needs_places) place_capsules(constraints, at, k);
             if (constraints.needs_moments) drive_tree(body, at, k);
         }
     }
@@ -217,6 +228,7 @@ class SpatialFlight {
         for (Index k = 0; k < known; k += LANES) state.slopes.find(body, state.at, k);
         state.has_turns = false;
         std::fill(state.has_slopes, state.has_slopes + stride / 8, 0);
+        state.moves.forget(stride);
         weigh_turns_by_landing(state);
         differentiate_landing(state, variables, rows);
     }
@@ -228,9 +240,13 @@ class SpatialFlight {
     void row_slopes(Motion &, State &state, const Variables &variables, Index row, Index begin, double *slopes) {
         Vector *weights = (Vector *)state.at.motion.weights;
         for (Index k = begin; k < begin + 8; k += LANES) {
-            limit_weights(tally(), constraints, state.at.motion, row, k, weights);
             double *to = slopes + k % 8;
             for (Index c = 0; c < motions.size; ++c) store(to + 8 * c, all(0));
+            if (constraints.kind[row] > share_row) {
+                add_distance_slopes(state, variables, row, k, to);
+                continue;
+            }
+            limit_weights(tally(), constraints, state.at.motion, row, k, weights);
             add_sum_slopes(state.at.motion, state, variables, k, weights, to);
         }
     }
@@ -320,7 +336,10 @@ class SpatialFlight {
         return found;
     }
 
-    double longest_way(const Motion &) const { return 0; }  // there are no obstacles in space
+    double longest_way(const State &state, const Motion &) const {
+        if (!state.turned.is_known) return 0;
+        return longest_way_of_ends<Threes>(constraints, state.at.motion, levels[level].nodes);
+    }
 
   private:
     const InSpace &body;
@@ -495,10 +514,45 @@ class SpatialFlight {
         for (Index axis = 0; axis < motions.axes; ++axis) {
             const double along[] = {given.axes[axis], given.axes[motions.axes + axis], given.axes[2 * motions.axes + axis]};
             double *slope = slopes + 8 * (free + axis);
-            store(slope, load(slope) + dot(by_h, everywhere(along)));
+            store(slope, load(slope) + dot(by_h, everywhere<Threes>(along)));
         }
         if (!state.turned.is_pulled()) return;
-        const Threes by_turn = cross(by_h, everywhere(state.h_W));  // w^T [h]x
+        const Threes by_turn = cross(by_h, everywhere<Threes>(state.h_W));  // w^T [h]x
+        for (Index c = 0; c < motions.size; ++c) {
+            double *slope = slopes + 8 * c;
+            const Threes turned = threes(state.turns + c * stride, motions.size * stride, k);
+            store(slope, load(slope) + dot(by_turn, turned));
+        }
+    }
+
+    // Adds the derivatives (size, 8) of a row of distances at the instants computed at once, by (S4).
+    void add_distance_slopes(State &state, const Variables &variables, Index row, Index k, double *slopes) {
+        SpatialAt &at = state.at;
+        const bool is_pair = constraints.kind[row] == pair_row;
+        if (!is_pair && !std::exchange(state.has_turns, true)) carry_all_turns(state, variables);
+        state.moves.find(body, at, k);
+        const Nearest<Threes> found = nearest<Threes>(constraints, at.motion, row, k);
+        const Nines R_WB = nines(at.attitude, stride, k);
+        const Threes com_W = com_at(constraints, at, k), com_B = threes(state.moves.com, stride, k);
+        Vector *of_tree = (Vector *)by_tree, *by_joint = (Vector *)by;
+        for (Index j = 0; j < tree_joints; ++j) of_tree[j] = all(0);
+        for (Index i = 0; i < joints; ++i) by_joint[i] = all(0);
+        // A point of a capsule, a share along it, from the centre of mass; what it moves along a vector is added.
+        const auto add_capsule = [&](Index capsule, Vector share, Threes along_W) {
+            const Threes start = end_of<Threes>(at.motion, 2 * capsule, k);
+            const Threes stop = end_of<Threes>(at.motion, 2 * capsule + 1, k);
+            const Threes from_com = start + share * (stop - start) - com_W;
+            state.moves.weigh(given.tree, constraints.body[capsule], com_B + from_com * R_WB, along_W * R_WB, k, of_tree);
+            return from_com;
+        };
+        const Threes along_W = all(constraints.per_scale[row]) * found.direction;
+        const Threes from_com = add_capsule(constraints.first[row], found.own, along_W);
+        if (is_pair) add_capsule(constraints.second[row], found.other, -along_W);
+        else state.moves.weigh_com(given.tree, -(along_W * R_WB), k, of_tree);
+        gather(of_tree, by_joint);
+        chain_joints(variables, at.motion, joints, k, 0, by_joint, slopes, 8);
+        if (is_pair) return;
+        const Threes by_turn = cross(from_com, along_W);
         for (Index c = 0; c < motions.size; ++c) {
             double *slope = slopes + 8 * c;
             const Threes turned = threes(state.turns + c * stride, motions.size * stride, k);
@@ -522,7 +576,7 @@ class SpatialFlight {
                 for (Index axis = 0; axis < motions.axes; ++axis) {
                     const double along[] = {given.axes[axis], given.axes[motions.axes + axis],
                                             given.axes[2 * motions.axes + axis]};
-                    slopes[d * size + free + axis] = dot(by_h, everywhere(along));
+                    slopes[d * size + free + axis] = dot(by_h, everywhere<Threes>(along));
                 }
             }
             for (Index c = 0; c < 3 * size; ++c)

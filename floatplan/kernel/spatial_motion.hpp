@@ -56,7 +56,6 @@ static inline void store(double *to, Index stride, Index k, Threes value) {
 static inline void store(double *to, Index stride, Index k, const Nines &value) {
     for (Index row = 0; row < 3; ++row) store(to + 3 * row * stride, stride, k, value.row[row]);
 }
-static inline Threes everywhere(const double *vector) { return triple<Vector>(vector); }
 
 // One of the instants that are computed at once.
 static inline Vector3 lane_of(Threes value, Index lane) { return {value.x[lane], value.y[lane], value.z[lane]}; }
@@ -72,7 +71,7 @@ static inline void set_lane(Nines &to, Index lane, const double *from) {
     for (Index row = 0; row < 3; ++row) set_lane(to.row[row], lane, from + 3 * row);
 }
 
-static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &body, Index instants) {
+static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &body, Index capsules, Index instants) {
     const Index n = body.joints, J = body.given.tree.joints;
     Motion &m = at.motion;
     m.instants = instants;
@@ -80,6 +79,7 @@ static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &
     for (double **each : {&m.position, &m.sine, &m.cosine, &m.p_rate, &m.p_curvature, &m.speed, &m.acceleration})
         arena.take(*each, n * at.stride);
     for (double **each : {&m.time, &m.rate}) arena.take(*each, at.stride);
+    for (double **each : {&m.end_x, &m.end_y, &m.end_z}) arena.take(*each, 2 * capsules * at.stride);
     arena.take(m.weights, 8 * Terms{n, J}.count());
     for (double **each : {&m.moment, &at.position, &at.speed, &at.acceleration}) arena.take(*each, J * at.stride);
     arena.take(at.rates, 3 * at.stride);
@@ -124,6 +124,110 @@ static inline void find_rates(const InSpace &body, SpatialAt &at, Index k, Three
     store(at.rates, at.stride, k, w_B);
     store(at.motion.rate + k, square_root(dot(w_B, w_B)));
 }
+
+// The centre of mass in the world at the instants computed at once.
+static inline Threes com_at(const Constraints &constraints, const SpatialAt &at, Index k) {
+    const double *path = constraints.path;
+    const Vector t = load(at.motion.time + k);
+    const Threes fallen = {all(0), all(0), all(path[6] / 2) * t * t};
+    return everywhere<Threes>(path) + t * everywhere<Threes>(path + 3) - fallen;
+}
+
+// The point of a hull that is farthest along a unit vector, in its body's axes.
+static inline Threes lowest_of_hull(const Constraints &constraints, Index hull, Threes down) {
+    Threes farthest = nothing(), grown = nothing();
+    Vector reach = all(-HUGE_VAL), squared = all(0);
+    for (Index point = constraints.hull_first[hull]; point < constraints.hull_first[hull + 1]; ++point) {
+        const Threes at = everywhere<Threes>(constraints.hull_points + 3 * point);
+        const Vector along = dot(at, down);
+        const Bits is_farther = along > reach;
+        reach = select(is_farther, along, reach);
+        farthest = select(is_farther, at, farthest);
+    }
+    for (Index i = 0; i < 3; ++i) {
+        const Threes axis = everywhere<Threes>(constraints.hull_axes + 9 * hull + 3 * i);
+        const Vector along = dot(axis, down);
+        grown = grown + along * axis;
+        squared += along * along;
+    }
+    return farthest + 1 / square_root(larger(squared, all(1e-300))) * grown;
+}
+
+// Ends of the capsules in the world at the instants computed at once, from bodies and attitude there.
+static inline void place_capsules(const Constraints &constraints, SpatialAt &at, Index k) {
+    const Motion &m = at.motion;
+    const Threes com_W = com_at(constraints, at, k), com_B = MomentumMaps(at.bodies).center;
+    const Nines R_WB = nines(at.attitude, at.stride, k);
+    const auto place = [&](Index end, Threes own) {
+        const Index body = constraints.body[end / 2];
+        const Threes place_B = at.bodies.place[body] + at.bodies.turned[body] * own;
+        const Threes place_W = com_W + R_WB * (place_B - com_B);
+        store(m.end_x + end * at.stride + k, place_W.x);
+        store(m.end_y + end * at.stride + k, place_W.y);
+        store(m.end_z + end * at.stride + k, place_W.z);
+    };
+    const Index capsules = constraints.capsules - constraints.hulls;
+    for (Index end = 0; end < 2 * capsules; ++end) place(end, everywhere<Threes>(constraints.ends + 3 * end));
+    for (Index hull = 0; hull < constraints.hulls; ++hull) {
+        const Index end = 2 * (capsules + hull);
+        const Threes down = -(R_WB.row[2] * at.bodies.turned[constraints.body[end / 2]]);
+        const Threes lowest = lowest_of_hull(constraints, hull, down);
+        place(end, lowest);
+        place(end + 1, lowest);
+    }
+}
+
+// How the bodies and the centre of mass move with the tree's joints, by the base's axes and origin: (6, ..) and (3, ..).
+struct Moves {
+    double *of_carried, *of_com;  // (tree joints, 6, stride), (tree joints, 3, stride)
+    double *com;                  // (3, stride)
+    Index *is_known;              // (stride / 8)
+    Index stride;
+
+    void lay_out(Arena &arena, Index joints, Index instants) {
+        arena.take(of_carried, 6 * joints * instants);
+        arena.take(of_com, 3 * joints * instants);
+        arena.take(com, 3 * instants);
+        arena.take(is_known, instants / 8);
+    }
+
+    void forget(Index instants) {
+        stride = instants;
+        std::fill(is_known, is_known + stride / 8, 0);
+    }
+
+    // At the 8 instants about k.
+    void find(const InSpace &body, SpatialAt &at, Index k) {
+        if (std::exchange(is_known[k / 8], 1)) return;
+        const SpatialTree &tree = body.given.tree;
+        for (Index from = k / 8 * 8; from < k / 8 * 8 + 8; from += LANES) {
+            move_bodies(tree, TreeJoints{at, from, nothing(), false}, at.bodies);
+            const MomentumMaps maps(at.bodies);
+            store(com, stride, from, maps.center);
+            for (Index j = 0; j < tree.joints; ++j) {
+                const Moving axis = at.bodies.axis[j];
+                store(of_carried + 6 * j * stride, stride, from, axis.linear);
+                store(of_carried + (6 * j + 3) * stride, stride, from, axis.angular);
+                const Moving moved = at.bodies.carried[j + 1].of_acceleration(axis);
+                store(of_com + 3 * j * stride, stride, from, maps.per_mass * moved.linear);
+            }
+        }
+    }
+
+    // Adds to `of_tree` (joints) what moves of a point of a body are along a vector, in the base's axes.
+    void weigh(const SpatialTree &tree, Index body, Threes place, Threes along, Index k, Vector *of_tree) const {
+        const Moving by = {along, cross(place, along)};
+        for (; body > 0; body = tree.parent[body - 1]) {
+            const double *own = of_carried + 6 * (body - 1) * stride;
+            of_tree[body - 1] += dot(Moving{threes(own, stride, k), threes(own + 3 * stride, stride, k)}, by);
+        }
+    }
+
+    // The same of the centre of mass.
+    void weigh_com(const SpatialTree &tree, Threes along, Index k, Vector *of_tree) const {
+        for (Index j = 0; j < tree.joints; ++j) of_tree[j] += dot(threes(of_com + 3 * j * stride, stride, k), along);
+    }
+};
 
 // How w_B changes with the planned joints' positions and speeds where zeta and h are held: (3, joints, stride) each.
 struct RateSlopes {

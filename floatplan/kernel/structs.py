@@ -74,6 +74,7 @@ class Layout:
     eights : names of counts that must be multiples of 8
     required : names
         Pointers, and structs that have some; all members of a struct of numbers alone.
+    record : NumPy's dtype of one, pointers as addresses
     """
 
     pointer: Any
@@ -83,56 +84,48 @@ class Layout:
     lengths: Mapping[str, int]
     eights: tuple[str, ...]
     required: frozenset[str]
+    record: np.dtype[Any]
 
 
 @cache
 def layout(name: str) -> Layout:
     """Return what the header says of a struct."""
-    members = {member: field.type for member, field in FFI.typeof(name).fields}
-    of_kind = {
-        kind: {member: type_ for member, type_ in members.items() if type_.kind == kind}
-        for kind in ("pointer", "struct", "array", "primitive")
-    }
-    arrays = {
-        member: (DTYPES[type_.item.cname], FFI.typeof(f"{type_.item.cname}[]"))
-        for member, type_ in of_kind["pointer"].items()
-    }
-    structs = {member: type_.cname for member, type_ in of_kind["struct"].items()}
-    with_arrays = {member for member, struct in structs.items() if layout(struct).arrays}
+    struct = FFI.typeof(name)
+    arrays: dict[str, tuple[np.dtype[Any], Any]] = {}
+    structs: dict[str, str] = {}
+    lengths: dict[str, int] = {}
+    formats: dict[str, Any] = {}
+    for member, field in struct.fields:
+        kind = field.type
+        if kind.kind == "pointer":
+            arrays[member] = DTYPES[kind.item.cname], FFI.typeof(f"{kind.item.cname}[]")
+            formats[member] = np.dtype(np.uintp)
+        elif kind.kind == "struct":
+            structs[member] = kind.cname
+            formats[member] = layout(kind.cname).record
+        elif kind.kind == "array":
+            lengths[member] = kind.length
+            item = layout(kind.item.cname).record if kind.item.kind == "struct" else DTYPES[kind.item.cname]
+            formats[member] = item, (kind.length,)
+        else:
+            formats[member] = DTYPES[kind.cname]
+    with_arrays = {member for member, inner in structs.items() if layout(inner).arrays}
     return Layout(
         pointer=FFI.typeof(f"{name} *"),
         array=FFI.typeof(f"{name}[]"),
         arrays=arrays,
         structs=structs,
-        lengths={member: type_.length for member, type_ in of_kind["array"].items()},
-        eights=tuple(member for member, type_ in of_kind["primitive"].items() if type_.cname == EIGHTS),
-        required=frozenset({*arrays, *with_arrays} or members),
-    )
-
-
-@cache
-def dtype(name: str) -> np.dtype[Any]:
-    """Return a struct as NumPy's record: pointers as addresses."""
-    struct = FFI.typeof(name)
-    formats: list[Any] = []
-    for _, field in struct.fields:
-        member, length = field.type, None
-        if member.kind == "array":
-            member, length = member.item, member.length
-        if member.kind == "pointer":
-            numbers = np.dtype(np.uintp)
-        elif member.kind == "struct":
-            numbers = dtype(member.cname)
-        else:
-            numbers = DTYPES[member.cname]
-        formats.append(numbers if length is None else (numbers, (length,)))
-    return np.dtype(
-        {
-            "names": [member for member, _ in struct.fields],
-            "formats": formats,
-            "offsets": [field.offset for _, field in struct.fields],
-            "itemsize": FFI.sizeof(struct),
-        }
+        lengths=lengths,
+        eights=tuple(member for member, field in struct.fields if field.type.cname == EIGHTS),
+        required=frozenset({*arrays, *with_arrays} or formats),
+        record=np.dtype(
+            {
+                "names": list(formats),
+                "formats": list(formats.values()),
+                "offsets": [field.offset for _, field in struct.fields],
+                "itemsize": FFI.sizeof(struct),
+            }
+        ),
     )
 
 
@@ -248,43 +241,29 @@ def _addresses(name: str, arrays: Mapping[str, Array | IntArray | None]) -> dict
 
 
 class StructArray:
-    """Structs of one name, one after the other in memory.
-
-    Attributes
-    ----------
-    pointer : ``name[]`` of cffi
-    """
-
-    def __init__(self, name: str, structs: Sequence[Struct]) -> None:
-        self.pointer: Pointer = _NEW(layout(name).array, len(structs))
-        self._structs = structs  # with the arrays that they point to
-        for index, struct in enumerate(structs):
-            self.pointer[index] = struct.pointer[0]
-
-
-class StructRows:
-    """So many copies of a struct, one after the other in memory, each with numbers and arrays of its own.
+    """Structs of one name, one after the other in memory: some as they are, or copies of one that are given more.
 
     Attributes
     ----------
     pointer : ``name[]`` of cffi
     numbers : (count,) record array
-        The members of all copies, as they are now; pointers as addresses.
+        The members of all of them, as they are now; pointers as addresses.
     """
 
-    def __init__(self, like: Struct, count: int) -> None:
-        self.name = like.name
-        self.pointer: Pointer = _NEW(layout(like.name).array, count)
+    def __init__(self, structs: Sequence[Struct], copies: int = 1) -> None:
+        self.name = structs[0].name
+        kind = layout(self.name)
+        self.pointer: Pointer = _NEW(kind.array, len(structs) * copies)
         content = FFI.buffer(self.pointer)
-        content[:] = bytes(FFI.buffer(like.pointer)) * count
-        self.numbers: Any = np.frombuffer(content, dtype(like.name))
-        self._kept: list[Any] = [like]
+        content[:] = b"".join([bytes(FFI.buffer(struct.pointer)) for struct in structs]) * copies
+        self.numbers: Any = np.frombuffer(content, kind.record)
+        self._kept: list[Any] = [*structs]  # with the arrays that they point to
 
     def give(self, **members: Any) -> None:
-        """Give each copy members of its own; arrays and structs then live as long.
+        """Give each of them members of its own; arrays and structs then live as long.
 
         A number is one of (count,), or the same for all; an array that is pointed to is a row of one (count, ..); a
-        struct within is one of :class:`StructRows`.
+        struct within is one of another :class:`StructArray`.
         """
         known = layout(self.name)
         arrays = {member: values for member, values in members.items() if member in known.arrays}

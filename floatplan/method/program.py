@@ -117,7 +117,7 @@ class Program:
         if self.problem.obstacles:
             time = s * self.problem.flight.duration
             points, points_by_u = self.dynamics.points(u, np.concatenate(self.flight.link_shapes.weights))
-            points = points + complex(*self.flight.ballistics.positions(np.array([time]))[0])
+            points = points + complex(*self.problem.path.positions(np.array([time]))[0])
             for obstacle in self.problem.obstacles:
                 seen = points - complex(*obstacle.velocity) * time
                 distances, by_u = obstacle_distances(obstacle, seen, points_by_u, self.flight.link_shapes.radius)

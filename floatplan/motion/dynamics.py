@@ -18,6 +18,7 @@ from floatplan.arguments import Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 
@@ -38,30 +39,6 @@ class MomentumSet:
     def free(self) -> int:
         """Number H."""
         return int(self.axes.shape[1])
-
-
-@dataclass(frozen=True, eq=False)
-class Ballistics:
-    """Path of the centre of mass: ``position0 + velocity0 t - (0, gravity t^2 / 2)``, m, (horizontal, vertical).
-
-    In space x, y and z, the last of which is the vertical.
-    """
-
-    position0: Array
-    velocity0: Array
-    gravity: float
-
-    def positions(self, times: Array) -> Array:
-        """Places (N, 2) or (N, 3), m, at times (N,), s."""
-        path = self.position0 + times[:, None] * self.velocity0
-        path[:, -1] -= self.gravity * times**2 / 2
-        return np.asarray(path)
-
-    def velocities(self, times: Array) -> Array:
-        """Velocities (N, 2) or (N, 3), m/s, at times (N,), s."""
-        velocities = np.tile(self.velocity0, (len(times), 1))
-        velocities[:, -1] -= self.gravity * times
-        return velocities
 
 
 class FlightDynamics(Hashable, Protocol):
@@ -88,8 +65,8 @@ class FlightDynamics(Hashable, Protocol):
         """Path of the centre of mass."""
 
     @property
-    def momentum_interval(self) -> tuple[float, float] | None:
-        """(low, high) of (9), kg m^2/s; None in space, where there is none."""
+    def central_reach(self) -> float:
+        """How far the point of the robot that stays nearest to the centre of mass is from it, m; else infinite."""
 
     @property
     def momentum_set(self) -> MomentumSet:
@@ -177,6 +154,13 @@ class FlightState(Outlined):
         return FlightState(**{name: read_only(values) for name, values in arrays.items()})
 
 
+class PlacedShapes(Protocol):
+    """The links' capsules at K instants."""
+
+    def distances(self, obstacle: Obstacle, times: Array) -> Array:
+        """Distances (K, r), m, to an obstacle at times (K,), s."""
+
+
 class WholeMotion(Protocol):
     """The whole robot in a flight, at any instant, of joints that move as a plan has written."""
 
@@ -200,6 +184,16 @@ class WholeMotion(Protocol):
 
     def forces(self, state: FlightState) -> Array:
         """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state."""
+
+    def orientation(self, times: Array) -> Array:
+        """Orientation (N,) rad at times (N,); refused in space."""
+
+    @property
+    def final_orientation(self) -> float:
+        """Orientation at the end of the flight, rad; refused in space."""
+
+    def segments(self, instants: Array, hulls: bool = False) -> PlacedShapes:
+        """The links' capsules at times (N,) s; with ``hulls`` what distances to the ground are measured by."""
 
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""

@@ -7,8 +7,7 @@ A flight is a :class:`~floatplan.motion.planar.flight.PlanarFlight` or a
 
 from __future__ import annotations
 
-from floatplan.motion.dynamics import Ballistics, FlightDynamics
-from floatplan.motion.planar.bounds import central_reach, inertia_extremes
+from floatplan.motion.dynamics import FlightDynamics
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
 from floatplan.motion.planar.closed_form import Dynamics, frame_from_com, tree_dynamics
 from floatplan.motion.planar.contact import FAST, Contact, landing, no_common_momentum, reachable_sets, takeoff
@@ -25,12 +24,13 @@ from floatplan.motion.planar.full_model import (
 from floatplan.motion.planar.whole import PlanarMotion
 from floatplan.motion.spatial.flight import spatial_flight
 from floatplan.motion.spatial.out_of_plane import missed_in_space
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.problem import Problem
 
 __all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "EndRates"]
 __all__ += ["FlightCoordinates", "FullMotion", "GaussGrid"]
 __all__ += ["LinkShapes", "MotionInFile", "PinocchioDynamics", "PlanarFlight", "PlanarMotion", "Reachable", "Segments"]
-__all__ += ["central_reach", "flight_of", "frame_from_com", "free_flyer", "gauss_grid", "inertia_extremes", "landing"]
+__all__ += ["flight_of", "frame_from_com", "free_flyer", "gauss_grid", "landing"]
 __all__ += ["missed_in_space", "no_common_momentum", "obstacle_distances", "planar_flight", "reachable_sets", "takeoff"]
 __all__ += ["tree_dynamics"]
 

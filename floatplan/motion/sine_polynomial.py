@@ -116,18 +116,6 @@ class JointMotion:
         return np.asarray(self.per_second**2 * (self.cosine * self.p_curvature - swing * self.p_rate))
 
 
-def joint_motion(
-    centre: Array, amplitude: Array, duration: float, coefficients: Array, values: tuple[Array, Array, Array]
-) -> JointMotion:
-    """Joint motion (12) from all coefficients (6+width, n) at the instants of basis values."""
-    value, first, second = values
-    p, p_rate = value @ coefficients, first @ coefficients
-    sine, cosine = amplitude * np.sin(p), amplitude * np.cos(p)
-    per_second = 1 / duration
-    velocities = per_second * cosine * p_rate
-    return JointMotion(centre + sine, velocities, sine, cosine, p_rate, second, coefficients, per_second)
-
-
 @dataclass(frozen=True, eq=False)
 class SinePolynomials:
     """The class of motions (12) that satisfies (13) for one choice of arcsine branches.
@@ -180,14 +168,21 @@ class SinePolynomials:
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
-        coefficients = self._plain_coefficients.copy()
-        coefficients[:, coefficients.shape[1] - self.width :] = z
-        return joint_motion(self.centre, self.amplitude, self.duration, coefficients.T, values)
-
-    @cached_property
-    def _plain_coefficients(self) -> Array:
-        """All coefficients (n, 6+width) of the motion with no free part."""
-        return np.concatenate((self.given_boundary, self.no_free_part), axis=1)
+        value, first, second = values
+        coefficients = np.concatenate((self.given_boundary, z), axis=1).T
+        p, p_rate = value @ coefficients, first @ coefficients
+        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        per_second = 1 / self.duration
+        return JointMotion(
+            positions=self.centre + sine,
+            velocities=per_second * cosine * p_rate,
+            sine=sine,
+            cosine=cosine,
+            p_rate=p_rate,
+            second=second,
+            coefficients=coefficients,
+            per_second=per_second,
+        )
 
     def powers_of_seconds(self, z: Array) -> Array:
         """The paper's coefficients b (n, width+6), powers of t in seconds, of (12), rounded with care."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.kernel.structs import Pointer, Struct, StructRows, doubles
+from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles
 from floatplan.kernel.tolerances import MOST_STARTS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
@@ -119,7 +119,7 @@ class StructRow:
     """One of several structs, which live as long."""
 
     pointer: Pointer
-    rows: Struct | StructRows
+    rows: Struct | StructArray
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one for every plan without inequalities
@@ -140,25 +140,25 @@ class Batch:
 
     template: KernelProblem
     motions: PlainMotions
-    attempts: StructRows
-    draws: StructRows
-    classes: StructRows
-    constraints: Struct | StructRows
+    attempts: StructArray
+    draws: StructArray
+    classes: StructArray
+    constraints: Struct | StructArray
     x: Array
     branch: IntArray
     coefficients: Array
     minima: tuple[IntArray, Array, Array]
 
     @classmethod
-    def of(cls, template: KernelProblem, motions: PlainMotions, constraints: Struct | StructRows) -> Batch:
+    def of(cls, template: KernelProblem, motions: PlainMotions, constraints: Struct | StructArray) -> Batch:
         """Copy the structs of one problem for those of the motions, with rows of their own."""
         count, n = motions.boundary.shape[:2]
         x = motions.x.copy()
         branch = np.zeros((count, n), np.int64)
         coefficients = np.empty((count, n, CONDITIONS + max(motions.free)))
-        attempts = StructRows(template.attempt, count)
+        attempts = StructArray([template.attempt], count)
         attempts.give(plain=motions.x, x=x, coefficients=coefficients)
-        classes = StructRows(template.motions, count)
+        classes = StructArray([template.motions], count)
         classes.give(
             duration=motions.duration,
             momentum=motions.momentum,
@@ -167,7 +167,7 @@ class Batch:
             offset=motions.offset,
             scaling=motions.scaling,
         )
-        draws = StructRows(template.draws, count)
+        draws = StructArray([template.draws], count)
         draws.give(branch=branch, offset_map=motions.offset_map)
         most = len(template.minima[0])
         minima = np.empty((count, most), np.int64), np.empty((count, most)), np.empty((count, most))
@@ -269,7 +269,7 @@ def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: 
     motions = PlainMotions.of(numbers)
     count = len(motions.x)
     struct = template.rows.struct
-    batch = Batch.of(template, motions, struct if count == 1 else StructRows(struct, count))
+    batch = Batch.of(template, motions, struct if count == 1 else StructArray([struct], count))
     batch.attempts.give(count=min(MOST_STARTS + wanted - 1, ATTEMPTS), wanted=wanted, most_work=np.inf)
     batch.draws.give(seed=seed)
     batch.follow()
@@ -281,20 +281,20 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
     motions = PlainMotions.of(numbers)
     count = len(motions.x)
     template = KernelProblem.of(spec, motions.start(0))
-    constraints = StructRows(spec.rows.struct, count)
+    constraints = StructArray([spec.rows.struct], count)
     constraints.give(path=doubles(numbers.paths()), **_of_constraints(spec, numbers, count))
     batch = Batch.of(template, motions, constraints)
     batch.classes.give(orientation=numbers.values["orientation"][:, 0])
     obstacles = numbers.obstacles or [()] * count
     thickness = [min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]
-    minima = StructRows(template.minima_struct, count)
+    minima = StructArray([template.minima_struct], count)
     number, s, least = batch.minima
     minima.give(row=number, s=s, least=least)
     batch.attempts.give(
         count=1,
         most_work=most_work,
         thickness=thickness,
-        reach=spec.reach,  # it is asked first whether there is a chance
+        reach=spec.flight.central_reach,  # it is asked first whether there is a chance
         minima=minima,
     )
     batch.follow()

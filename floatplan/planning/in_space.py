@@ -14,9 +14,16 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
-from floatplan.planning.options import SearchOptions, expiry
-from floatplan.planning.result import AttemptResult, SearchResult
-from floatplan.planning.search import ANNOUNCED_EVERY, ATTEMPTS_FOR_THE_IMPOSSIBLE, MOST_ATTEMPTS, Search, log_attempt
+from floatplan.planning.options import SearchOptions
+from floatplan.planning.result import AttemptResult, SearchResult, log_attempt
+from floatplan.planning.search import (
+    ANNOUNCED_EVERY,
+    ATTEMPTS_FOR_THE_IMPOSSIBLE,
+    MOST_ATTEMPTS,
+    Allowance,
+    Search,
+    expiry,
+)
 from floatplan.planning.variables import Start, decision_variables
 from floatplan.problem.problem import Problem
 
@@ -75,8 +82,8 @@ class SpatialSearch(Search):
         results: list[AttemptResult] = []
         expired = expiry(options.budget and share * options.budget)
         began = self.work.done
-        most_work = share * options.work
-        work_of_one = OF_ONE * share * replace(options, budget=None).work
+        most_work = share * Allowance.of(options).left
+        work_of_one = OF_ONE * share * Allowance.of(SearchOptions()).left
         solved = 0
         announced = time.monotonic()
         interrupted = False
@@ -138,7 +145,7 @@ class SpatialSearch(Search):
         """Follow a motion that is nearly one to the goal; None where it cannot be integrated."""
         lifted = LiftedFlight(self.spec, start.variables, self.work)
         try:
-            return self._follow_lifted(nearby(lifted, start.x), stop, OF_ONE * SearchOptions().work)
+            return self._follow_lifted(nearby(lifted, start.x), stop, OF_ONE * Allowance.of(SearchOptions()).left)
         except IntegrationError:
             return None
 

@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration, integers
-from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, EXCHANGE_IN_SPACE, SETTINGS
+from floatplan.kernel.tolerances import Exchange, Settings
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.flight import EndRates
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
@@ -36,7 +36,7 @@ LEVEL_OF_DRAWS = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
 CHEAP = 192  # [-] bodies times nodes, below which the time of an evaluation hardly depends on them
 EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
-AnyStruct: TypeAlias = Any  # a Struct, StructRows, or one of these: what has a pointer
+AnyStruct: TypeAlias = Any  # a Struct, StructArray, or one of these: what has a pointer
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +116,7 @@ class KernelProblem:
             offset_map=None if variables.offset_map is None else doubles(variables.offset_map),
             branch=branch,
         )
-        in_plane = spec.problem.robot.in_plane is not None
-        constrained = bool(spec.constraints) or not in_plane
-        settings, rules = _numbers_of_search(constrained, in_plane, rows.node_counts, rows.bodies)
+        settings, rules = _numbers_of_search(rows.settings, rows.exchange, rows.node_counts, rows.bodies)
         of_coefficients = spec.problem.motion.objective == "coefficients"
         return cls(
             rows=rows,
@@ -238,15 +236,13 @@ def _attempt(spec: FlightSpec, table: RowTable, start: Start, minima: Struct, **
 
 @lru_cache(maxsize=8)
 def _numbers_of_search(
-    constrained: bool, in_plane: bool, node_counts: tuple[int, ...], bodies: int
+    settings: Settings, exchange: Exchange, node_counts: tuple[int, ...], bodies: int
 ) -> tuple[Struct, Struct]:
     """Return every number of a search: settings, and the rules of exchange."""
-    settings = CONSTRAINED_SETTINGS if constrained else SETTINGS
-    rules = EXCHANGE if in_plane else replace(EXCHANGE_IN_SPACE, watched_at_most=len(node_counts) - 1)
     cheap = max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
     return (
         Struct.of_numbers(replace(settings, tolerance=ORIENTATION, levels=len(node_counts))),
-        Struct.of_numbers(replace(rules, cheap_level=cheap)),
+        Struct.of_numbers(replace(exchange, cheap_level=cheap)),
     )
 
 

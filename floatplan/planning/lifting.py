@@ -26,8 +26,8 @@ from floatplan.motion.spatial.attitude import (
     cells,
     turn,
 )
+from floatplan.motion.spatial.attitude import wrong_way as wrong_turns
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.motion.spatial.goal import wrong_way as wrong_turns
 from floatplan.motion.spatial.rotations import exponential, logarithm, of_angles
 from floatplan.planning.kernel_input.space import cells_and_stages, spatial_body
 from floatplan.planning.kernel_problem import motions_struct

@@ -15,13 +15,13 @@ from floatplan.arrays import BoolArray, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.planning.batch import Batch, follow_batch, follow_unconstrained
-from floatplan.planning.kernel_input.numbers import Numbers, goes_together, is_plain, is_together, key
+from floatplan.planning.kernel_input.numbers import Numbers, goes_together, is_together, key
 from floatplan.planning.kernel_problem import INFEASIBLE, STATUS
-from floatplan.planning.options import JOBS, Allowance, SearchOptions
-from floatplan.planning.planned import SearchedPlan, found_for, planned, searched_answer
+from floatplan.planning.options import JOBS, SearchOptions
+from floatplan.planning.planner import found_for, planned, searched_answer
 from floatplan.planning.repair import judged, proved_plan
-from floatplan.planning.result import SearchResult
-from floatplan.planning.search import Search
+from floatplan.planning.result import SearchedPlan, SearchResult
+from floatplan.planning.search import Allowance, Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
 from floatplan.pool import in_order, one_thread, processes
@@ -119,7 +119,7 @@ def planned_together(
     tasks: list[_Task] = []
     for indices in batches:
         first = int(indices[0])
-        if is_plain(_like(problems, first)):
+        if _like(problems, first).is_plain:
             alone += _plan_plain(plans, indices, options, jobs)
         else:
             size = WITH_ROWS if jobs == 1 else min(WITH_ROWS, -(-len(indices) // (SHARES * jobs)))
@@ -138,7 +138,7 @@ def planned_together(
 def _efforts(options: SearchOptions, search: bool) -> tuple[SearchOptions, SearchOptions]:
     """How to search for what is not planned in a batch, and the whole search."""
     whole = replace(options, attempts=None)
-    return whole if search else replace(options, patience=PATIENCE * SearchOptions().work), whole
+    return whole if search else replace(options, patience=PATIENCE * Allowance.of(SearchOptions()).left), whole
 
 
 def _shape(problems: Sequence[Problem] | Family) -> tuple[int, int]:

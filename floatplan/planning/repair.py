@@ -16,8 +16,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.certificate.certificate import certify
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import SearchedPlan, motion_of
-from floatplan.planning.result import AttemptResult
+from floatplan.planning.result import AttemptResult, SearchedPlan
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start
@@ -77,7 +76,8 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
         corrected = None
         if missing is not None:
             LOG.info("proof: %s, tightened by the shortfalls of %d constraints", certificate.verdict, len(missing))
-            tighter = tightened(tighter, missing, asked.final.orientation - sum(certificate.orientation_end) / 2)
+            turn = asked.final.orientation - sum(certificate.orientation_end) / 2 if ORIENTATION in missing else 0.0
+            tighter = tightened(tighter, missing, turn)
             corrected = polished(found, tighter)
         if corrected is None:
             break
@@ -89,7 +89,7 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
 def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
     for result in found.others or _not_kept(found):
-        moved = found.plan.moving_as(*motion_of(result))
+        moved = found.plan.moving_as(*result.motion, result.coefficients)
         yield SearchedPlan(replace(moved, status=result.status), result)
 
 
@@ -114,7 +114,9 @@ def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
     if not result.holds:
         return None
     more = {name: plan.solver[name] + getattr(result, name) for name in ("iterations", "evaluations")}
-    return SearchedPlan(replace(plan.moving_as(*motion_of(result)), solver={**plan.solver, **more}), result)
+    return SearchedPlan(
+        replace(plan.moving_as(*result.motion, result.coefficients), solver={**plan.solver, **more}), result
+    )
 
 
 def judged(plan: Plan, certificate: Certificate) -> Plan:
@@ -136,7 +138,8 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
     for finding in certificate.unproved:
         if finding.kind in CONSEQUENCES:
             continue
-        correctable = finding.kind in CORRECTABLE or (finding.kind, finding.subject) == ORIENTATION
+        is_goal = (finding.kind, finding.subject) == ORIENTATION
+        correctable = finding.kind in CORRECTABLE or (is_goal and certificate.attitude_bound is None)
         if finding.bound is None or finding.limit is None or not correctable:
             return None
         shortfall = abs(finding.bound - finding.limit)
@@ -167,7 +170,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     rate = limits.orientation_rate
     return replace(
         problem,
-        goal=replace(problem.goal, orientation=problem.goal.angle + (turn if ORIENTATION in missing else 0.0)),
+        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if ORIENTATION in missing else problem.goal,
         limits=replace(
             limits,
             **of_joints,
@@ -190,12 +193,13 @@ def _claims_proved(plan: Plan, certificate: Certificate) -> tuple[Plan, Certific
     if {finding.kind for finding in certificate.unproved} != {"recorded"}:
         return plan, certificate
     record = plan.record
+    end = {} if record.in_space else {"end": sum(certificate.orientation_end) / 2}
     claims = replace(
         record,
         torque_peak=read_only(certificate.torque_peak),
         velocity_peak=read_only(certificate.velocity_peak),
         clearance_min=certificate.clearance_min,
-        orientation={**record.orientation, "end": sum(certificate.orientation_end) / 2},
+        orientation={**record.orientation, **end},
     )
     if not np.isfinite([*claims.torque_peak, *claims.velocity_peak, claims.clearance_min or 0.0]).all():
         return plan, certificate

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import logging
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -11,10 +12,14 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import basis
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, decision_variables
+from floatplan.plans.plan import Plan
+from floatplan.plans.plans import Answer
 from floatplan.problem.reference import REFERENCE_NODES, distance_from
+
+LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,14 +131,20 @@ class AttemptResult:
         degrees, momentum = self.start_variables.degrees, self.start_variables.momentum
         return decision_variables(self.spec.problem, degrees, branches, momentum)
 
+    @property
+    def motion(self) -> tuple[SinePolynomials, Array, Array]:
+        """Where it ended: a class of motions, their free coefficients z (n, width), and h (e,), kg m^2/s."""
+        variables, x = self.variables, self.x
+        h = variables.angular_momentum(x)
+        return variables.motion_class(h), variables.free_coefficients(x), h
+
     @cached_property
     def written(self) -> Array:
         """Coefficients b (n, k+1) of (12), powers of t in seconds."""
         if self.coefficients is not None:
             return self.coefficients
-        variables, x = self.variables, self.x
-        motions = variables.motion_class(variables.angular_momentum(x))
-        return motions.powers_of_seconds(variables.free_coefficients(x))
+        motions, z, _ = self.motion
+        return motions.powers_of_seconds(z)
 
     @cached_property
     def objective_value(self) -> float:
@@ -142,17 +153,16 @@ class AttemptResult:
             return self.integral
         if self.spec.problem.reference is not None:
             return self._distance_from(self.spec.problem.reference)
-        if self.spec.problem.robot.in_plane:
+        if self.spec.problem.minimises_b:
             return float(np.linalg.norm(self.written))
         return float(np.linalg.norm(self.x[: self.variables.coefficients]))
 
     def _distance_from(self, reference: Array) -> float:
         """Root mean square, rad, of the joints' differences from a recorded motion (K, n)."""
-        variables, x = self.variables, self.x
-        motions = variables.motion_class(variables.angular_momentum(x))
+        motions, z, _ = self.motion
         grid = gauss_legendre(REFERENCE_NODES)
         values = basis(motions.form).values(grid.nodes)
-        positions = motions.motion(variables.free_coefficients(x), values).positions
+        positions = motions.motion(z, values).positions
         return distance_from(reference, grid.nodes, grid.weights, positions)
 
 
@@ -222,3 +232,62 @@ class SearchResult:
             "starts": sum(result.starts for result in self.results),
             "solved": sum(result.solved for result in self.results if result.holds),
         }
+
+
+@dataclass(frozen=True, eq=False)
+class SearchedPlan:
+    """A plan, and the attempt that it was made of.
+
+    Attributes
+    ----------
+    plan : Plan
+    result : AttemptResult, or a function that makes it where most do without
+    others : further solutions, from the second best on
+    gave_up : whether the search's patience ended: a longer one may find another plan
+    work : instants of one body, of the whole search
+    """
+
+    plan: Plan
+    result: AttemptResult | Callable[[], AttemptResult]
+    others: tuple[AttemptResult, ...] = ()
+    gave_up: bool = False
+    work: float = 0.0
+
+    @property
+    def answer(self) -> Answer:
+        """In numbers."""
+        return Answer.of_plan(self.plan, self.plan.status)
+
+    @cached_property
+    def best(self) -> AttemptResult:
+        """The attempt that the plan was made of."""
+        return self.result() if callable(self.result) else self.result
+
+
+def count_starts(results: Sequence[AttemptResult]) -> int:
+    """How many starts were followed."""
+    return sum(result.starts for result in results)
+
+
+def log_attempt(results: Sequence[AttemptResult]) -> None:
+    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
+    if LOG.isEnabledFor(logging.INFO):
+        LOG.info("%s", _said(results))
+
+
+def _said(results: Sequence[AttemptResult]) -> str:
+    result = results[-1]
+    spec = result.spec
+    degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
+    start = count_starts(results)
+    steps = f"start {start}, degree {degrees}, {result.iterations} steps"
+    least = f"best violation {min(each.violation for each in results):.3g}"
+    if result.holds:
+        return f"{steps}; {result.status}, {spec.problem.motion.objective} {result.objective_value:.6g}; {least}"
+    if result.violation == np.inf:
+        return f"{steps}; no motion to the goal"
+    of = " rad of the goal's orientation"
+    if -result.worst.least >= result.violation:
+        block, row, _, s = result.worst.lowest
+        of = f" of {spec.constraints[block].labels[row]} at {s * spec.problem.flight.duration:.3g} s"
+    return f"{steps}; violation {result.violation:.3g}{of}; {least}"

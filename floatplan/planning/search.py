@@ -10,7 +10,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -18,14 +18,15 @@ import numpy as np
 
 from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.planning.kernel_problem import MOMENTUM_FRACTIONS, KernelProblem
-from floatplan.planning.options import ATTEMPTS, Allowance, SearchOptions, expiry
-from floatplan.planning.result import AttemptResult, SearchResult, Work
-from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.options import ATTEMPTS, SearchOptions
+from floatplan.planning.result import AttemptResult, SearchResult, Work, count_starts, log_attempt
+from floatplan.planning.spec import FlightSpec, plain_start, spec_of
 from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
 Stop: TypeAlias = Callable[[], bool]
+DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 1 to 2 s
 MOST_ATTEMPTS = 10**6  # [-] at all degrees
 ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
 ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
@@ -53,6 +54,8 @@ class Search:
     followed : KernelProblem, optional
         The problem with the structs of a batch, in which starts of it have been followed: what came of these is the
         first attempt.
+    plain_start : Start
+        The plain motion of the problem's own degrees.
     work : Work
         That was done.
     """
@@ -64,20 +67,14 @@ class Search:
         spec: FlightSpec | None = None,
         followed: KernelProblem | None = None,
     ) -> None:
-        self.spec = spec or FlightSpec.of(problem)
+        self.spec = spec or spec_of(problem)
         self.options = options or SearchOptions()
         self.work = Work()
         self._ends_hold = False  # as far as is known
         self._path_is_clear = False
         self._kernel_problem = followed
         self._is_followed = followed is not None  # and nobody has asked yet what came of it
-        if followed:
-            self.plain_start = followed.start
-
-    @cached_property
-    def plain_start(self) -> Start:
-        """The plain motion of the problem's own degrees."""
-        return plain_start(self.spec, self.spec.problem.degrees)
+        self.plain_start = followed.start if followed else plain_start(self.spec, self.spec.problem.degrees)
 
     def run(self, most_starts: int = MOST_ATTEMPTS) -> SearchResult:
         """Follow starts until so many of them are solved, the budget is used up, or no start is left.
@@ -99,7 +96,7 @@ class Search:
                 if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                     announced = time.monotonic()
                     solved = sum(each.solved for each in results if each.holds)
-                    tried = f"{_count(results)} starts tried, {solved} solved"
+                    tried = f"{count_starts(results)} starts tried, {solved} solved"
                     options.progress(f"{tried}, degree {max(result.variables.degrees)}")
                 if self._are_enough(results) or expired():
                     break
@@ -169,8 +166,8 @@ class Search:
             return 1
         most = ATTEMPTS
         if options.attempts:
-            most = min(options.attempts, FEW if _count(tried) < FEW else ATTEMPTS)
-        return most - _count(tried)
+            most = min(options.attempts, FEW if count_starts(tried) < FEW else ATTEMPTS)
+        return most - count_starts(tried)
 
     def _are_enough(self, results: list[AttemptResult]) -> bool:
         """Whether as many starts are solved as are wanted, and more of them promise little."""
@@ -187,7 +184,7 @@ class Search:
             agreeing = int((values - values[0] <= AGREEMENT * values).sum())
             all_agree = agreeing == len(values) and all(_is_easy(result) for result in solved)
             enough = AGREEING if all_agree else AGREEING_BEST
-            return agreeing >= enough or _count(results) >= STARTS_OF_FREE_MOMENTUM
+            return agreeing >= enough or count_starts(results) >= STARTS_OF_FREE_MOMENTUM
         if first_is_easy or len(solved) >= SETTINGS.wanted_after_failure:
             return True
         if not constrained:
@@ -210,7 +207,7 @@ class Search:
                 from floatplan.planning.explanation import impossible_ends  # here, since most searches need none
 
                 kernel_problem = self._of_start(self.plain_start)
-                kernel_problem.follow(range(0), np.inf, 0, reach=self.spec.reach)
+                kernel_problem.follow(range(0), np.inf, 0, reach=self.spec.flight.central_reach)
                 reasons += impossible_ends(self.spec, self.plain_start, kernel_problem.end_values.copy())
             reasons += self.spec.flight.impossibilities(self._path_is_clear)
         for reason in reasons:
@@ -277,7 +274,7 @@ class Search:
         """Follow starts by number, of which 0 is the given one, unless the first one has been followed in a batch."""
         kernel_problem = self._of_start(start)
         if not self._is_followed:
-            reach = self.spec.reach if asks else 0.0
+            reach = self.spec.flight.central_reach if asks else 0.0
             kernel_problem.follow(numbers, most_work, self.options.seed, reach=reach, expired=expired)
         self._is_followed = False
         result = kernel_problem.result(self.spec)
@@ -311,13 +308,8 @@ def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
 
 def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
     """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
-    nearest, starts = min(each.violation for each in tried), _count(tried)
+    nearest, starts = min(each.violation for each in tried), count_starts(tried)
     return nearest > 0 and (starts == most or (starts >= FEW and nearest > FAR))
-
-
-def _count(results: Sequence[AttemptResult]) -> int:
-    """How many starts were followed."""
-    return sum(result.starts for result in results)
 
 
 def _nearest(results: list[AttemptResult]) -> list[AttemptResult]:
@@ -330,25 +322,37 @@ def _nearest(results: list[AttemptResult]) -> list[AttemptResult]:
     return distinct[:RAISED]
 
 
-def log_attempt(results: Sequence[AttemptResult]) -> None:
-    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
-    if LOG.isEnabledFor(logging.INFO):
-        LOG.info("%s", _said(results))
+@dataclass
+class Allowance:
+    """Work that the attempts of a search may do together, counted in their order; some of it once one is solved.
+
+    ``gave_up`` says that at the last degree as many starts as are wanted were not solved.
+    """
+
+    left: float
+    held_back: float = 0.0
+    is_used_up: bool = False
+    gave_up: bool = False
+
+    @classmethod
+    def of(cls, options: SearchOptions) -> Allowance:
+        """As the options of a search say."""
+        work = DEFAULT_WORK if options.budget is None else np.inf
+        patience = np.inf if options.patience is None else options.patience
+        return cls(min(work, patience), held_back=work - patience if patience < work else 0.0)
+
+    def grants(self, result: AttemptResult, is_first: bool) -> bool:
+        """Whether an attempt's work was still allowed; the first always is, so that there is an answer."""
+        self.left -= result.work
+        self.is_used_up = self.left < 0
+        if result.holds and not self.is_used_up:
+            self.left, self.held_back = self.left + self.held_back, 0.0
+        return is_first or not self.is_used_up
 
 
-def _said(results: Sequence[AttemptResult]) -> str:
-    result = results[-1]
-    spec = result.spec
-    degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
-    start = _count(results)
-    steps = f"start {start}, degree {degrees}, {result.iterations} steps"
-    least = f"best violation {min(each.violation for each in results):.3g}"
-    if result.holds:
-        return f"{steps}; {result.status}, {spec.problem.motion.objective} {result.objective_value:.6g}; {least}"
-    if result.violation == np.inf:
-        return f"{steps}; no motion to the goal"
-    of = " rad of the goal's orientation"
-    if -result.worst.least >= result.violation:
-        block, row, _, s = result.worst.lowest
-        of = f" of {spec.constraints[block].labels[row]} at {s * spec.problem.flight.duration:.3g} s"
-    return f"{steps}; violation {result.violation:.3g}{of}; {least}"
+def expiry(budget: float | None) -> Stop:
+    """Return a function that is true once a budget of seconds, counted from now, is used up; never without one."""
+    if budget is None:
+        return lambda: False
+    end = time.monotonic() + budget
+    return lambda: time.monotonic() > end

@@ -9,9 +9,11 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
-from floatplan.motion.flight import PlanarFlight, central_reach, flight_of
+from floatplan.motion.flight import PlanarFlight, flight_of
+from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.constraints import Constraint, constraints
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
+from floatplan.planning.kernel_input.space import SpatialRows
 from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
@@ -30,12 +32,6 @@ class FlightSpec:
 
     problem: Problem
     given_momentum: MomentumSet | None = None
-
-    @staticmethod
-    @lru_cache(maxsize=8)
-    def of(problem: Problem) -> FlightSpec:
-        """Return a problem's: each search of a problem begins with it, with another seed, or for another best one."""
-        return FlightSpec(problem)
 
     @cached_property
     def momentum(self) -> MomentumSet:
@@ -63,16 +59,8 @@ class FlightSpec:
             assert isinstance(flight, PlanarFlight), "the robot flies in its plane"
             blocks = [constraint.compiled(flight) for constraint in self.constraints]
             return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
-        from floatplan.motion.spatial.flight import SpatialFlight  # here, since most problems do without
-        from floatplan.planning.kernel_input.space import SpatialRows
-
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
         return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
-
-    @cached_property
-    def reach(self) -> float:
-        """How far the robot's point that stays nearest to the centre of mass is from it, m; in space not known."""
-        return central_reach(self.problem.robot) if self.problem.robot.in_plane else np.inf
 
     def raised(self, lower: DecisionVariables, x: Array, degrees: tuple[int, ...]) -> Start:
         """Return the motion x of some variables as a start at higher degrees."""
@@ -82,6 +70,9 @@ class FlightSpec:
         z = lower.free_coefficients(x)
         padded = np.pad(z, ((0, 0), (0, polynomials.width - z.shape[1])))
         return Start(variables, variables.variables(padded, lower.angular_momentum(x)))
+
+
+spec_of = lru_cache(maxsize=8)(FlightSpec)  # that of a problem is made once: searches with other seeds share it
 
 
 @lru_cache(maxsize=8)

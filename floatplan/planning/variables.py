@@ -208,7 +208,7 @@ def scaled_variables(
     if problem.reference is not None:
         offset, scaling = near_reference(problem.reference, polynomials)
         return DecisionVariables(polynomials, offset, scaling, momentum, following, has_reference=True)
-    if not (problem.robot.in_plane and problem.motion.objective == "coefficients" and size):
+    if not (problem.minimises_b and size):
         return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
     given = polynomials.given_boundary[None]
     offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), given)

@@ -229,8 +229,7 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
             )
         else:
-            in_space = "; in space that is not kept yet: a higher landing, or another posture at an end, may."
-            advice = in_space if plan.robot.in_plane is None else "; ground = true keeps it above."
+            advice = "; ground = true keeps it above."
             message = f"{link} is {-height:.3g} m below the ground that {takeoff} left, at {instant:.3g} s" + (
                 f": feet of jumps may be {POINT_FEET:g} m." if jump else advice
             )
@@ -263,8 +262,6 @@ def _overlap_warning(robot: Robot, overlap: Overlap) -> PlanWarning:
     drawn = "" if robot.has_shapes else ", as the bars that are drawn, since the file gives no shapes"
     if overlap.joint is not None:
         advice = f"a narrower limits.position of {overlap.joint} keeps them apart"
-    elif robot.in_plane is None:
-        advice = "a narrower limits.position, or another posture, may keep them apart"
     else:
         advice = "[[self_clearance]] keeps them apart"
     message = f"{first} is {overlap.depth:.2g} m inside {second} at {overlap.instant:.3g} s{at_rest}{drawn}; {advice}."

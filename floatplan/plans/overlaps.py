@@ -102,7 +102,7 @@ def _moving_alike(robot: Robot, bodies: tuple[str, str]) -> frozenset[str] | fro
     if robot.in_plane is None:
         return frozenset(bodies)
     turns = robot.tree.turns
-    return frozenset(turns[robot.in_plane.body_of[link]].tobytes() for link in bodies)
+    return frozenset(turns[robot.layout.body_of[link]].tobytes() for link in bodies)
 
 
 def allowance(pairs: LinkPairs) -> float:

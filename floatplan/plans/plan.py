@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from copy import copy
-from dataclasses import InitVar, dataclass, field, replace
+from dataclasses import InitVar, dataclass, field
 from functools import cache, cached_property
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -16,7 +16,7 @@ from floatplan.arguments import in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
-from floatplan.motion.flight import Ballistics, Contact, flight_of, landing, takeoff
+from floatplan.motion.flight import Ballistics, Contact, landing, takeoff
 from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings, utilisation
 from floatplan.plans.outputs import Outputs, output
@@ -78,7 +78,7 @@ class Plan(Outputs, PlannedMotion):
         coefficients: Array | None = None,
         **answer: Any,
     ) -> Plan:
-        """Return the plan that moves as a search's motion.
+        """Return the plan that moves as a search's motion, with the states at both ends that were chosen.
 
         Parameters
         ----------
@@ -90,11 +90,20 @@ class Plan(Outputs, PlannedMotion):
             b of (12), where they are known.
         answer : ``status``, ``ok``, ``explanation`` and ``solver``
         """
-        flight = flight_of(problem)
+        if problem.chooses_ends:
+            ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
+            problem = problem.settled(ends.velocities, ends.accelerations)
+        if coefficients is None:
+            coefficients = polynomials.powers_of_seconds(z)
+        in_one_number = len(angular_momentum) == 1
         return cls(
-            **_motion(problem, polynomials, z, angular_momentum, coefficients),
-            ballistics=flight.ballistics,
-            angular_momentum_bounds=flight.momentum_interval,
+            problem=problem,
+            centre=read_only(polynomials.centre),
+            amplitude=read_only(polynomials.amplitude),
+            coefficients=read_only(coefficients),
+            angular_momentum=float(angular_momentum[0]) if in_one_number else read_only(angular_momentum),
+            ballistics=problem.path,
+            angular_momentum_bounds=problem.angular_momentum_bounds,
             **answer,
         )
 
@@ -102,7 +111,8 @@ class Plan(Outputs, PlannedMotion):
         self, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None = None
     ) -> Plan:
         """Return the plan with another motion, given as to :meth:`of_motion`."""
-        return replace(self, **_motion(self.problem, polynomials, z, angular_momentum, coefficients))
+        answer = {name: getattr(self, name) for name in ("status", "ok", "explanation", "solver")}
+        return Plan.of_motion(self.problem, polynomials, z, angular_momentum, coefficients, **answer)
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -198,22 +208,6 @@ class Plan(Outputs, PlannedMotion):
         )
 
 
-def _motion(
-    problem: Problem, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None
-) -> dict[str, Any]:
-    """The fields of a plan that are its motion's; its problem with the states at both ends that were chosen."""
-    if problem.chooses_ends:
-        ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
-        problem = problem.settled(ends.velocities, ends.accelerations)
-    return {
-        "problem": problem,
-        "centre": read_only(polynomials.centre),
-        "amplitude": read_only(polynomials.amplitude),
-        "coefficients": read_only(polynomials.powers_of_seconds(z) if coefficients is None else coefficients),
-        "angular_momentum": float(angular_momentum[0]) if len(angular_momentum) == 1 else read_only(angular_momentum),
-    }
-
-
 @cache
 def _version() -> str:
     try:
@@ -254,7 +248,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
 
 
 def _check_stated(plan: Plan, record: PlanRecord) -> None:
-    """Refuse what a file in space states of its motion where that is of another one: no certificate compares it yet."""
+    """Refuse what a file in space states of its motion where that is of another one."""
     problem = plan.problem
     peaks = plan.peaks
     h = plan.problem.flight.angular_momentum
@@ -265,7 +259,7 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
             for index, end in enumerate(("start", "goal"))
         },
         "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
-        "com": vars(flight_of(problem).ballistics),
+        "com": vars(problem.path),
         "orientation": plan.whole.orientation_at_ends,
         "objective": {"value": plan.objective_value},
         "torque_peak": peaks.torque,

@@ -12,7 +12,7 @@ from floatplan.arguments import numbers
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.motion import flight, quadrature
-from floatplan.motion.dynamics import FlightState, Peaks, WholeMotion
+from floatplan.motion.dynamics import FlightState, Peaks, PlacedShapes, WholeMotion
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion, free_part
 from floatplan.pool import one_thread
@@ -28,10 +28,10 @@ NO_LEAK = 1e-12  # [-] is rounding
 PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
-def least_distances(segments: flight.Segments, obstacle: Obstacle, instants: Array) -> Array:
+def least_distances(segments: PlacedShapes, obstacle: Obstacle, instants: Array) -> Array:
     """Least distances (N,) m of shapes placed at N instants, s, to an obstacle; infinite while it does not exist."""
     low, high = obstacle.window or (-np.inf, np.inf)
-    distances = flight.obstacle_distances(segments, obstacle, instants).min(axis=1)
+    distances = segments.distances(obstacle, instants).min(axis=1)
     return np.where((instants >= low) & (instants <= high), distances, np.inf)
 
 
@@ -141,29 +141,16 @@ class PlannedMotion(flight.MotionInFile):
     def _written(self) -> WrittenMotion:
         return WrittenMotion.from_powers(self.centre, self.amplitude, self.coefficients, self.duration)
 
-    @property
-    def in_plane(self) -> flight.PlanarMotion:
-        """The whole robot's motion in a plane; refused in space.
-
-        Raises
-        ------
-        InputError
-            The robot flies in space.
-        """
-        if not isinstance(self.whole, flight.PlanarMotion):
-            raise self.robot.not_in_plane
-        return self.whole
-
     @one_thread
     def orientation(self, times: Array) -> Array:
-        """Orientation (N,) rad at times (N,), by (18); errors as of :attr:`in_plane`."""
-        return self.in_plane.orientation(times)
+        """Orientation (N,) rad at times (N,), by (18); refused in space, where it is no number."""
+        return self.whole.orientation(times)
 
     @cached_property
     @one_thread
     def final_orientation(self) -> float:
-        """Orientation at the end of the flight, rad; errors as of :attr:`in_plane`."""
-        return self.in_plane.final_orientation
+        """Orientation at the end of the flight, rad; refused in space."""
+        return self.whole.final_orientation
 
     @one_thread
     def clearances(self, times: npt.ArrayLike, obstacles: Sequence[Obstacle] | None = None) -> Array:
@@ -175,7 +162,7 @@ class PlannedMotion(flight.MotionInFile):
         chosen = self.problem.obstacles if obstacles is None else obstacles
         if not chosen:
             return np.full(len(instants), np.inf)
-        segments = self.in_plane.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
+        segments = self.whole.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
         return reduce(
             np.minimum, (least_distances(segments, each, instants) for each in chosen), np.full(len(instants), np.inf)
         )
@@ -256,14 +243,14 @@ class PlannedMotion(flight.MotionInFile):
         motion cannot be integrated, None for a flight in space.
         """
         leak = self.out_of_plane_leak
-        if leak is None:
+        if leak is None or not isinstance(self.whole, flight.PlanarMotion):
             return None
-        return read_only(np.zeros(3) if leak < NO_LEAK else flight.missed_in_space(self.in_plane))
+        return read_only(np.zeros(3) if leak < NO_LEAK else flight.missed_in_space(self.whole))
 
     @property
     def _size(self) -> float:
         """(17) in a plane; in space the root mean square of p's free part, over time, joints together, rad."""
-        if self.robot.in_plane:
+        if self.problem.minimises_b:
             return float(np.linalg.norm(self.coefficients))
         return free_part(self.coefficients, self.duration)
 

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from floatplan.arguments import Outlined, html_table, short
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.motion.flight import flight_of
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem
 
@@ -62,7 +61,6 @@ class Answer:
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
         """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
         low, high = problem.position_limits.T
-        flight = flight_of(problem)
         ok = self.status in SOLVED and self.verdict != "refuted"
         plan = Plan(
             problem=problem,
@@ -70,8 +68,8 @@ class Answer:
             amplitude=read_only((high - low) / 2),
             coefficients=read_only(self.coefficients),
             angular_momentum=self.angular_momentum,
-            ballistics=flight.ballistics,
-            angular_momentum_bounds=flight.momentum_interval,
+            ballistics=problem.path,
+            angular_momentum_bounds=problem.angular_momentum_bounds,
             status=self.status if ok else "infeasible",
             ok=ok,
             explanation=self.message or GOAL_MET,

@@ -87,6 +87,8 @@ def proof_rows(plan: Plan) -> list[Row]:
         rows.append(Row("not proved", _cut(", ".join(unproved)), tone))
     low, high = certificate.orientation_end
     bounds = [] if math.isinf(low) else [f"orientation within {max(abs(low - goal), abs(high - goal)):.1e} rad"]
+    if certificate.attitude_bound is not None and math.isfinite(certificate.attitude_bound):
+        bounds.append(f"attitude within {certificate.attitude_bound:.1e} rad")
     torque = max(certificate.motor_torque_peak.values(), default=0.0)
     bounds += [] if math.isinf(torque) else [f"torque at most {torque:.4g} N m"]
     if certificate.clearance_min is not None:

@@ -80,11 +80,15 @@ class KeyedTable:
 POINT, TRIPLE = (pair(number, count=count) for count in (2, 3))
 
 
-def direction(value: Any, element: str) -> None:
-    """Check that something is two numbers that are not both zero."""
-    POINT(value, element)
-    if not any(value):
-        raise InputError("has length zero", element=element)
+def direction(numbers: Check) -> Check:
+    """Numbers that are not all zero."""
+
+    def check(value: Any, element: str) -> None:
+        numbers(value, element)
+        if not any(value):
+            raise InputError("has length zero", element=element)
+
+    return check
 
 
 def quaternion(value: Any, element: str) -> None:
@@ -357,35 +361,107 @@ FILES = {  # by their format
     FORMAT_IN_SPACE: PlanRecord.in_files({"format", "problem_file"}, others=IN_SPACE),
 }
 
+
+def attitude(value: Any, element: str) -> None:
+    """Check an attitude of a problem in space: a quaternion of any length but zero, or three angles about axes."""
+    ATTITUDE_KEYS(value, element)
+    if ("quaternion_xyzw" in value) == ("angles" in value) or ("angles" in value) != ("axes" in value):
+        raise InputError("must have either quaternion_xyzw, or angles and axes", element=element)
+    if "quaternion_xyzw" in value and not any(value["quaternion_xyzw"]):
+        raise InputError("has length zero", element=f"{element}.quaternion_xyzw")
+    axes = value.get("axes", "xyz")
+    if len(axes) != 3 or not set(axes) <= set("xyz") or axes[0] == axes[1] or axes[1] == axes[2]:
+        raise InputError("must be three of the letters x, y, z with neighbours that differ", element=f"{element}.axes")
+
+
+def momentum_in_space(value: Any, element: str) -> None:
+    """Check the angular momentum of a problem in space: a word, three numbers, or 0 for all of them."""
+    if isinstance(value, list | tuple):
+        TRIPLE(value, element)
+    else:
+        one_of("midpoint", "free", "suggested", or_number=number)(value, element)
+
+
+def speed_in_space(value: Any, element: str) -> None:
+    """Check the horizontal velocity of a problem in space: two numbers, or 0 for both."""
+    (POINT if isinstance(value, list | tuple) else number)(value, element)
+
+
+ATTITUDE_KEYS = KeyedTable({}, {"quaternion_xyzw": pair(number, count=4), "angles": TRIPLE, "axes": text})
 JOINTS_AT_ENDS = ("positions", "velocities", "accelerations")
 DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
     "circle": {"center": POINT, "radius": non_negative},
-    "half-plane": {"point": POINT, "normal": direction},
+    "half-plane": {"point": POINT, "normal": direction(POINT)},
     "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
+}
+SHARED_IN_SPACE: Mapping[str, Check] = {**SHARED, "velocity": TRIPLE}
+OBSTACLES_IN_SPACE: Mapping[str, Mapping[str, Check]] = {
+    "sphere": {"center": TRIPLE, "radius": positive()},
+    "capsule": {"radius": positive(), "start": TRIPLE, "end": TRIPLE},
+    "half-space": {"point": TRIPLE, "normal": direction(TRIPLE)},
+    "box": {"center": TRIPLE, "size": pair(positive(), count=3)},
+}
+
+
+def _obstacle(value: Any, element: str) -> None:
+    _check_obstacle(value, element, OBSTACLES, SHARED)
+
+
+def _spatial_obstacle(value: Any, element: str) -> None:
+    _check_obstacle(value, element, OBSTACLES_IN_SPACE, SHARED_IN_SPACE)
+
+
+def _check_obstacle(
+    value: Any, element: str, kinds: Mapping[str, Mapping[str, Check]], shared: Mapping[str, Check]
+) -> None:
+    table(value, element)
+    kind = one_of(*kinds)(value.get("kind"), f"{element}.kind")
+    KeyedTable({"kind": text, **kinds[kind]}, shared)(value, element)
+    window = value.get("window")
+    if window is not None and not window[0] <= window[1]:
+        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
+
+
+OF_FORMAT: dict[str, dict[str, Check]] = {  # what the two formats tell in other ways
+    FORMAT: {
+        "orientation": number,
+        "angular_momentum": one_of("midpoint", "free", or_number=number),
+        "position": POINT,
+        "horizontal_velocity": number,
+        "obstacle": _obstacle,
+    },
+    FORMAT_IN_SPACE: {
+        "orientation": attitude,
+        "angular_momentum": momentum_in_space,
+        "position": TRIPLE,
+        "horizontal_velocity": speed_in_space,
+        "obstacle": _spatial_obstacle,
+    },
 }
 
 
 @lru_cache(maxsize=8)
-def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bool = False) -> KeyedTable:
+def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str = FORMAT) -> KeyedTable:
     """What a problem may hold whose planned joints are ``joints``, and those with a motor ``moving``."""
     n = len(joints)
+    own = OF_FORMAT[format_]
     numbers = many(number, "numbers", n)
     limits = many(optional(number), "numbers", n)
     postures = {
         end: KeyedTable(
-            {"orientation": table if in_space else number, **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
+            {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
         )
         for end, rest in REST.items()
     }
     flight: dict[str, Check] = {
         "duration": positive(),
-        "angular_momentum": anything if in_space else one_of("midpoint", "free", or_number=number),
-        "takeoff": KeyedTable({"frame": text, "position": TRIPLE if in_space else POINT}),
+        "angular_momentum": own["angular_momentum"],
+        "takeoff": KeyedTable({"frame": text, "position": own["position"]}),
         "landing": KeyedTable({"frame": text, "height": number}),
-        "horizontal_velocity": anything if in_space else number,
+        "horizontal_velocity": own["horizontal_velocity"],
         "gravity": number,
     }
     kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
@@ -407,20 +483,11 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], in_space: bo
         {
             "name": text,
             "ground": flag,
-            "obstacles": many(_obstacle, "obstacles"),
+            "obstacles": many(own["obstacle"], "obstacles"),
             "self_clearance": many(_pair, "tables"),
             "jump": table,  # around the flight, of which nothing is proved
         },
     )
-
-
-def _obstacle(value: Any, element: str) -> None:
-    table(value, element)
-    kind = one_of(*OBSTACLES)(value.get("kind"), f"{element}.kind")
-    KeyedTable({"kind": text, **OBSTACLES[kind]}, SHARED)(value, element)
-    window = value.get("window")
-    if window is not None and not window[0] <= window[1]:
-        raise InputError(f"ends at {window[1]} s before it begins at {window[0]} s", element=f"{element}.window")
 
 
 def _pair(value: Any, element: str) -> None:
@@ -442,7 +509,7 @@ def check_asked(record: PlanRecord) -> None:
     problem = record.problem
     if len(set(joints)) != len(joints):
         raise InputError("names a joint twice", element="robot.joints")
-    problem_table(joints, (*joints, *record.robot.coupled), record.in_space)(problem, "problem")
+    problem_table(joints, (*joints, *record.robot.coupled), record.format)(problem, "problem")
     for name in ("obstacles", "self_clearance"):
         count = len(problem.get(name) or ())
         if count > MOST_OBSTACLES:

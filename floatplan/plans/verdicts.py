@@ -26,6 +26,7 @@ LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, 
     "goal": "goal.{}",
     "takeoff": "takeoff.{}",
     "landing": "landing.{}",
+    "attitude": "attitude.{}",
     "stated": "{}.{}",
     "obstacle": "obstacles[{}] {}",
     "self_clearance": "self_clearance {} {}",
@@ -42,11 +43,12 @@ class Finding:
     Attributes
     ----------
     kind : which constraint
-        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "position", "velocity", "torque",
-        "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle", "self_clearance", "ground" and
-        "mesh" belong to clearances; "robot" is what of its file is not read; "resolved" says that the proof is of the
-        URDF that the plan file holds of an MJCF; "recorded" is what the file claims of the motion, "stated" and
-        "angular_momentum" are numbers that the file gives twice.
+        "start", "goal", "takeoff" and "landing" hold at an end of the flight; "attitude" are the terms of the theorem
+        by which flights in space are proved: "residual" (rad), "amplification", "condition" and "bound" (rad);
+        "position", "velocity", "torque", "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle",
+        "self_clearance", "ground" and "mesh" belong to clearances; "robot" is what of its file is not read; "resolved"
+        says that the proof is of the URDF that the plan file holds of an MJCF; "recorded" is what the file claims of
+        the motion, "stated" and "angular_momentum" are numbers that the file gives twice.
     subject : whose
         The joint, the obstacle's index and kind, both links, the mesh file, or the quantity's key; empty where the kind
         says everything.
@@ -93,7 +95,9 @@ class Certificate:
     ----------
     verdict : "proved", "refuted" or "undecided"
     orientation_end : (low, high) rad
-        Encloses the orientation at the end.
+        Encloses the orientation at the end; of flights in space, which have no such number, infinite.
+    attitude_bound : rad
+        Of flights in space: at all times the attitude is within it of what the plan's numbers say; None of others.
     clearance_min : float or None
         No link comes nearer to an obstacle, surface to surface, m.
     torque_peak, velocity_peak : (n,)
@@ -114,6 +118,7 @@ class Certificate:
     findings: tuple[Finding, ...]
     subintervals: int
     seconds: float
+    attitude_bound: float | None = None
 
     @property
     def proved(self) -> bool:
@@ -176,6 +181,7 @@ class Certificate:
                 findings=tuple(Finding.from_dict(finding) for finding in content["findings"]),
                 subintervals=int(content["subintervals"]),
                 seconds=_number(content["seconds"]),
+                attitude_bound=_number(content.get("attitude_bound"), None),
             )
         except KeyError as error:
             raise InputError("is missing", element=f"certificate.{error.args[0]}") from None

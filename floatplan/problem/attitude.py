@@ -16,7 +16,6 @@ from floatplan.keys import ANGLE, Key, Keyed
 Triple: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 LEAST_LENGTH = 1e-6  # [-] of a quaternion as written
-STEEPEST = math.radians(70)  # of the second angle; near 90 degrees the first and the third are not defined
 
 
 @dataclass(frozen=True)
@@ -63,12 +62,12 @@ class Attitude(Keyed):
         assert self.angles is not None
         return Rotation.from_euler(self.axes.upper(), self.angles)
 
-    @property
+    @cached_property
     def matrix(self) -> Array:
         """Rotation (3, 3) from the base's axes to the world's."""
         return read_only(self._turned.as_matrix())
 
-    @property
+    @cached_property
     def quaternion(self) -> Array:
         """Unit quaternion (4,) x, y, z, w, with w not negative."""
         return read_only(self._turned.as_quat(canonical=True))
@@ -80,6 +79,10 @@ class Attitude(Keyed):
         found: Array = self._turned.as_euler(axes.upper(), suppress_warnings=True)
         return found
 
+    def turned_from(self, start: Attitude) -> Array:
+        """By how much (3,) its angles differ from those at the start, rad, whole turns included; 0 of a quaternion."""
+        return np.zeros(3) if self.axes is None else np.array(self.angles) - start.angles_about(self.axes)
+
     def __str__(self) -> str:
         """For a person, in degrees."""
         if self.angles is None:
@@ -89,6 +92,12 @@ class Attitude(Keyed):
             for letter, angle in zip(self.axes or "", self.angles, strict=True)
         )
         return f"angles {degrees}"
+
+
+def required(attitude: Attitude | None) -> Attitude:
+    """The attitude of a state, which has one where the robot flies in space."""
+    assert attitude is not None, "the robot flies in space"
+    return attitude
 
 
 def _are_axes(axes: str) -> bool:

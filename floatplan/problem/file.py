@@ -19,7 +19,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import read_reference
-from floatplan.problem.resolution import NOT_IN_SPACE
+from floatplan.problem.spatial_obstacles import SpatialObstacle
 from floatplan.robot.asked import robot_as_asked
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.inertias import Payload, payloads
@@ -122,6 +122,27 @@ class ProblemFile(ProblemTables):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SpatialTables(ProblemTables):
+    """The same of a flight in space."""
+
+    obstacles: Annotated[Sequence[SpatialObstacle], Key("What to keep clear of")] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpatialProblemFile(ProblemFile):
+    """A whole problem file of a flight in space."""
+
+    obstacles: Annotated[Sequence[SpatialObstacle], Key("What to keep clear of")] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnyProblemFile(ProblemFile):
+    """A whole problem file of a flight in a plane or in space, as its keys are told."""
+
+    obstacles: Annotated[Sequence[Obstacle | SpatialObstacle], Key("What to keep clear of")] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
 class RobotFile(Keyed):
     """A file that names a robot, and asks nothing of it yet."""
 
@@ -132,14 +153,14 @@ class RobotFile(Keyed):
 
 ABOUT = "The whole file"
 TABLES: dict[str, tuple[type[Keyed], str]] = {  # by their places, with what they are about; the robot's first
-    "": (ProblemFile, ABOUT),
-    **dict(sorted(tables(ProblemFile).items(), key=lambda table: not table[0].startswith("robot"))),
+    "": (AnyProblemFile, ABOUT),
+    **dict(sorted(tables(AnyProblemFile).items(), key=lambda table: not table[0].startswith("robot"))),
 }
 
 
 def problem_schema() -> dict[str, Any]:
     """Return the JSON Schema of problem files, for editors."""
-    return json_schema(ProblemFile, "floatplan problem", ABOUT)
+    return json_schema(AnyProblemFile, "floatplan problem", ABOUT)
 
 
 def load_problem(path: str | Path) -> Problem:
@@ -161,8 +182,7 @@ def load_problem(path: str | Path) -> Problem:
     content = parsed_toml(text, path)
     with naming(path):
         wrong: list[InputError] = []
-        refuse(_not_in_space(content))
-        tables = read_tables(ProblemFile, content, wrong)
+        tables = read_tables(SpatialProblemFile if _in_space(content) else ProblemFile, content, wrong)
         robot = _robot(tables.robot, path, tables.angles)
         if tables.motion.clip is not None and tables.motion.clip.file is not None:
             clip = read_reference(tables.motion.clip, path.parent, robot)
@@ -170,12 +190,10 @@ def load_problem(path: str | Path) -> Problem:
         return _problem(tables, wrong, robot, path.stem, text)
 
 
-def _not_in_space(content: Mapping[str, Any]) -> list[InputError]:
-    """What a file asks of a flight in space that flights in a plane alone know, whatever its keys are called there."""
+def _in_space(content: Mapping[str, Any]) -> bool:
+    """Whether a problem file is of a flight in space, where obstacles have other keys."""
     robot = content.get("robot")
-    in_space = isinstance(robot, Mapping) and robot.get("base") == "free-flyer"
-    asked = [key for key in ("obstacles", "self_clearance") if in_space and content.get(key)]
-    return [InputError(NOT_IN_SPACE, element=key, advice="leave it out") for key in asked]
+    return isinstance(robot, Mapping) and robot.get("base") == "free-flyer"
 
 
 def given_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:
@@ -226,7 +244,7 @@ def problem_from_dict(
         content["limits"] = {**content["limits"], "torque": own}
     with naming(source):
         wrong: list[InputError] = []
-        tables = read_tables(ProblemTables, content, wrong)
+        tables = read_tables(ProblemTables if robot.in_plane else SpatialTables, content, wrong)
         for end, asked in words.items():
             posture = getattr(tables, end)
             given = [getattr(posture, name) for name in SETTLED]

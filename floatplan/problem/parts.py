@@ -35,13 +35,13 @@ Pair: TypeAlias = tuple[float, float]
 MINIMISED = "; ".join(f"`{name}`: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items())
 
 
-def in_plane_or_space(key: str, in_space: Check, *words: str) -> Check:
+def in_plane_or_space(key: str, spatial: Check, *words: str) -> Check:
     """A number in the range of a key or one of some words, or what a check of flights in space lets through."""
-    in_plane = one_of(*words, or_number=number(key)) if words else number(key)
+    planar = one_of(*words, or_number=number(key)) if words else number(key)
 
     def check(value: object, element: str) -> object:
         is_number = isinstance(value, str | Real) or getattr(value, "ndim", 1) == 0
-        return (in_plane if is_number else in_space)(value, element)
+        return (planar if is_number else spatial)(value, element)
 
     return check
 
@@ -398,7 +398,7 @@ class Obstacle(Keyed):
     @classmethod
     def places(cls) -> tuple[str, ...]:
         """Names of the fields that are places, m."""
-        return tuple(name for name, key in cls.keys.items() if cls.hints[name] == Pair and key.unit == "m")
+        return tuple(name for name, key in cls.keys.items() if cls.hints[name] in (Pair, Triple) and key.unit == "m")
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle."""

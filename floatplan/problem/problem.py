@@ -19,8 +19,11 @@ from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
+from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, LevelGround
 from floatplan.robot.leak import refuse_leak
+from floatplan.robot.planar.inertia import inertia_extremes, momentum_intervals
 from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitKey
 
@@ -37,7 +40,7 @@ class Problem(Checked):
     robot : Robot
     start, goal : Posture
     flight, motion, limits : Flight, Motion, Limits
-    obstacles : sequence of Circle, HalfPlane or Bar
+    obstacles : sequence of Circle, HalfPlane or Bar; in space of Sphere, Capsule, HalfSpace or Box
     self_clearances : sequence of SelfClearance
     name : str
         Of the problem, and of the folder of its results.
@@ -66,7 +69,18 @@ class Problem(Checked):
     takeoff, landing : Takeoff, Landing
         With the defaults filled in.
     landing_height : m, of the landing frame at t = T
+    path : Ballistics
+        Of the centre of mass.
+    inertia_extremes : two arrays (n+1,) kg m^2; (0,) in space
+        Least and largest D_i of (4) over the joint ranges.
+    angular_momentum_bounds : (low, high) kg m^2/s, or None in space
+        (9): where h lies if orientation and joints all move monotonically; its middle is (10).
+    angular_momentum : kg m^2/s, or None where it is free, and in space
+        The h that is asked for as a number: (10) in place of the word.
     has_inequalities : whether more is asked than what holds at both ends
+    minimises_b : whether (17) is its objective, the size of b, as of "coefficients" in a plane
+    is_standard : whether it asks for (17) in a plane, between given states at a given h: batches plan such problems
+    is_plain : whether it is standard, and has no inequalities
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
     raises_degree : whether the degree may be raised where nothing else helps
     """
@@ -96,7 +110,14 @@ class Problem(Checked):
     takeoff: parts.Takeoff = field(init=False)
     landing: parts.Landing = field(init=False)
     landing_height: float = field(init=False)
+    path: Ballistics = field(init=False)
+    inertia_extremes: tuple[Array, Array] = field(init=False)
+    angular_momentum_bounds: tuple[float, float] | None = field(init=False)
+    angular_momentum: float | None = field(init=False)
     has_inequalities: bool = field(init=False)
+    minimises_b: bool = field(init=False)
+    is_standard: bool = field(init=False)
+    is_plain: bool = field(init=False)
     chooses_ends: bool = field(init=False)
     raises_degree: bool = field(init=False)
     file_text: str | None = field(init=False, repr=False)
@@ -107,7 +128,7 @@ class Problem(Checked):
         "flight": made(parts.Flight),
         "motion": made(parts.Motion),
         "limits": made(parts.Limits),
-        "obstacles": many(made(*parts.OBSTACLE_KINDS.values()), "obstacles"),
+        "obstacles": many(made(*parts.OBSTACLE_KINDS.values(), *SPATIAL_OBSTACLE_KINDS.values()), "obstacles"),
         "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
         "name": text,
         "ground": flag,
@@ -141,6 +162,11 @@ class Problem(Checked):
             found = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
             found += resolution.flight_errors(self.robot, self.flight)
             found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
+            found += resolution.surroundings_errors(
+                self.robot, self.obstacles, self.self_clearances, self.flight.duration
+            )
+            if self.obstacles or self.self_clearances or self.ground:
+                found += faults((self.robot.check_shapes,))
             errors += [
                 error for error in found if not any(str(field).startswith(error.element or "?") for field in fields)
             ]
@@ -152,35 +178,51 @@ class Problem(Checked):
             for element, state in (("start", self.initial), ("goal", self.final)):
                 errors += resolution.end_errors(self.robot, ranges, flight, state, element)
         refuse(errors)
+        self._settle_flight()
         keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
         is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
+        has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
+        chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
+        minimises_b = self.angular_momentum_bounds is not None and self.motion.objective == "coefficients"
+        is_given = self.angular_momentum is not None and not chooses_ends
+        is_standard = minimises_b and is_given and len(self.robot.joints) > 0
         vars(self).update(
             landing_height=self.landing.height or 0.0,
-            has_inequalities=keeps_clear or is_limited or self.limits.orientation_rate is not None,
-            chooses_ends=any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final)),
+            has_inequalities=has_inequalities,
+            minimises_b=minimises_b,
+            is_standard=is_standard,
+            is_plain=is_standard and not has_inequalities,
+            chooses_ends=chooses_ends,
             raises_degree=self.motion.degree == "auto",
         )
 
-    def _planar_errors(self) -> Iterator[InputError]:
-        """What is wrong in the plane: with the robot, with what it keeps clear of, with the jump around the flight."""
-        yield from faults((partial(refuse_leak, self.robot),))
-        yield from resolution.surroundings_errors(
-            self.robot, self.obstacles, self.self_clearances, self.flight.duration
+    def _settle_flight(self) -> None:
+        """What is known of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
+        extremes = np.empty(0), np.empty(0)
+        momenta = momentum = None
+        if self.robot.in_plane:
+            extremes = inertia_extremes(self.robot.tree, self.position_limits)
+            turn = self.final.orientation - self.initial.orientation
+            changes = np.array([turn, *(self.final.positions - self.initial.positions)])
+            low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
+            momenta = float(low), float(high)
+            asked = self.flight.momentum_in_plane
+            if asked != "free":
+                momentum = sum(momenta) / 2 if isinstance(asked, str) else float(asked)
+        path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
+        vars(self).update(
+            path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum
         )
+
+    def _planar_errors(self) -> Iterator[InputError]:
+        """What is wrong in the plane: with the robot, and with the jump around the flight."""
+        yield from faults((partial(refuse_leak, self.robot),))
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
-        if self.obstacles or self.self_clearances or self.ground:
-            yield from faults((self.robot.check_shapes,))
 
     def _errors_in_space(self) -> Iterator[InputError]:
         """What is asked that flights in space have not yet; and a turn whose direction is left open."""
-        for element, asked in (
-            ("obstacles", self.obstacles),
-            ("self_clearance", self.self_clearances),
-            ("ground", self.ground),
-            ("jump", self.jump),
-        ):
-            if asked:
-                yield InputError(resolution.NOT_IN_SPACE, element=element, advice="leave it out")
+        if self.jump:
+            yield InputError(resolution.NOT_IN_SPACE, element="jump", advice="leave it out")
         if hasattr(self, "initial") and hasattr(self, "final"):
             yield from resolution.attitude_errors(self.initial, self.final)
 
@@ -248,6 +290,13 @@ class Problem(Checked):
         object.__setattr__(self, name, resolve())
 
     @property
+    def momentum_interval(self) -> tuple[float, float]:
+        """(9), kg m^2/s; refused in space, where there is none."""
+        if self.angular_momentum_bounds is None:
+            raise self.robot.not_in_plane
+        return self.angular_momentum_bounds
+
+    @property
     def velocity_limits(self) -> Array:
         """Limits (n,) rad/s of the planned coordinates; infinite where there is none."""
         return self.joint_limits["velocity"]
@@ -269,15 +318,17 @@ class Problem(Checked):
 
     @cached_property
     @one_thread
-    def ground_plane(self) -> parts.Ground:
-        """The half-plane below the ground's line, asked for or not.
+    def ground_plane(self) -> parts.Ground | LevelGround:
+        """The half-plane below the ground's line, in space the half-space, asked for or not.
 
         Raises
         ------
         InputError
             The collision geometry of the takeoff link is wrong.
         """
-        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.place_in_plane, self.initial)
+        height = resolution.ground_height(self.robot, self.takeoff.frame, self.takeoff.position, self.initial)
+        if self.robot.in_plane is None:
+            return LevelGround(point=(0.0, 0.0, height))
         return parts.Ground(point=(0.0, height), normal=(0.0, 1.0))
 
     @cached_property

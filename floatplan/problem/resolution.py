@@ -9,14 +9,18 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
+from floatplan.arguments import either
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError, faults, refuse
 from floatplan.problem import parts
-from floatplan.problem.attitude import STEEPEST, Attitude, tilt
-from floatplan.problem.parts import JointState, JointValues
+from floatplan.problem.attitude import Attitude, tilt
+from floatplan.problem.ballistics import frame_from_com
+from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, LimitRow
+from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, STEEPEST, LimitRow
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
@@ -52,25 +56,33 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
     )
 
 
-def _not_so(robot: Robot, element: str, in_plane: str, in_space: str) -> InputError:
+def _not_so(robot: Robot, element: str, planar: str, spatial: str) -> InputError:
     """What a flight in a plane, or in space, is not asked with."""
     if robot.in_plane is None:
-        return InputError(f"must be {in_space}, where the robot flies in space", element=element)
+        return InputError(f"must be {spatial}, where the robot flies in space", element=element)
     advice = 'in space it may be: [robot] base = "free-flyer"'
-    return InputError(f"must be {in_plane}, where the robot flies in a plane", element=element, advice=advice)
+    return InputError(f"must be {planar}, where the robot flies in a plane", element=element, advice=advice)
 
 
 def flight_errors(robot: Robot, flight: parts.Flight) -> Iterator[InputError]:
     """What the flight asks in space of a robot that flies in a plane, or the other way round."""
-    momentum, speed, in_plane = flight.angular_momentum, flight.horizontal_velocity, robot.in_plane is not None
-    in_space = isinstance(momentum, tuple) or momentum == "suggested"
-    if in_space if in_plane else not (in_space or isinstance(momentum, str) or momentum == 0):
+    momentum = flight.angular_momentum
+    speed = flight.horizontal_velocity
+    if robot.in_plane:
+        momentum_fits = not isinstance(momentum, tuple) and momentum != "suggested"
+        speed_fits = not isinstance(speed, tuple)
+        coordinates = 2
+    else:
+        momentum_fits = isinstance(momentum, tuple | str) or momentum == 0
+        speed_fits = isinstance(speed, tuple) or speed == 0
+        coordinates = 3
+    if not momentum_fits:
         asked = "0, three numbers, 'suggested' or 'free'"
         yield _not_so(robot, "flight.angular_momentum", "a number, 'midpoint' or 'free'", asked)
-    if isinstance(speed, tuple) if in_plane else not (isinstance(speed, tuple) or speed == 0):
+    if not speed_fits:
         yield _not_so(robot, "flight.horizontal_velocity", "a number", "two numbers, along x and y")
     place = (0.0, 0.0) if flight.takeoff is None else flight.takeoff.position
-    if (len(place) == 2) != in_plane and any(place):
+    if len(place) != coordinates and any(place):
         yield _not_so(robot, "flight.takeoff.position", "two numbers", "three numbers")
 
 
@@ -147,13 +159,13 @@ def landing_of(
     robot: Robot, flight: parts.Flight, start: parts.Posture, goal: parts.Posture, ground: bool
 ) -> parts.Landing:
     """Return the landing with its defaults filled in: on the ground where there is one."""
-    takeoff, ground = takeoff_of(robot, flight), ground and robot.in_plane is not None
+    takeoff = takeoff_of(robot, flight)
     landing = flight.landing or parts.Landing.unchecked(
         frame=takeoff.frame, height=None if ground else takeoff.position[-1]
     )
     _check_frame(robot, landing.frame, "flight.landing.frame")
     if landing.height is None and ground:
-        line = ground_height(robot, takeoff.frame, takeoff.place_in_plane, joint_state(robot, start, "start"))
+        line = ground_height(robot, takeoff.frame, takeoff.position, joint_state(robot, start, "start"))
         height = resting_height(robot, landing.frame, line, joint_state(robot, goal, "goal"))
         return parts.Landing(landing.frame, height)
     return parts.Landing.unchecked(frame=landing.frame, height=landing.height or 0.0)
@@ -360,10 +372,20 @@ def surroundings_errors(
 
     More of it than a search can look at in its time, obstacles that never meet the flight, links that do not exist.
     """
+    in_plane = robot.in_plane is not None
+    known_kinds = OBSTACLE_KINDS if in_plane else SPATIAL_OBSTACLE_KINDS
+    for index, obstacle in enumerate(obstacles):
+        if not isinstance(obstacle, tuple(known_kinds.values())):
+            other = "in space" if in_plane else "in a plane"
+            advice = f"give a {either(kind.__name__ for kind in known_kinds.values())}"
+            yield InputError(
+                f"a {type(obstacle).__name__} is for flights {other}", element=f"obstacles[{index}]", advice=advice
+            )
+            return
     for count, element in ((len(obstacles), "obstacles"), (len(pairs), "self_clearance")):
         if count > MOST_OBSTACLES:
             yield InputError(f"{count} of them, more than {MOST_OBSTACLES}", element=element, advice="leave some out")
-    shapes = len(robot.shapes) if obstacles else 0
+    shapes = len(robot.capsules) if obstacles else 0
     if len(obstacles) <= MOST_OBSTACLES and shapes * len(obstacles) > MOST_DISTANCES:
         reason = f"{len(obstacles)} of them and {shapes} shapes of links make more than {MOST_DISTANCES} distances"
         advice = "leave some out, or simplify the robot's collision geometry"
@@ -373,11 +395,18 @@ def surroundings_errors(
         if obstacle.window and (end < 0 or start > duration):
             reason = f"the window [{start}, {end}] s lies outside the flight of {duration} s"
             yield InputError(reason, element=f"obstacles[{index}].window")
-    known = {shape.link for shape in robot.shapes} if pairs else set()
+    known = {shape.link for shape in robot.capsules} if pairs else set()
     for index, pair in enumerate(pairs):
         for link in (link for link in pair.links if link not in known):
             element, advice = f"self_clearance[{index}].links", f"links: {sorted(known)}"
             yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
+        thickness = sum(
+            max((each.radius for each in robot.capsules if each.link == link), default=0) for link in pair.links
+        )
+        if not in_plane and thickness + pair.margin == 0 and known.issuperset(pair.links):
+            reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
+            advice = "give a margin, or <collision> geometry"
+            yield InputError(reason, element=f"self_clearance[{index}]", advice=advice)
 
 
 def frame_height(robot: Robot, frame: Frame, state: JointState) -> float:
@@ -404,16 +433,37 @@ def lowest_point(robot: Robot, link: str, state: JointState) -> float:
     return float((_heights(robot, bodies, places, state) - radii).min())
 
 
-def ground_height(robot: Robot, takeoff: str, position: tuple[float, float], initial: JointState) -> float:
+def ground_height(robot: Robot, takeoff: str, position: Sequence[float], initial: JointState) -> float:
     """Height of the ground, m, where the takeoff frame is at ``position`` in the initial state; errors as above."""
+    if initial.attitude is not None:
+        height = _lowest_in_space(robot, takeoff, initial, initial.attitude)
+        return float(position[-1] + height - frame_from_com(robot, takeoff, initial)[2])
     frame = robot.frames[takeoff]
     return position[1] + lowest_point(robot, frame.link, initial) - frame_height(robot, frame, initial)
 
 
 def resting_height(robot: Robot, landing: str, ground: float, final: JointState) -> float:
     """Height of the landing frame, m, at which its link rests on the ground in the final state; errors as above."""
+    if final.attitude is not None:
+        height = _lowest_in_space(robot, landing, final, final.attitude)
+        return float(ground - height + frame_from_com(robot, landing, final)[2])
     frame = robot.frames[landing]
     return ground - lowest_point(robot, frame.link, final) + frame_height(robot, frame, final)
+
+
+def _lowest_in_space(robot: Robot, frame: str, state: JointState, attitude: Attitude) -> float:
+    """Height over the centre of mass, m, of the lowest point with which a frame stands; without a shape its own."""
+    joint = robot.joint_tree.joint.get(frame)
+    standing = robot.contact_link(frame if joint is None else joint.child)
+    data = robot.model.createData()
+    com = pin.centerOfMass(robot.model, data, robot.configuration(state.positions))
+    up = attitude.matrix[2]  # the world's, in the base's axes
+    heights = []
+    for solid in robot.solids:
+        if solid.link == standing:
+            placed = data.oMi[solid.body]
+            heights.append(up @ (placed.translation - com) - solid.reach(-up @ placed.rotation[None])[0])
+    return float(min(heights, default=frame_from_com(robot, frame, state)[2]))
 
 
 def _heights(robot: Robot, bodies: Sequence[int], local: Sequence[complex], state: JointState) -> Array:

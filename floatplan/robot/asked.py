@@ -1,4 +1,4 @@
-"""A robot as others ask for it: of a file of either kind, with the choices that it leaves open."""
+"""A robot from a file of either kind, with the user's settings; errors name who chose them."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -18,14 +18,14 @@ def robot_as_asked(
     prefix: str,
     kind: RobotKind | None = None,
 ) -> Robot:
-    """Return the robot of a file, as a problem file, a plan file or a command line asks for it.
+    """Return the robot of a file, with the settings of a problem file, a plan file or a command line.
 
     Parameters
     ----------
     source : path
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
     asker, prefix : as of :func:`blamed`
-    kind : of the file, where that is said
+    kind : of the file, where it is known from its name
 
     Raises
     ------
@@ -43,7 +43,7 @@ def blamed(choices: Mapping[str, Any], asker: str | Path | None, prefix: str) ->
     Parameters
     ----------
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
-    asker : who gives them, such as a problem file; it has the blame for them, the robot's file that for all else
+    asker : who sets them, such as a problem file; it is the source of errors about them, the robot's file of all others
     prefix : of their names there, such as "robot."
     """
     try:

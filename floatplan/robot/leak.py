@@ -16,14 +16,14 @@ from floatplan.robot.robot import Robot
 
 POSTURES = 64  # [-] random ones, of which the mean is taken
 WORTH_A_WARNING = 0.05  # [-] of the leak: left/right coupled quadrupeds and humanoids stay below 0.02
-MEANINGLESS = 0.3  # [-] with a third of the momentum out of the plane, the robot rolls before it has turned
+MEANINGLESS = 0.3  # [-] a third of the momentum out of the plane: the robot rolls before it has rotated
 
 
 @lru_cache(maxsize=64)
 def out_of_plane_leak(robot: Robot) -> float:
     """How much angular momentum the planned joints make out of the plane, relative to that in it.
 
-    With the base's orientation held, joint rates q' make the angular momentum ``A q'`` about the centre of mass: one
+    With a base that does not rotate, joint rates q' make the angular momentum ``A q'`` about the centre of mass: one
     row of A along the normal, two rows in the plane. The leak is the ratio of the root mean squares of these two and
     of that one, over all directions of q' and over random postures within the limits. It is 0 for a robot that is its
     own mirror image in the plane, 1e-4 to 1e-2 for quadrupeds with left and right legs coupled, and of order 1 with
@@ -31,8 +31,8 @@ def out_of_plane_leak(robot: Robot) -> float:
     """
     _, maps = centroidal_maps(robot, sample_postures(robot.position_limits, POSTURES, Random(0)))
     momenta = _axes(robot) @ maps @ robot.selection
-    out_of_plane, in_plane = (momenta[:, :2] ** 2).sum(), (momenta[:, 2] ** 2).sum()
-    return math.sqrt(out_of_plane / in_plane)
+    out_of_plane = (momenta[:, :2] ** 2).sum()
+    return math.sqrt(out_of_plane / (momenta[:, 2] ** 2).sum())
 
 
 def refuse_leak(robot: Robot) -> None:
@@ -70,8 +70,8 @@ def explain_leak(robot: Robot, leak: float) -> str | None:
 def leak_along(robot: Robot, positions: Array, velocities: Array, orientation_rates: Array, momentum: float) -> float:
     """Return the leak of one motion: its largest momentum out of the plane over that in it.
 
-    In it there are two parts that may cancel, the joints' momentum with the base held and the whole (4); the largest
-    magnitude of either over the motion counts. Both are 0 for a robot that does not move: so is the leak then.
+    In it there are two momenta that may cancel, the joints' own and the whole (4); the largest magnitude of
+    either over the motion counts. Both are 0 for a robot that does not move: so is the leak then.
 
     Parameters
     ----------
@@ -98,12 +98,15 @@ def _axes(robot: Robot) -> Array:
 def centroidal_maps(robot: Robot, positions: Array) -> tuple[Array, Array]:
     """Inertia (K, 3, 3), kg m^2, and maps (K, 3, nv) to angular momentum, both about the centre of mass.
 
-    They are those at planned positions (K, n): of the whole robot with its joints held, and by the velocities of its
+    They are those at planned positions (K, n): of the whole robot as if it were rigid, and by the velocities of its
     model; in the base's axes.
     """
-    model, data = robot.model, robot.model.createData()
-    none, full = np.zeros(model.nv), robot.reference + positions @ robot.selection.T
-    inertia, maps = np.empty((len(full), 3, 3)), np.empty((len(full), 3, model.nv))
+    model = robot.model
+    data = robot.model.createData()
+    none = np.zeros(model.nv)
+    full = robot.reference + positions @ robot.selection.T
+    inertia = np.empty((len(full), 3, 3))
+    maps = np.empty((len(full), 3, model.nv))
     for k, q in enumerate(full):
         maps[k] = pin.ccrba(model, data, q, none)[3:]
         inertia[k] = data.Ig.inertia

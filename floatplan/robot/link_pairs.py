@@ -31,10 +31,6 @@ from floatplan.robot.shapes.collisions import Geometry
 from floatplan.robot.shapes.links import LINE_RADIUS
 from floatplan.robot.shapes.solids import evenly, link_geometries, link_lines
 
-MESH_CORNERS = 400  # [-] directions in which a mesh's hull is exact: between them it is 0.4 % of its size smaller
-ROUND_CORNERS = 60  # [-] of the polyhedron inside a ball: it is 5 % of the radius smaller
-AWAY = 0.5  # [-] of a body's reach from a joint, along its middle: the half beyond that counts against its neighbour
-UPWARDS = np.array([0.0, 0.0, 1.0])  # the axis of Coal's and URDF's capsules
 PAIRS_AT_ONCE = 4096  # [-] whose bounding balls are compared in one array
 
 
@@ -44,7 +40,7 @@ class Piece:
 
     Attributes
     ----------
-    link : whose it is
+    link : its name
     body : the joint of the robot's model that carries it
     placement : pinocchio.SE3, of the shape in that joint's frame
     shape : coal.ShapeBase
@@ -69,7 +65,7 @@ class Piece:
 
     @cached_property
     def surface(self) -> tuple[Any, Any]:
-        """What meets where links overlap: the mesh's triangles, or the shape; and its placement."""
+        """The geometry whose meeting is an overlap: the mesh's triangles, or the shape; and its placement."""
         if self.triangles is None:
             return self.shape, self.placement
         model = coal.BVHModelOBBRSS()
@@ -81,7 +77,7 @@ class Piece:
         return model, pin.SE3.Identity()
 
     def beyond(self, direction: Array, level: float) -> Piece | None:
-        """Return the part with ``direction @ point >= level``, in the joint's frame; None where it has no volume."""
+        """Return the piece with ``direction @ point >= level``, in the joint's frame; None where it has no volume."""
         corners = _cut(self.corners, direction, level)
         shape = None if corners is None else _hull(corners)
         if corners is None or shape is None:
@@ -126,7 +122,8 @@ class LinkPairs:
     def size(self) -> float:
         """Of the robot, m: the diagonal of a box around its pieces in the reference posture."""
         middles = self._middles(self.robot.resting[None])[0]
-        low, high = middles - self._radii[:, None], middles + self._radii[:, None]
+        low = middles - self._radii[:, None]
+        high = middles + self._radii[:, None]
         return float(np.linalg.norm(high.max(axis=0, initial=-np.inf) - low.min(axis=0, initial=np.inf)))
 
     def links(self, pair: int) -> tuple[str, str]:
@@ -137,10 +134,11 @@ class LinkPairs:
     def distances(self, positions: Array, chosen: IntArray | None = None) -> Array:
         """Distances (K, P), m, of pairs, all or those of some indices (P,), for planned positions (K, n), rad.
 
-        Negative is how far the one must move for them to part.
+        Negative is how far one of both must move until they are apart.
         """
         indices = np.arange(len(self.pairs)) if chosen is None else chosen
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = self.robot.model.createData()
         geometry = pin.GeometryModel()
         added: dict[int, int] = {}
         for index in indices.tolist():
@@ -152,21 +150,22 @@ class LinkPairs:
                     added[end] = geometry.addGeometryObject(placed)
             geometry.addCollisionPair(pin.CollisionPair(added[ends[0]], added[ends[1]]))
         state = geometry.createData()
-        found = np.empty((len(positions), len(indices)))
-        for row, q in zip(found, self._configurations(positions), strict=True):
+        distances = np.empty((len(positions), len(indices)))
+        for row, q in zip(distances, self._configurations(positions), strict=True):
             pin.computeDistances(model, data, geometry, state, q)
             row[:] = [result.min_distance for result in state.distanceResults]
-        return found
+        return distances
 
     def least_distances(self, positions: Array) -> Array:
         """Lower bounds (K, P), m, of :meth:`distances` of all pairs: by balls around the pieces."""
-        places, radii = self._middles(positions), self._radii
+        middles = self._middles(positions)
+        radii = self._radii
         ends = np.array([(pair.first, pair.second) for pair in self.pairs], dtype=np.int64).reshape(-1, 2)
         bounds = np.empty((len(positions), len(ends)))
         for begin in range(0, len(ends), PAIRS_AT_ONCE):
             first, second = ends[begin : begin + PAIRS_AT_ONCE].T
-            apart = np.linalg.norm(places[:, first] - places[:, second], axis=2)
-            bounds[:, begin : begin + PAIRS_AT_ONCE] = apart - radii[first] - radii[second]
+            distances = np.linalg.norm(middles[:, first] - middles[:, second], axis=2)
+            bounds[:, begin : begin + PAIRS_AT_ONCE] = distances - radii[first] - radii[second]
         return bounds
 
     @cached_property
@@ -176,22 +175,25 @@ class LinkPairs:
 
     def _middles(self, positions: Array) -> Array:
         """Middles (K, S, 3) m of these balls."""
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = self.robot.model.createData()
         middles = np.array([piece.ball[0] for piece in self.pieces]).reshape(-1, 3)
         bodies = np.array([piece.body for piece in self.pieces], dtype=np.int64)
-        places = np.empty((len(positions), len(self.pieces), 3))
-        for row, q in zip(places, self._configurations(positions), strict=True):
+        world = np.empty((len(positions), len(self.pieces), 3))
+        for row, q in zip(world, self._configurations(positions), strict=True):
             pin.forwardKinematics(model, data, q)
             for body in set(bodies.tolist()):
                 own = bodies == body
                 row[own] = _placed(data.oMi[body], middles[own])
-        return places
+        return world
 
     def meet(self, pair: int, positions: Array) -> bool:
         """Whether the surfaces of a pair, of meshes their triangles', meet at planned positions (n,), rad."""
-        model, data = self.robot.model, self.robot.model.createData()
+        model = self.robot.model
+        data = self.robot.model.createData()
         pin.forwardKinematics(model, data, self._configurations(positions[None])[0])
-        request, result = coal.CollisionRequest(), coal.CollisionResult()
+        request = coal.CollisionRequest()
+        result = coal.CollisionResult()
         ends = list[Any]()
         for index in (self.pairs[pair].first, self.pairs[pair].second):
             piece = self.pieces[index]
@@ -202,15 +204,17 @@ class LinkPairs:
 
     def is_mesh(self, pair: int) -> bool:
         """Whether one of both is the hull of a mesh."""
-        ends = self.pairs[pair].first, self.pairs[pair].second
-        return any(self.pieces[end].triangles is not None for end in ends)
+        pair_of_pieces = self.pairs[pair]
+        first = self.pieces[pair_of_pieces.first]
+        second = self.pieces[pair_of_pieces.second]
+        return first.triangles is not None or second.triangles is not None
 
     def _configurations(self, positions: Array) -> Array:
         """Configurations (K, nq) of the robot's model, its base where it is in ``reference``."""
         robot = self.robot
-        found = np.tile(robot.reference, (len(positions), 1))
-        found[:, robot.model.nq - robot.model.nv :] += positions @ robot.selection.T
-        return found
+        configurations = np.tile(robot.reference, (len(positions), 1))
+        configurations[:, robot.model.nq - robot.model.nv :] += positions @ robot.selection.T
+        return configurations
 
 
 @lru_cache(maxsize=8)
@@ -247,24 +251,24 @@ def link_pairs(robot: Robot) -> LinkPairs:
 def _pieces(robot: Robot) -> Iterator[Piece]:
     """The shapes of all links; bars of a robot without any."""
     tree = robot.joint_tree
-    given = list(link_geometries(robot.model, tree, robot.path.parent, robot.meshes))
+    geometries_of_links = list(link_geometries(robot.model, tree, robot.path.parent, robot.meshes))
     if robot.has_shapes:
-        for link, body, placement, geometries in given:
+        for link, body, placement, geometries in geometries_of_links:
             for geometry in geometries:
                 piece = _of_geometry(link, body, placement, geometry)
                 if piece is not None:
                     yield piece
         return
-    lines = [
-        (link, body, placement, line)
-        for link, body, placement, _ in given
-        for line in link_lines(tree, link)
-        if len(line) > 1  # else a point, of a link that ends at its joint
-    ]
-    lengths = [float(np.linalg.norm(line[1] - line[0])) for *_, line in lines]
-    radius = LINE_RADIUS * median(lengths or [0.0])
-    for (link, body, placement, line), length in zip(lines, lengths, strict=True):
-        rotation = pin.Quaternion.FromTwoVectors(UPWARDS, line[1] - line[0]).matrix()
+    lines = []
+    for link, body, placement, _ in geometries_of_links:
+        for line in link_lines(tree, link):
+            if len(line) > 1:  # else a point, of a link that ends at its joint
+                length = float(np.linalg.norm(line[1] - line[0]))
+                lines.append((link, body, placement, line, length))
+    radius = LINE_RADIUS * median([length for *_, length in lines] or [0.0])
+    for link, body, placement, line, length in lines:
+        # along z is the axis of Coal's and URDF's capsules
+        rotation = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), line[1] - line[0]).matrix()
         bar = Geometry("capsule", pin.SE3(rotation, line.mean(axis=0)), np.array([radius, radius, length]))
         piece = _of_geometry(link, body, placement, bar)
         if piece is not None:
@@ -272,17 +276,19 @@ def _pieces(robot: Robot) -> Iterator[Piece]:
 
 
 def _of_geometry(link: str, body: int, placement: Any, geometry: Geometry) -> Piece | None:
-    """A piece of a link that is placed in the frame of a joint; None of what has no volume."""
+    """A piece of a link that is placed in the frame of a joint; None of a shape without volume."""
     own = placement * geometry.placement
     if geometry.mesh is not None:
         points = _placed(own, geometry.mesh.corners)
-        corners = points[np.unique((evenly(MESH_CORNERS) @ points.T).argmax(axis=1))]
+        # the hull is exact in 400 directions, and between them 0.4 % of its size smaller
+        corners = points[np.unique((evenly(400) @ points.T).argmax(axis=1))]
         shape = _hull(corners)
         triangles = points[geometry.mesh.faces]
         return None if shape is None else Piece(link, body, pin.SE3.Identity(), shape, corners, triangles)
     points, axes = geometry.solid()
     if axes.any():
-        points = (points[:, None] + evenly(ROUND_CORNERS) @ axes.T).reshape(-1, 3)
+        # a polyhedron of 60 corners inside a ball is 5 % of the radius smaller
+        points = (points[:, None] + evenly(60) @ axes.T).reshape(-1, 3)
     corners = _placed(placement, points)
     radius, _, length = geometry.size.tolist()
     if not geometry.size.any() or (geometry.kind == "box" and not geometry.size.all()):
@@ -308,7 +314,7 @@ def _hull(corners: Array) -> Any:
 
 
 def _cut(corners: Array, direction: Array, level: float) -> Array | None:
-    """Corners of the part of a convex hull with ``direction @ point >= level``; None where nothing is there."""
+    """Corners of a convex hull cut off at ``direction @ point >= level``; None where nothing is there."""
     height = corners @ direction - level
     if (height >= 0).all():
         return corners
@@ -325,7 +331,7 @@ def _cut(corners: Array, direction: Array, level: float) -> Array | None:
 
 
 def _bodies(robot: Robot) -> Mapping[str, str]:
-    """The first link of the body that each link belongs to: joints that do not move make one body of links."""
+    """The first link of the body of each link: joints that do not move make one body of links."""
     first = {robot.joint_tree.root: robot.joint_tree.root}
     for joint in robot.joint_tree.joints:
         moves = joint.moves and joint.name not in robot.locked
@@ -337,7 +343,7 @@ def _joints_between(
     robot: Robot, bodies: Mapping[str, str], members: Mapping[str, Sequence[int]]
 ) -> dict[tuple[str, str], str]:
     """The joint next to the child of each two bodies that are neighbours; bodies without any shape are between none."""
-    found: dict[tuple[str, str], str] = {}
+    joints_between: dict[tuple[str, str], str] = {}
     for child in members:
         joints = robot.joint_tree.path(child)
         own = next(joints, None)
@@ -346,12 +352,12 @@ def _joints_between(
         parent = bodies[own.parent]
         while parent not in members and (joint := robot.joint_tree.carrier.get(parent)):
             parent = bodies[joint.parent]
-        found[parent, child] = own.name
-    return found
+        joints_between[parent, child] = own.name
+    return joints_between
 
 
 def _half_away(robot: Robot, whole: Sequence[Piece], joint: str) -> list[Piece]:
-    """The half of a body, of these pieces, that is away from a joint at one of its ends."""
+    """The half of a body, of these pieces, that is far from a joint at one of its ends."""
     data = robot.model.createData()
     q = robot.reference.copy()
     q[robot.model.nq - robot.model.nv :] += robot.selection @ robot.resting
@@ -363,7 +369,7 @@ def _half_away(robot: Robot, whole: Sequence[Piece], joint: str) -> list[Piece]:
     if size == 0:
         return []  # the joint is in its middle: a wheel has no half away from its axle
     direction /= size
-    level = AWAY * float((around @ direction).max())
+    level = 0.5 * float((around @ direction).max())  # the half farther away than that counts
     halves = list[Piece]()
     for piece in whole:
         frame = data.oMi[piece.body]

@@ -35,7 +35,7 @@ from floatplan.robot.planar.tree import Frame, PlanarTree, TreeLayout
 from floatplan.robot.shapes import links
 from floatplan.robot.shapes.capsules import Outline
 from floatplan.robot.shapes.links import LinkCapsule
-from floatplan.robot.shapes.solids import LinkSolid, link_solids
+from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule, link_solids
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import Changes, check_urdf, taken_urdf
 from floatplan.robot.urdf.inertias import Payload, payloads
@@ -54,13 +54,13 @@ def _coupled(value: Any, element: str) -> Any:
 
 
 def _named(choices: Mapping[str, Any]) -> set[str]:
-    """Joints that choices of a robot name, other than as what another follows."""
+    """Joints that choices of a robot name, other than as leaders."""
     coupled = choices["coupled"]
     return {*(choices["joints"] or ()), *(choices["locked"] or ()), *(coupled if isinstance(coupled, Mapping) else ())}
 
 
 class Choices(TypedDict, total=False):
-    """What a robot's file leaves open, see :meth:`Robot.from_urdf`."""
+    """Settings that a robot's file leaves open, see :meth:`Robot.from_urdf`."""
 
     plane: str | None
     joints: Sequence[str] | None
@@ -75,7 +75,7 @@ class Choices(TypedDict, total=False):
     angles: Unit
 
 
-CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arguments of whatever reads one
+CHOICES: Mapping[str, Check] = {  # of settings that a robot's file leaves open: keyword arguments of all that read one
     "plane": optional(text),
     "reference": optional(text),
     "armature": optional(for_all(number("armature"))),
@@ -88,7 +88,6 @@ CHOICES: Mapping[str, Check] = {  # that a robot's file leaves open: keyword arg
     "base": one_of(*get_args(Base)),
     "angles": one_of(*get_args(Unit)),
 }
-UNLESS_SAID: Mapping[str, Any] = {"base": "planar", "angles": "rad"}
 __all__ = ["Coupling", "Frame", "LinkCapsule", "Payload", "PlanarTree", "Plane", "Robot"]
 
 
@@ -96,15 +95,15 @@ __all__ = ["Coupling", "Frame", "LinkCapsule", "Payload", "PlanarTree", "Plane",
 class Robot:
     """A robot of n planned joints that flies in a plane, or in space.
 
-    The full configuration of ``model`` is ``reference + selection @ positions`` with the base's horizontal place,
-    vertical place and orientation in its first three entries (zero in both arrays). In space the first seven are the
-    base's place and its quaternion x, y, z, w, at the identity in ``reference``.
+    The full configuration of ``model`` is ``reference + selection @ positions`` with the base's horizontal position,
+    vertical position and orientation in its first three entries (zero in both arrays). In space the first seven are the
+    base's position and its quaternion x, y, z, w, at the identity in ``reference``.
 
     Attributes
     ----------
     name, path, sha256, xml : of the file as read; ``xml`` is a URDF, of an MJCF the one that is the same robot
-        Joints by which the file's own base floats are fixed in it, inertias are balanced where that is asked for, and
-        the payload is part of its links.
+        Joints by which the file's own base floats are fixed in it, inertias are balanced where that is chosen, and the
+        payload is added to its links.
     source : the file as the caller named it, such as ``example-robot-data:...``
     base : "planar", or "free-flyer" in space
     joints : (n) names of the planned joints, in the order of all arrays
@@ -113,27 +112,27 @@ class Robot:
     model : pinocchio.Model with nq = nv = 3 + joints that move (nv = 6 + these in space); gravity zero
     reference : (nq,) rad
     selection : (nv, n)
-    position_limits : (n, 2) rad, infinite where not given
-    velocity_limits : (n,) rad/s, infinite where not given
-    torque_limits : (n,) N m, infinite where not given
-        Of the generalised torques: of a leader and its followers together, by their ratios.
+    position_limits : (n, 2) rad, infinite where the file has none
+    velocity_limits : (n,) rad/s, infinite where the file has none
+    torque_limits : (n,) N m, infinite where the file has none
+        Of the generalised torques: of a leader with its followers, by their ratios.
     motors : (m) names
         The planned joints, then the followers; not those that the file itself gears to their leader by ``<mimic>``.
     motor_ratios : (m, n)
         Derivatives of the motors' positions by the planned positions.
     motor_torque_limits, motor_velocity_limits : (m,) N m, rad/s
-        Of each motor's own joint; infinite where not given.
+        Of each motor's own joint; infinite where the file has none.
     transmission : (nv, m)
         Each motor's torque is ``transmission.T`` times the torques of all joints of ``model``.
     joint_tree : UrdfTree
-        Links and joints as they are planned: in a plane the axes turn about its normal.
+        Links and joints as they are planned: in a plane the axes are along its normal.
     resting : (n,) rad, the planned joints' positions in the reference posture, or nearest to zero
     warnings : what the URDF leaves in doubt
     in_plane : how links are gathered into bodies; None in space
     reference_name : of the reference posture in an SRDF file, where one was named
-    tilt : rad, the largest angle by which a joint's axis was turned onto the plane's normal
+    tilt : rad, the largest angle between a joint's axis in the file and the plane's normal
     kind : "urdf" or "mjcf", what its file is
-    files : SHA-256 of what an MJCF is read with, such as files that it includes, by their paths from its folder
+    files : SHA-256 of the files that an MJCF includes or names, by their paths from its folder
     balance_inertias : whether inertias that no body can have are balanced
     payload : point masses that links carry
     gravity_direction : (3,) unit vector along gravity, where the file says which way it points
@@ -185,7 +184,7 @@ class Robot:
             The URDF file, or a xacro file, which makes one; or the text ``example-robot-data:`` and a file's path in
             that package; or a name of robot_descriptions, such as "go2_description".
         plane : str, optional
-            The plane's horizontal and vertical axis among the root link's, such as "xz". Found from the joints' axes
+            The plane's horizontal and vertical axis among the root link's, such as "xz". Chosen from the joints' axes
             where left out.
         joints : sequence of str, optional
             The joints to plan, in the order of all arrays. Left out: all that turn about the plane's normal.
@@ -198,16 +197,16 @@ class Robot:
             others that are neither planned nor coupled are locked at the position within their limits that is nearest
             to the reference posture's.
         reference : str, optional
-            The reference posture: the name of a state in an SRDF file beside the URDF, such as "standing". Left out:
+            The reference posture: the name of a state in an SRDF file next to the URDF, such as "standing". Left out:
             all zero.
         armature : float or mapping, optional
             Inertia of the motors' rotors as the joints feel it (the rotor's own, times the gear's ratio squared),
             kg m^2: of every motor, or by joint. A joint that is left out has that of the file's ``<dynamics
             armature="..">``, or none. Where the argument is left out, joints without that have what ``<rotor_params>``
-            of an SRDF file beside the URDF says; 0 is none. It counts in torques; the momentum does not count it.
+            of an SRDF file next to the URDF says; 0 is none. It counts in torques; the momentum does not count it.
         damping : float or mapping, optional
             Torque lost in a joint by its rate, N m s/rad; else the file's ``<dynamics damping="..">``, or zero.
-            Simulators alone know it, as the file's ``friction``.
+            Only simulators use it, as the file's ``friction``.
         balance_inertias : bool, optional
             Whether an inertia that no body can have (a negative principal moment, or one larger than the sum of the
             other two) is taken with all three moments equal to their mean, as MuJoCo's ``balanceinertia`` does. Such
@@ -222,7 +221,7 @@ class Robot:
         Raises
         ------
         InputError
-            If the file is not a sound URDF, a name is unknown or wrongly used, or the plane remains open.
+            If the file is not a sound URDF, a name does not exist or is wrongly used, or the plane remains open.
         """
         return cls.from_file(source, "urdf", **choices)
 
@@ -244,21 +243,25 @@ class Robot:
         ------
         InputError
             MuJoCo is not installed (extra ``mjcf``) or refuses the file; the robot cannot fly, or has what is no tree
-            of joints with one motor each: ball joints, constraints, tendons that pull; or as of :meth:`from_urdf`.
+            of joints with one motor each: ball joints, constraints, tendons with forces; or as of :meth:`from_urdf`.
         """
         return cls.from_file(source, "mjcf", **choices)
 
     @classmethod
     @one_thread
     def from_file(cls, source: str | Path, kind: RobotKind | None = None, **choices: Any) -> Robot:
-        """Load a robot from a URDF or an MJCF, or a file of a given kind; choices and errors as of the ones above."""
+        """Load a robot from a URDF or an MJCF, or a file of one kind; choices and errors as of the ones above."""
         if unknown := choices.keys() - CHOICES:
             raise TypeError(f"there is no keyword argument {min(unknown)!r}")
         source = source if isinstance(source, str) else as_path(source, "source")
         path = urdf_path(source, kind)
         with naming(path):
-            choices = {name: check(choices.get(name, UNLESS_SAID.get(name)), name) for name, check in CHOICES.items()}
-            plane, joints, coupled, reference = (choices[n] for n in ("plane", "joints", "coupled", "reference"))
+            defaults = {"base": "planar", "angles": "rad"}
+            choices = {name: check(choices.get(name, defaults.get(name)), name) for name, check in CHOICES.items()}
+            plane = choices["plane"]
+            joints = choices["joints"]
+            coupled = choices["coupled"]
+            reference = choices["reference"]
             changes = Changes(
                 balance_inertias=bool(choices["balance_inertias"]),
                 payload=choices["payload"] or (),
@@ -281,7 +284,8 @@ class Robot:
             )
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
-                plane, coupled = everything.in_plane.name, mirror_couplings(tree, everything, joints)
+                plane = everything.given_plane.name
+                coupled = mirror_couplings(tree, everything, joints)
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
             robot = cls._assemble(str(source), text, with_motors(tree, choice, motors), choice)
@@ -304,10 +308,8 @@ class Robot:
         position_limits, velocity_limits, torque_limits = planar.planned_limits(tree, choice)
         planar.check_model(model, reference, selection, choice.planned, position_limits)
         resting = [choice.resting[name] for name in choice.planned]
-        missing = [
-            f'link "{link}": collision mesh "{filename}" not found; left out of its shape'
-            for link, filename in links.missing_meshes(tree, text.path.parent)
-        ]
+        left_out = 'link "{}": collision mesh "{}" not found; left out of its shape'
+        missing = [left_out.format(*mesh) for mesh in links.missing_meshes(tree, text.path.parent)]
         return cls(
             name=tree.name,
             path=text.path,
@@ -347,8 +349,9 @@ class Robot:
 
     @property
     def not_in_plane(self) -> InputError:
-        """What is said of a robot that flies in space where only flights in a plane are known, yet."""
-        reason, advice = "the robot flies in space, and this is not yet for flights in space", "leave base out"
+        """The refusal of a robot that flies in space by functions for flights in a plane."""
+        reason = "the robot flies in space, and this is not yet for flights in space"
+        advice = "leave base out"
         return InputError(reason, source=self.source, element="robot.base", advice=advice)
 
     @property
@@ -359,9 +362,7 @@ class Robot:
     @cached_property
     def tree(self) -> PlanarTree:
         """Bodies in the plane; refused in space."""
-        if self.in_plane is None:
-            raise self.not_in_plane
-        return self.in_plane.planar_tree
+        return self.layout.planar_tree
 
     @cached_property
     def frames(self) -> Mapping[str, Frame]:
@@ -375,7 +376,7 @@ class Robot:
 
     @property
     def up(self) -> Array:
-        """Unit vector (3,) against gravity, in the root link's axes where it is not turned."""
+        """Unit vector (3,) against gravity, in the root link's axes at orientation zero."""
         return read_only((0.0, 0.0, 1.0) if self.in_plane is None else self.in_plane.plane.vertical)
 
     def free_flyer(self) -> pin.Model:
@@ -410,7 +411,7 @@ class Robot:
 
     @property
     def nq(self) -> int:
-        """Size of a configuration of :meth:`free_flyer`: place, quaternion, joints, of ``continuous`` ones cos, sin."""
+        """Size of a configuration of :meth:`free_flyer`: position, quaternion, joints (``continuous`` ones twice)."""
         return int(self._free_flyer.nq)
 
     @property
@@ -425,22 +426,22 @@ class Robot:
 
     @property
     def armature(self) -> Mapping[str, float]:
-        """Inertia of rotors as their joints feel it, kg m^2, by joint, where the file or the caller gives it."""
+        """Inertia of rotors as their joints feel it, kg m^2, by joint, of the file or the caller."""
         return self._of_joints("armature")
 
     @property
     def damping(self) -> Mapping[str, float]:
-        """Torque lost by the rate, N m s/rad, by joint, where the file or the caller gives it."""
+        """Torque lost by the rate, N m s/rad, by joint, of the file or the caller."""
         return self._of_joints("damping")
 
     @property
     def friction(self) -> Mapping[str, float]:
-        """Torque lost at any rate, N m, by joint, where the file gives it."""
+        """Torque lost at any rate, N m, by joint, of the file."""
         return self._of_joints("friction")
 
     def _of_joints(self, key: str) -> Mapping[str, float]:
-        values = ((joint.name, getattr(joint, key)) for joint in self.joint_tree.joints)
-        return {name: value for name, value in values if value is not None}
+        values = {joint.name: getattr(joint, key) for joint in self.joint_tree.joints}
+        return {name: value for name, value in values.items() if value is not None}
 
     def check_shapes(self) -> None:
         """Refuse collision geometry that ``shapes`` leave out: the robot would be clear of what it hits.
@@ -448,7 +449,7 @@ class Robot:
         Raises
         ------
         InputError
-            A mesh is not to be found, or geometry is of a kind that is not read.
+            A mesh does not exist, or geometry is of a kind that is not read.
         """
         if self._left_out is not None:
             raise self._left_out.within(self.source)
@@ -459,7 +460,7 @@ class Robot:
 
     @cached_property
     def file_tree(self) -> UrdfTree:
-        """Links and joints as the file has them; the joints of ``layout.tree`` turn about the plane's normal."""
+        """Links and joints as the file has them; the joints of ``layout.tree`` have axes along the plane's normal."""
         return check_urdf(fromstring(self.xml), self.locked)
 
     @cached_property
@@ -477,6 +478,11 @@ class Robot:
             If the geometry of a ``<collision>`` is wrong, or its file is not a mesh, or not the one of ``meshes``.
         """
         return self._shapes[0]
+
+    @property
+    def capsules(self) -> tuple[LinkCapsule, ...] | tuple[SolidCapsule, ...]:
+        """The capsules by which distances are measured, where the robot flies; errors as of ``shapes``."""
+        return self.shapes if self.in_plane else self.solid_capsules
 
     @property
     def has_shapes(self) -> bool:
@@ -499,7 +505,7 @@ class Robot:
         """Links that can touch the ground: those with collision geometry, and those of bodies where none has any.
 
         Links without geometry are lines to the origins of their children's joints. Such an origin may be anywhere in a
-        foot that is fixed there, and below it: beside geometry on the same body these lines touch nothing.
+        foot that is fixed there, and below it: where a body has geometry, lines of its other links touch nothing.
         """
         links = [link for link, hull in self.link_hulls.items() if hull]
         with_geometry = {link for link in links if self.joint_tree.links[link].collisions}
@@ -519,24 +525,29 @@ class Robot:
         return link if link in shaped else None
 
     def stands_on_geometry(self, link: str) -> bool:
-        """Whether that with which a link stands on the ground has collision geometry, and is no line between joints."""
+        """Whether a link stands on the ground with collision geometry, and not with a line between joints."""
         own = self.contact_link(link)
         return own is not None and bool(self.joint_tree.links[own].collisions)
 
     def hulls(self, frames: Iterable[str], touching: Iterable[str] = ()) -> tuple[LinkCapsule, ...]:
         """Shapes whose ends are as high over the ground as the links, where these frames stand on it.
 
-        Those of the links that stand are all corners of their hulls. What turns with one of them is exact too, and the
-        bodies of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
+        Those of the links that stand are all corners of their hulls. Bodies that rotate with one of them are exact too,
+        and those of the links ``touching``; others reach up to a millimetre farther. Errors as of ``shapes``.
         """
         return self._hulls(tuple(frames), frozenset(touching))
 
     @lru_cache(maxsize=16)  # noqa: B019 - of few robots, as many problems of one have the same
     def _hulls(self, frames: tuple[str, ...], touching: frozenset[str]) -> tuple[LinkCapsule, ...]:
-        turns, places = self.tree.turns, [self.frames[frame] for frame in frames]
-        exact = {body for body, row in enumerate(turns) if any((row == turns[each.body]).all() for each in places)}
-        exact.update(self.layout.body_of[link] for link in touching)
-        standing = dict.fromkeys(link for each in places if (link := self.contact_link(each.link)) is not None)
+        turns = self.tree.turns
+        bases = [self.frames[frame] for frame in frames]
+        exact = {self.layout.body_of[link] for link in touching}
+        standing: dict[str, None] = {}
+        for base in bases:
+            exact.update(np.flatnonzero((turns == turns[base.body]).all(axis=1)).tolist())
+            link = self.contact_link(base.link)
+            if link is not None:
+                standing[link] = None
         hulls = {link: self.link_hulls[link] for link in dict.fromkeys((*self.touching_links, *standing))}
         return links.moving_hulls(self.tree, hulls, standing, exact)
 
@@ -553,6 +564,14 @@ class Robot:
         with naming(self.path):
             return link_solids(self.model, self.joint_tree, self.path.parent, self.meshes)
 
+    @cached_property
+    @one_thread
+    def solid_capsules(self) -> tuple[SolidCapsule, ...]:
+        """Capsules around the links' solids, by which distances in space are measured; errors as of ``shapes``."""
+        from floatplan.robot.shapes.solid_capsules import solid_capsules  # here, since flights in a plane do without
+
+        return solid_capsules(self.solids)
+
     @property
     @one_thread
     def outlines(self) -> list[tuple[int, Outline]]:
@@ -562,9 +581,13 @@ class Robot:
 
     @property
     def resting_configuration(self) -> Array:
-        """Configuration (nq,) of ``model`` with the joints at rest and the base where it is at first."""
+        """Configuration (nq,) of ``model`` with joints and base in the reference posture."""
+        return self.configuration(self.resting)
+
+    def configuration(self, positions: Array) -> Array:
+        """Configuration (nq,) of ``model`` at planned positions (n,), rad, with the base in the reference posture."""
         q = self.reference.copy()
-        q[self.model.nq - self.model.nv :] += self.selection @ self.resting
+        q[self.model.nq - self.model.nv :] += self.selection @ positions
         return q
 
     @cached_property
@@ -578,14 +601,15 @@ class Robot:
     @property
     def mass(self) -> float:
         """Mass of the whole robot, kg."""
-        return float(pin.computeTotalMass(self.model) if self.in_plane is None else self.tree.mass.sum())
+        return float(pin.computeTotalMass(self.model))
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as it is, but for read-only mappings, which cannot be pickled."""
-        return {
-            name: dict(value) if isinstance(value, MappingProxyType) else value
-            for name, value in dict(self.__dict__).items()  # a copy, as another thread may be adding the shapes
-        }
+        state = dict(self.__dict__)  # a copy, as another thread may be adding the shapes
+        for name, value in state.items():
+            if isinstance(value, MappingProxyType):
+                state[name] = dict(value)
+        return state
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
@@ -596,5 +620,5 @@ class Robot:
         return f"Robot({self.name!r}, {where}, joints={list(self.joints)}, mass={self.mass:.4g} kg)"
 
     def _repr_html_(self) -> str:
-        """A table and a drawing of the robot at rest, as notebooks show it; no drawing where a shape cannot be read."""
+        """A table and a drawing of the robot, as notebooks show it; no drawing where a shape cannot be read."""
         return str(import_module("floatplan.view.notebook").robot_html(self))

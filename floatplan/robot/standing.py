@@ -1,6 +1,6 @@
 """Points of a robot on which it can stand: feet that are points, ends of soles, tips of limbs; and circles that roll.
 
-Places are complex numbers, horizontal + i vertical, m.
+Positions are complex numbers, horizontal + i vertical, m.
 """
 
 from __future__ import annotations
@@ -18,14 +18,15 @@ from floatplan.tables import POINT_FEET
 SOLE = 0.05  # [m] a foot that is shorter is a point
 HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot that stands on it; others stand on their tips
 FLAT = 5e-3  # [m] within which corners of a sole are on the ground
-ROLLED, ROLLS = np.pi / 3, 25  # [rad, -] by which a foot that rolls may turn either way, and where it is looked at
-UNROUND = 0.25  # [-] of its radius, by which such a foot may be no circle
-HEEL, TOE, TIP = ".heel", ".toe", ".tip"  # of points that have no frames of their own
+ROLLED = np.pi / 3  # [rad] by which a foot that rolls may rotate either way
+HEEL = ".heel"  # suffixes of points that have no frames of their own
+TOE = ".toe"
+TIP = ".tip"
 SOLE_ENDS = (HEEL, TOE)
 
 
 class Spot(NamedTuple):
-    """A place on a body.
+    """A position on a body.
 
     Attributes
     ----------
@@ -55,27 +56,31 @@ class StandingPoint(NamedTuple):
 
 
 def spot_weights(robot: Robot, spots: Sequence[Spot]) -> ComplexArray:
-    """Weights (points, 2 m) of places relative to the centre of mass: W of rotations e, then rho of angles, m."""
-    bodies, local = np.array([each.body for each in spots]), np.array([each.place for each in spots], np.complex128)
-    rolled = np.zeros((len(bodies), len(robot.tree.mass)))
-    rolled[np.arange(len(bodies)), bodies] = robot.tree.turn * np.array([each.radius for each in spots])
-    return np.concatenate((robot.tree.point_weights(bodies, local), rolled), axis=1)
+    """Weights (points, 2 m) of positions relative to the centre of mass: W of rotations e, then rho of angles, m."""
+    bodies = np.array([spot.body for spot in spots])
+    local = np.array([spot.place for spot in spots], np.complex128)
+    of_angles = np.zeros((len(bodies), len(robot.tree.mass)))
+    of_angles[np.arange(len(bodies)), bodies] = robot.tree.turn * np.array([spot.radius for spot in spots])
+    return np.concatenate((robot.tree.point_weights(bodies, local), of_angles), axis=1)
 
 
 def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexArray:
-    """Places (.., points) relative to the centre of mass in postures y (n+1, ..), m: horizontal + i vertical."""
-    turned, _ = np.split(spot_weights(robot, spots), 2, axis=1)
-    return np.asarray((turned @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:].T)).T).T)
+    """Positions (.., points) relative to the centre of mass in postures y (n+1, ..), m: horizontal + i vertical."""
+    weights, _ = np.split(spot_weights(robot, spots), 2, axis=1)
+    return np.asarray((weights @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:].T)).T).T)
 
 
 def corners(shapes: Iterable[LinkCapsule]) -> list[Spot]:
     """Ends of shapes, with their radii."""
-    return [Spot(each.body, end, each.radius) for each in shapes for end in (each.start, each.end)]
+    spots = []
+    for shape in shapes:
+        spots += [Spot(shape.body, shape.start, shape.radius), Spot(shape.body, shape.end, shape.radius)]
+    return spots
 
 
 def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
     """Heights (.., spots) of the lowest points of circles, over the centre of mass in postures y (n+1, ..), m."""
-    return np.asarray(heights_over_com(robot, spots, y).imag - [each.radius for each in spots])
+    return np.asarray(heights_over_com(robot, spots, y).imag - [spot.radius for spot in spots])
 
 
 def link_corners(robot: Robot, frame: str) -> list[Spot]:
@@ -99,27 +104,27 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
     Raises
     ------
     InputError
-        The frame is unknown, or high above the lowest point of its link where its body has a lower one.
+        The frame does not exist, or is high above the lowest point of its link where its body has a lower one.
     """
     if frame not in robot.frames:
         raise InputError(f'no frame "{frame}" is known', advice="name a link or a joint")
     home = robot.frames[frame]
-    origin, ends = Spot(home.body, home.local), link_corners(robot, frame)
+    origin = Spot(home.body, home.local)
+    ends = link_corners(robot, frame)
     if not ends:
         return (StandingPoint("", origin, 0.0),)
-    places, under = heights_over_com(robot, ends, y), undersides(robot, ends, y)
+    positions = heights_over_com(robot, ends, y)
+    under = undersides(robot, ends, y)
     ground = float(under.min())
     depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
     if may_roll(out_of_round(robot, frame, origin, depth, y), depth):  # large wheels are flat as soles, nearly
         return (StandingPoint("", origin, depth),)
     low = np.flatnonzero(under < ground + FLAT)
-    rear = low[places.real[low].argmin()]
-    front = low[places.real[low].argmax()]
-    if places.real[front] - places.real[rear] > SOLE:
-        toe, heel = (
-            StandingPoint(suffix, ends[at]._replace(radius=0.0), float(places.imag[at] - ground))
-            for suffix, at in ((TOE, front), (HEEL, rear))
-        )
+    rear = low[positions.real[low].argmin()]
+    front = low[positions.real[low].argmax()]
+    if positions.real[front] - positions.real[rear] > SOLE:
+        toe = StandingPoint(TOE, ends[front]._replace(radius=0.0), float(positions.imag[front] - ground))
+        heel = StandingPoint(HEEL, ends[rear]._replace(radius=0.0), float(positions.imag[rear] - ground))
         return toe, heel
     link = robot.contact_link(home.link)
     is_line = link is not None and not robot.joint_tree.links[link].collisions
@@ -128,15 +133,16 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
     if depth > HIGHEST:
         _refuse_above(robot, frame, depth, y)
     middle = Spot(home.body, (ends[rear].place + ends[front].place) / 2)
-    height = (places.imag[rear] + places.imag[front]) / 2
+    height = (positions.imag[rear] + positions.imag[front]) / 2
     return (StandingPoint(TIP, middle, float(height - ground)),)
 
 
 def _refuse_above(robot: Robot, frame: str, depth: float, y: Array) -> None:
     """Refuse a frame that is high above the ground, where a link's on the same body is lower: it is the foot's."""
     home = robot.frames[frame]
-    links = [name for name, each in robot.frames.items() if each.body == home.body and name == each.link]
-    heights = heights_over_com(robot, [Spot(home.body, robot.frames[name].local) for name in links], y).imag
+    links = [name for name, frame in robot.frames.items() if frame.body == home.body and name == frame.link]
+    spots = [Spot(home.body, robot.frames[name].local) for name in links]
+    heights = heights_over_com(robot, spots, y).imag
     lowest = links[int(heights.argmin())]
     if robot.frames[lowest].local != home.local:
         reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"
@@ -146,16 +152,17 @@ def _refuse_above(robot: Robot, frame: str, depth: float, y: Array) -> None:
 def out_of_round(robot: Robot, frame: str, spot: Spot, depth: float, y: Array) -> float:
     """By how much, m, a link's outline is no circle of radius ``depth`` about a spot, where the link may roll.
 
-    That is so far about what is lowest of it in a posture y (n+1,) that stands.
+    That is so far about its lowest point in a posture y (n+1,) that stands.
     """
     angles = robot.tree.absolute_angles(y[0], y[1:])
-    ways = np.exp(1j * np.linspace(-ROLLED, ROLLED, ROLLS)) * robot.tree.rotations(-angles)[spot.body] * -1j
-    reach = np.zeros(ROLLS)
+    # 25 directions around the one downwards: 5 degrees apart
+    directions = np.exp(1j * np.linspace(-ROLLED, ROLLED, 25)) * robot.tree.rotations(-angles)[spot.body] * -1j
+    reach = np.zeros(len(directions))
     for corner in link_corners(robot, frame):
-        reach = np.maximum(reach, ((corner.place - spot.place) * ways.conj()).real + corner.radius)
+        reach = np.maximum(reach, ((corner.place - spot.place) * directions.conj()).real + corner.radius)
     return float(np.abs(reach - depth).max())
 
 
 def may_roll(off: float, depth: float) -> bool:
     """Whether an outline that is out of round by ``off``, m, on a circle of radius ``depth``, m, rolls like it."""
-    return off < min(POINT_FEET, UNROUND * depth)
+    return off < min(POINT_FEET, 0.25 * depth)  # a quarter of the radius: then it is no wheel but a sole

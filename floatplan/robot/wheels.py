@@ -1,45 +1,50 @@
-"""Joints that turn a wheel: without a range, and about the centre of mass of what they carry."""
+"""Joints of wheels: without a range, and about the centre of mass of the bodies they carry."""
 
 import numpy as np
 
 from floatplan.robot.robot import Robot
 
-ON_AXIS = 1e-3  # [m] that the centre of mass of a wheel is off its axis
 PLANNED = "planned in the range of limits.position, -180 to 180 degrees where it gives none"
-HELD = "held, as they do not turn about the plane's normal, or were left out: they spin neither in plans nor in proofs"
+LOCKED = (
+    "held, as they do not turn about the plane's normal, or were left out: they spin neither in plans nor in proofs"
+)
 
 
 def wheels(robot: Robot) -> dict[str, str]:
     """Return the wheels' links by their joints' names, also of joints that are not planned.
 
-    Their turns move no mass away from where it was: they change how the robot turns, and not what it reaches.
+    Their rotation moves no mass: it changes how the robot rotates, and not where it can land.
     """
     tree = robot.joint_tree
     placements = tree.placements({})
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for joint in tree.joints:
         if not joint.turns or np.isfinite([joint.lower, joint.upper]).any():
             continue
-        carried = [
-            (link.inertial.mass, placements[name] * link.inertial.origin.placement.translation)
-            for name, link in tree.links.items()
-            if link.inertial is not None and (name == joint.child or joint in tree.path(name))
-        ]
-        masses, places = np.array([mass for mass, _ in carried]), np.array([place for _, place in carried])
-        if masses.sum() > 0:
-            away = placements[joint.child].actInv(masses @ places / masses.sum())
-            if np.linalg.norm(np.cross(away, joint.axis)) <= ON_AXIS:
-                found[joint.name] = joint.child
-    return found
+        mass = 0.0
+        moment = np.zeros(3)
+        for name, link in tree.links.items():
+            carries = name == joint.child or joint in tree.path(name)
+            if carries and link.inertial is not None:
+                mass += link.inertial.mass
+                moment += link.inertial.mass * (placements[name] * link.inertial.origin.placement.translation)
+        if mass > 0:
+            center = placements[joint.child].actInv(moment / mass)
+            if np.linalg.norm(np.cross(center, joint.axis)) <= 1e-3:  # [m] off the axis
+                result[joint.name] = joint.child
+    return result
 
 
 def explain_wheels(robot: Robot) -> list[str]:
-    """Return what is done with the wheels: a sentence about those that are planned, one about those that are held.
+    """Return how wheels are planned: a sentence about those that are planned, one about those that are locked.
 
-    Those that follow another joint turn as that does, in its range.
+    Those that follow another joint rotate as that does, in its range.
     """
-    found = wheels(robot)
-    planned = [name for name in found if name in robot.joints]
-    held = [name for name in found if name in robot.locked]
-    told = ((planned, PLANNED), (held, HELD))
-    return [f"wheels, which turn about their own centres of mass: {', '.join(of)}: {how}" for of, how in told if of]
+    names = wheels(robot)
+    text = "wheels, which turn about their own centres of mass"
+    sentences = []
+    for roles, how in ((robot.joints, PLANNED), (robot.locked, LOCKED)):
+        listed = [name for name in names if name in roles]
+        if listed:
+            sentences.append(f"{text}: {', '.join(listed)}: {how}")
+    return sentences

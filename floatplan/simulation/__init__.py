@@ -1,6 +1,6 @@
-"""Does a plan fly? Forward dynamics under its torques, alone and with control, in the air and on the ground.
+"""Does a plan fly? Forward dynamics under its torques, open loop and with control, in the air and on the ground.
 
-What is flown is read from records: nothing of the planner is used but, in flights with corrections, the plan itself.
+Motions are read from records: nothing of the planner is used but, in flights with corrections, the plan itself.
 
 - `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
   plan file states, its torques by inverse dynamics, and how it takes off.
@@ -8,10 +8,10 @@ What is flown is read from records: nothing of the planner is used but, in fligh
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
   model for MuJoCo, on a planar base or on a free joint; `contact_model.py`: the same with feet, links and the ground.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
-  `free_flight.py`: a plan in a plane flown with its base free in space.
+  `free_flight.py`: a plan in a plane with its base free in space.
 - `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,
-  `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights ended, `flown_jump.py`: the motion
-  that a robot made of a jump.
+  `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights landed, `simulated_jump.py`: the
+  motion that a robot made of a jump.
 
 To add what goes wrong: its row in `KINDS` of `perturbation.py`, a field of `Perturbation` and one of `Sample`, and the
 step that feels it. To add an engine: a class with the members of `PinocchioRobot`, and its name in `engines.py`.
@@ -20,8 +20,8 @@ Symbols, in SI units and radians throughout:
 
 - m joints move, n of them are planned: `selection` (nv, n) says which move how far with each planned joint.
 - q, v: a configuration and its velocity, the base's entries first. In a plane (3 + m,) each: horizontal and vertical
-  place and orientation, in the world's axes. In space (7 + m,) and (6 + m,): place in the world, quaternion x, y, z, w,
-  and the base's linear and angular velocity in its own axes, as Pinocchio has them.
+  position and orientation, in the world's axes. In space (7 + m,) and (6 + m,): position in the world, quaternion x, y,
+  z, w, and the base's linear and angular velocity in its own axes, as Pinocchio has them.
 - own_q, own_v: the same in MuJoCo's coordinates: joints in its order, quaternions w, x, y, z, the base's linear
   velocity in the world's axes.
 - h: angular momentum about the centre of mass, kg m^2/s, in the world's axes.

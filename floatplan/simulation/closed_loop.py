@@ -24,22 +24,17 @@ from floatplan.simulation.engines import Engine, FlyingRobot, check_engine, flyi
 from floatplan.simulation.gains import BANDWIDTH, FASTEST, critical_gains, joint_inertia
 from floatplan.simulation.integration import State, runge_kutta_step
 from floatplan.simulation.perturbation import OF_JUMPS, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import PlanarMotion
+from floatplan.simulation.recorded_motion import RecordedPlanarMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
-from floatplan.simulation.results import ClosedLoop, Flight, PlanLandings, Trace
+from floatplan.simulation.results import ClosedLoop, PlanLandings, SimulatedFlight, Trace
 from floatplan.simulation.spatial_motion import perturbed_takeoff
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
-PERTURBED = "h=10%,inertia=5%,noise=0.1deg,delay=5ms"
-FLIGHTS = 20
 MOST_FLIGHTS = 10_000
 MOST_PERIODS = 100_000  # [-] of a flight
 BUDGET = 60.0  # [s]
-BETWEEN_LOOKS = 100  # [-] periods between looks at the clock
 MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
-TRACED = 24  # [-] flights whose paths are kept
-TRACE_STEP = 5  # [-] periods between the points of a path
 
 
 @one_thread
@@ -47,8 +42,8 @@ def closed_loop(
     plan: Plan | str | Path,
     rate: float = 200.0,
     *,
-    perturb: str | Perturbation = PERTURBED,
-    flights: int = FLIGHTS,
+    perturb: str | Perturbation = "h=10%,inertia=5%,noise=0.1deg,delay=5ms",
+    flights: int = 20,
     seed: int = 0,
     engine: Engine = "pinocchio",
     feedback: float = BANDWIDTH,
@@ -69,17 +64,16 @@ def closed_loop(
     feedback : float
         Bandwidth of the joints' control, rad/s.
     budget : float, optional
-        Time, s, after which no more is flown: what is told is of the flights that ended in it. None: no end.
+        Time, s, after which no flight goes on: results are of the flights that landed before. None: no end.
 
     Raises
     ------
     InputError
-        The plan reaches no goal, a number is wrong, the flight takes more than ``MOST_PERIODS`` periods, or the engine
-        is unknown or not installed.
+        The plan reaches no goal or is too long, a number is wrong, or the engine is unknown or not installed.
     FloatplanError
-        A flight cannot be integrated, or not one ended within the budget.
+        A flight cannot be integrated, or not one landed within the budget.
     """
-    began = clock.perf_counter()
+    start_time = clock.perf_counter()
     check_engine(engine)
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
     rate = positive(MOST_RATE, "Hz")(rate, "replan")
@@ -89,18 +83,19 @@ def closed_loop(
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_JUMPS, "is for jumps")
     plan = given_plan(plan)
-    if plan.duration > MOST_PERIODS * PERIOD:
-        raise InputError(
-            f"a flight of {plan.duration:g} s is too long for closed loops: at most {MOST_PERIODS * PERIOD:g} s"
-        )
-    loop = _Loop(plan, rate, perturbation, feedback, engine, math.inf if budget is None else began + budget)
-    corrected: list[Flight[Trace]] = []
-    uncorrected: list[Flight[Trace]] = []
+    most = MOST_PERIODS * PERIOD
+    if plan.duration > most:
+        raise InputError(f"a flight of {plan.duration:g} s is too long for closed loops: at most {most:g} s")
+    deadline = math.inf if budget is None else start_time + budget
+    loop = _Loop(plan, rate, perturbation, feedback, engine, deadline)
+    shown = 24  # flights whose paths are in the result
+    corrected: list[SimulatedFlight[Trace]] = []
+    uncorrected: list[SimulatedFlight[Trace]] = []
     with contextlib.suppress(_OutOfTimeError):
         for flight in range(flights):
-            pair = loop.fly(seed, flight, correct=True), loop.fly(seed, flight, correct=False)
-            corrected.append(pair[0])
-            uncorrected.append(pair[1])
+            with_corrections = loop.fly(seed, flight, correct=True)
+            uncorrected.append(loop.fly(seed, flight, correct=False))
+            corrected.append(with_corrections)
     if not uncorrected:
         raise FloatplanError(
             f"not one flight ended within {budget:g} s: give it more time (budget), or fewer corrections a second"
@@ -119,9 +114,9 @@ def closed_loop(
         update_seconds=np.concatenate([flight.seconds for flight in corrected]),
         plan_torque_peak=loop.plan_torque_peak,
         effort=loop.motors.effort,
-        paths=tuple(flight.motion for flight in corrected[:TRACED]),
-        uncorrected_paths=tuple(flight.motion for flight in uncorrected[:TRACED]),
-        seconds=clock.perf_counter() - began,
+        paths=tuple(flight.motion for flight in corrected[:shown]),
+        uncorrected_paths=tuple(flight.motion for flight in uncorrected[:shown]),
+        seconds=clock.perf_counter() - start_time,
     )
 
 
@@ -141,7 +136,7 @@ class _Loop:
         self.deadline = deadline
         self.replanner = Replanner(plan, rate)
         self.reduced = reduced_model(plan.robot, plan.ballistics.gravity)
-        start = PlanarMotion(plan.record, self.reduced).joints(0.0)
+        start = RecordedPlanarMotion(plan.record, self.reduced).joints(0.0)
         self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         robot = plan.robot
         names = self.reduced.joints
@@ -153,7 +148,7 @@ class _Loop:
         )
         self.plan_torque_peak = self.motor_columns @ plan.peaks.motor_torque
 
-    def fly(self, seed: int, number: int, correct: bool) -> Flight[Trace]:
+    def fly(self, seed: int, number: int, correct: bool) -> SimulatedFlight[Trace]:
         """Fly one robot."""
         reduced = self.reduced
         sample = self.perturbation.sampled(seed, number, len(reduced.joints), reduced.model.njoints)
@@ -176,18 +171,18 @@ class _Loop:
         for tick in control.fly(robot, PERIOD):
             if not tick.finite:
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {tick.now:.3g} s after takeoff")
-            if tick.number % BETWEEN_LOOKS == 0:
-                self._look_at_the_clock()
+            if tick.number % 100 == 0:  # reading the clock takes time
+                self._stop_after_deadline()
             peak = np.maximum(peak, np.abs(tick.torques))
         landed, _ = robot.state()
         positions = np.array([*(state[0] for state in sensors.states), landed])
         times = np.append(PERIOD * np.arange(len(sensors.states)), corrections.landing)
         planned = (positions[:, BASE:] - reduced.resting[0]) @ reduced.planned_of_joints.T
-        shown = np.append(np.arange(0, len(times) - 1, TRACE_STEP), len(times) - 1)
+        shown = np.append(np.arange(0, len(times) - 1, 5), len(times) - 1)
         goal = self.plan.problem.final
         orientation = positions[:, BASE - 1]
         log = np.array(corrections.log).reshape(-1, 3)
-        return Flight(
+        return SimulatedFlight(
             landing={
                 "orientation": float(orientation[-1] - goal.orientation),
                 "joints": max(float(off.max(initial=0.0)) for off in reduced.off_goal(landed[BASE:], goal.positions)),
@@ -199,7 +194,7 @@ class _Loop:
             seconds=corrections.seconds,
         )
 
-    def _look_at_the_clock(self) -> None:
+    def _stop_after_deadline(self) -> None:
         if clock.perf_counter() > self.deadline:
             raise _OutOfTimeError
 
@@ -218,14 +213,14 @@ class _Loop:
         segments = shapes.place(com, angles)
         least = np.inf
         for obstacle in obstacles:
-            self._look_at_the_clock()
+            self._stop_after_deadline()
             least = min(least, float(least_distances(segments, obstacle, times).min()))
         return least
 
 
 @dataclass(eq=False)
 class _FallingRobot:
-    """A robot in the air whose torques are held for a step of the Runge-Kutta method, less what its joints lose."""
+    """A robot in the air whose torques are constant in a step of the Runge-Kutta method, less what its joints lose."""
 
     engine: FlyingRobot
     reduced: ReducedModel
@@ -236,7 +231,7 @@ class _FallingRobot:
         return self.engine.reduced_state(*self.own_state)
 
     def move(self, torques: Array, duration: float) -> bool:
-        """Take one step, s, under torques (m,), N m; whether the state is one still."""
+        """Take one step, s, under torques (m,), N m; whether the state is finite."""
         joints = self.engine.velocities
 
         def accelerations(_: float, q: Array, v: Array) -> Array:
@@ -250,7 +245,7 @@ class _FallingRobot:
 
 @dataclass(frozen=True, eq=False)
 class _PlanGuide:
-    """A plan's motion as it is corrected, or as it is; ``motor_columns`` (m, motors) say which joints motors move."""
+    """A plan's motion, corrected or not; ``motor_columns`` (m, motors) say which joints motors move."""
 
     corrections: Corrections
     motor_columns: Array

@@ -1,7 +1,7 @@
 """A robot on a free base in MuJoCo, with the ground: its links' hulls as prisms, its feet as spheres.
 
 Every joint of the file moves, those that plans lock too, between its stops, and has its armature, damping and friction.
-Links touch the ground alone, not one another.
+Links touch the ground, not one another.
 """
 
 from math import atan2, pi, remainder
@@ -11,6 +11,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.jumps.check import LIGHT
+from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import BASE, point_in_joint
 from floatplan.robot.mjcf.compiled import import_mujoco
@@ -20,14 +21,9 @@ from floatplan.simulation.perturbation import Sample
 from floatplan.simulation.reduced_model import ReducedModel
 
 LINK = "link "  # before the name of its shape, since a foot may be called as its link
-TIPPED = 0.5  # [rad] of the base: no more is standing
-LOW = 0.6  # [-] of its height in the end as planned: no less is standing
-WIDTH = 0.02  # [m] of the links' prisms
-THIN = 1e-4  # [m] a hull that is thinner is no shape
 SMALLEST = 5e-3  # [m] radius of a foot's sphere
 STEP = 5e-4  # [s] of the simulation
 STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
-SLIPLESS = 10.0  # [-] stiffness of friction over that of the normal force
 
 
 class ContactRobot:
@@ -52,11 +48,14 @@ class ContactRobot:
         self.feet = tuple(_feet(jump))
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
-        self.forces, self.points, self.slips = np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
-        self.pitch, self.ground = 0.0, jump.ground
+        self.forces = np.zeros((0, 3))
+        self.points = np.zeros((0, 3))
+        self.slips = np.zeros(0)
+        self.pitch = 0.0
+        self.ground = jump.ground
 
     def begin(self, base: Array, positions: Array) -> None:
-        """Stand at a place (3,) m of the base with its quaternion w x y z, and positions as of ``robot.model``."""
+        """Stand with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``."""
         self.data.qpos[:7] = base
         self.data.qpos[self.mujoco_robot.positions] = positions[BASE:]
         self.pitch = float(positions[BASE - 1])
@@ -79,7 +78,7 @@ class ContactRobot:
         return np.concatenate((self.axes @ rates[:3], [rates[3:6] @ normal], rates[self.mujoco_robot.velocities]))
 
     def move(self, torques: Array, duration: float) -> bool:
-        """Go on for a duration, s, under torques (J,), N m, and look at the ground; whether the motion is one still."""
+        """Simulate for a duration, s, under torques (J,), N m, and read the contacts; whether the motion is finite."""
         data = self.data
         data.qfrc_applied[self.mujoco_robot.velocities] = torques
         for _ in range(round(duration / self.model.opt.timestep)):
@@ -90,8 +89,8 @@ class ContactRobot:
         self.points = np.full((count, 3), np.nan)
         self.slips = np.zeros(count)
         contacts = data.contact
-        listed = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
-        for index, (geom, row) in enumerate(listed):
+        rows = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
+        for index, (geom, row) in enumerate(rows):
             foot = self.foot_of.get(geom)
             if foot is not None and row >= 0:
                 force = data.efc_force[row : row + 3]
@@ -103,11 +102,11 @@ class ContactRobot:
 
     def links(self) -> tuple[str, ...]:
         """Names of links other than feet that touched the ground."""
-        names = (self.model.geom(each).name for each in self.touched if each not in self.foot_of)
-        return tuple(sorted(name.removeprefix(LINK) for name in names))
+        geoms = [geom for geom in self.touched if geom not in self.foot_of]
+        return tuple(sorted(self.model.geom(geom).name.removeprefix(LINK) for geom in geoms))
 
     def stands(self, base: Array, orientation: float) -> bool:
-        """Whether the base is turned as planned in the end, whole turns included, but about the vertical, and as high.
+        """Whether the base is oriented as planned in the end, whole turns included, but for its yaw, and as high.
 
         Arguments are those of :meth:`begin`, of the end.
         """
@@ -116,9 +115,11 @@ class ContactRobot:
         up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
         height_now = self.data.qpos[:3] @ up - self.ground
         height_planned = base[:3] @ up - self.ground
-        turned = abs(self.pitch - orientation) < TIPPED
-        level = (up_now * up_planned).sum() > np.cos(TIPPED)
-        return bool(turned and level and height_now > LOW * height_planned)
+        tipped = 0.5  # [rad] of the base: one that is further off does not stand
+        has_pitch = abs(self.pitch - orientation) < tipped
+        is_level = (up_now * up_planned).sum() > np.cos(tipped)
+        is_high = height_now > 0.6 * height_planned
+        return bool(has_pitch and is_level and is_high)
 
 
 def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sample: Sample) -> MujocoSpec:
@@ -130,19 +131,19 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     Parameters
     ----------
     friction : of the ground
-    sample : factors of the links' masses and inertias, and the rotors that come on top of the problem's
+    sample : factors of the links' masses and inertias, and the armature in addition to the problem's
     """
     mujoco = import_mujoco()
     geoms = mujoco.mjtGeom
     robot = jump.problem.robot
     up = np.asarray(robot.plane.vertical, dtype=np.float64)
-    parts = MujocoSpec(robot, reduced, sample, free=True)
-    spec = parts.spec
+    mujoco_spec = MujocoSpec(robot, reduced, sample, free=True)
+    spec = mujoco_spec.spec
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = SLIPLESS
+    spec.option.impratio = 10.0  # stiffness of friction over that of the normal force: feet do not creep
     spec.compiler.degree = False
     stops = np.stack((robot.model.lowerPositionLimit, robot.model.upperPositionLimit), axis=1)[BASE:]
     for number, (name, stop) in enumerate(zip(reduced.joints, stops, strict=True), BASE + 1):
@@ -164,53 +165,58 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
         friction=[friction, 0, 0],
     )
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
-    for name, (number, place, radius) in _feet(jump).items():
-        parts.bodies[number].add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=place, **touching)
-    frames = {frame for stance in jump.stances for contact in stance.contacts for frame in contact.frames}
-    standing = {robot.contact_link(robot.frames[frame].link) for frame in frames}
+    for name, (number, centre, radius) in _feet(jump).items():
+        body = mujoco_spec.bodies[number]
+        body.add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **touching)
+    standing = links_of(robot, jump.contacts)
     for link in robot.link_hulls:
         prism = None if link in standing else _prism(robot, link)
         if prism is not None:
             number, corners = prism
             shape = f"{LINK}{link}"
             spec.add_mesh(name=shape, uservert=corners.ravel())
-            parts.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
-    return parts
+            mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
+    return mujoco_spec
 
 
 def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     """The joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
-    robot, (orientation, *joints) = jump.problem.robot, jump.before[0].grid.y[:, 0]
-    upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(orientation, np.array(joints)))
-    found: dict[str, tuple[int, Array, float]] = {}
-    for contact in (contact for stance in jump.stances for contact in stance.contacts):
+    robot = jump.problem.robot
+    y = jump.before[0].grid.y[:, 0]
+    upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(y[0], y[1:]))
+    feet: dict[str, tuple[int, Array, float]] = {}
+    for contact in jump.contacts:
         radius = SMALLEST if contact.of_sole else max(contact.depth, SMALLEST)
         for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True):
             centre = spot.place + (radius - contact.depth) * upwards[spot.body]
-            found[name] = (*point_in_joint(robot, frame, complex(centre)), radius)
-    return found
+            feet[name] = (*point_in_joint(robot, frame, complex(centre)), radius)
+    return feet
 
 
 def least_heights(jump: JumpMotion, positions: Array) -> Array:
     """How high (N,), m, the lowest foot is above the ground, of all coordinates (N, BASE + J) of ``robot.model``."""
-    robot, feet, data = jump.problem.robot, _feet(jump).values(), jump.problem.robot.model.createData()
-    found = []
+    robot = jump.problem.robot
+    feet = _feet(jump).values()
+    data = robot.model.createData()
+    lowest = []
     for row in positions:
         pin.forwardKinematics(robot.model, data, row)
-        places = [data.oMi[joint].act(centre) @ robot.plane.vertical - radius for joint, centre, radius in feet]
-        found.append(min(places) - jump.ground)
-    return np.array(found)
+        heights = [data.oMi[joint].act(centre) @ robot.plane.vertical - radius for joint, centre, radius in feet]
+        lowest.append(min(heights) - jump.ground)
+    return np.array(lowest)
 
 
 def _prism(robot: Robot, link: str) -> tuple[int, Array] | None:
     """The joint that carries a link, and its prism (2 c, 3) m in the joint's axes; None of what is no shape."""
-    corners = np.array([[each.start, each.end] for each in robot.link_hulls[link]]).ravel()
+    corners = np.array([[side.start, side.end] for side in robot.link_hulls[link]]).ravel()
     centred = corners - corners.mean()
-    if np.linalg.svd(np.stack((centred.real, centred.imag)), compute_uv=False)[-1] < THIN:
+    if np.linalg.svd(np.stack((centred.real, centred.imag)), compute_uv=False)[-1] < 1e-4:  # m: a line
         return None
-    found = [point_in_joint(robot, link, complex(corner)) for corner in corners]
-    joint, data = found[0][0], robot.model.createData()
+    in_joint = [point_in_joint(robot, link, complex(corner)) for corner in corners]
+    joint = in_joint[0][0]
+    data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.reference.copy())
-    across = WIDTH / 2 * data.oMi[joint].rotation.T @ robot.plane.normal
-    middle = np.array([place for _, place in found])
+    half_width = 0.02 / 2  # m
+    across = half_width * data.oMi[joint].rotation.T @ robot.plane.normal
+    middle = np.array([point for _, point in in_joint])
     return joint, np.concatenate((middle - across, middle + across))

@@ -1,7 +1,7 @@
-"""The control loop of a robot that is simulated: at a fixed period it is measured, corrected, controlled and moved.
+"""The control loop of a simulated robot: at a fixed period it is measured, corrected, controlled and moved.
 
-Each motor gets feed-forward torque and joint feedback, held for the period, up to what it can. Corrections in flight
-are computed by a :class:`~floatplan.inflight.replanner.Replanner`, which is given what was measured, late.
+Each motor gets feed-forward torque and joint feedback, constant in the period, up to its limits. Corrections in flight
+are computed by a :class:`~floatplan.inflight.replanner.Replanner`, from delayed measurements.
 """
 
 import time as clock
@@ -19,8 +19,6 @@ from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.perturbation import Perturbation, Sample
 from floatplan.simulation.reduced_model import ReducedModel
 
-SOON = 1e-9  # [s] before the end, from which on no other period begins: rounding
-
 
 class SimulatedRobot(Protocol):
     """A robot of J joints in a simulation."""
@@ -30,7 +28,7 @@ class SimulatedRobot(Protocol):
         ...
 
     def move(self, torques: Array, duration: float) -> bool:
-        """Go on for a duration, s, under torques (J,), N m; whether the state is one still."""
+        """Move for a duration, s, under torques (J,), N m; whether the state is finite."""
         ...
 
 
@@ -70,7 +68,7 @@ class Motors:
 class Sensors:
     """All states of a flight so far: ``states`` as they were, ``measured`` with noise; (2, 3 + J) each.
 
-    ``delay`` is the number of periods after which a controller knows of a measurement.
+    ``delay`` is the number of periods after which a controller has a measurement.
     """
 
     def __init__(self, perturbation: Perturbation, sample: Sample, period: float) -> None:
@@ -81,7 +79,7 @@ class Sensors:
         self._random = sample.noise
 
     def measure(self, state: Array) -> None:
-        """Measure orientation, joints and their rates; where the base is has no noise."""
+        """Measure orientation, joints and their rates with noise; the base's position without."""
         measured = state.copy()
         noise = self._random.standard_normal((2, state.shape[1] - BASE + 1))
         measured[:, BASE - 1 :] += self._deviations * noise
@@ -110,7 +108,7 @@ class Corrections:
     ) -> None:
         """Begin a flight at ``begin``, s.
 
-        ``com`` measures place and velocity of the centre of mass, in the plane, from a state as it was and as it was
+        ``com`` measures position and velocity of the centre of mass, in the plane, from a state as it was and as it was
         measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]`` before
         the landing.
         """
@@ -140,7 +138,7 @@ class Corrections:
         measured = sensors.measured[late]
         positions, velocities = (measured[:, BASE:] - self.reduced.resting) @ self.reduced.planned_of_joints.T
         com = (None, None) if self.com is None else self.com(sensors.states[late], measured)
-        began = clock.process_time()
+        start_time = clock.process_time()
         correction = self.replanner.update(
             late * self.period - self.begin,
             float(measured[0, BASE - 1]),
@@ -150,7 +148,7 @@ class Corrections:
             now - self.begin,
             *com,
         )
-        self.seconds.append(clock.process_time() - began)
+        self.seconds.append(clock.process_time() - start_time)
         self.statuses[correction.status] += 1
         changed = correction.status in ("applied", "limited")
         self.log.append((now, correction.predicted_miss, float(changed)))
@@ -158,16 +156,16 @@ class Corrections:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One period of a flight: its number and beginning, s; what the robot did then, and torques (J,), N m.
+    """One period of a flight: its number and beginning, s; the state then, and torques (J,), N m.
 
-    ``wanted`` are those before, ``torques`` those after the motors' limits. ``finite`` is whether the simulation still
-    had a state at its end.
+    ``requested`` are those before, ``torques`` those after the motors' limits. ``finite`` is whether the state at its
+    end is.
     """
 
     number: int
     now: float
     state: Array
-    wanted: Array
+    requested: Array
     torques: Array
     finite: bool
 
@@ -176,8 +174,8 @@ class Tick:
 class JointControl:
     """A robot's control: a guide, feedback with gains (2, J), and motors of some strength (J,).
 
-    ``feedback_delay`` is the number of periods after which feedback knows of what was measured; ``errors`` are those of
-    the joints (2, J) so far in the flight.
+    ``feedback_delay`` is the number of periods after which feedback has a measurement; ``errors`` are those of the
+    joints (2, J) so far in the flight.
     """
 
     guide: Guide
@@ -189,10 +187,11 @@ class JointControl:
     errors: list[Array] = field(default_factory=list)
 
     def fly(self, robot: SimulatedRobot, period: float) -> Iterator[Tick]:
-        """Fly a robot until the guide's end, or until it diverges, and give each period; the last may be shorter."""
+        """Fly a robot until the guide's end, or until it diverges, and yield each period; the last may be shorter."""
+        rounding = 1e-9  # [s] before the end, from which on no other period begins
         for number in count():
             now = number * period
-            if now >= self.guide.end - SOON:
+            if now >= self.guide.end - rounding:
                 return
             state = np.stack(robot.state())
             self.sensors.measure(state)

@@ -69,7 +69,7 @@ class JointTorques:
     """Torques (m,) by time, s, and the joints' positions and velocities (m,): the plan's, and feedback's.
 
     ``strength`` (m,) says how strong each motor is; without gains (2, m) of feedback the torques are open loop. Motors
-    make up for what joints that move as planned lose by damping and friction; what joints lose is taken off.
+    compensate what joints that move as planned lose by damping and friction; what joints lose is subtracted.
     """
 
     def __init__(self, motion: RecordedMotion, strength: Array, gains: Array | None) -> None:

@@ -1,8 +1,7 @@
 """A plan in a plane on a real free joint, in MuJoCo: how far does the robot roll and yaw?
 
-The base is free in space, every joint of the URDF turns about the axis that the file gives it, and nothing is rigid:
-joints get the torques that the plan takes. Locked and coupled joints, which the plan holds where they are or together,
-are held by gains besides, as a robot's motors do.
+The base is free in space, every joint of the URDF has the axis of the file, and nothing is rigid: joints get the
+torques that the plan takes. Locked and coupled joints are also controlled by gains, as by a robot's motors.
 """
 
 import math
@@ -21,30 +20,26 @@ from floatplan.simulation.engines import JointTorques
 from floatplan.simulation.gains import critical_gains
 from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec, rigid_joints
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.simulation.recorded_motion import PlanarMotion
+from floatplan.simulation.recorded_motion import RecordedPlanarMotion
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.spatial_motion import perturbed_takeoff
-
-HOLD = 50.0  # [rad/s] bandwidth of the gains on locked and coupled joints
-STABLE = 1.0  # [-] largest rate of decay times step; the Runge-Kutta method is stable up to 2.8
-RUNAWAY = 1e6  # [rad/s] or m/s
 
 
 @dataclass(frozen=True, eq=False)
 class SpatialLanding:
-    """Where the robot lands that is free in space, against where the plan says.
+    """Where the robot that is free in space lands, relative to the plan.
 
     Attributes
     ----------
     roll, yaw : rad
-        About the plane's horizontal axis, and about its vertical: the turn that the plan has not.
+        About the plane's horizontal axis, and about its vertical: the rotation that the plan has not.
     orientation_error : rad
         About the plane's normal.
     position_error : (n,) rad
         Of each planned joint, or of one coupled to it where that is further off.
     locked_error : rad, of the locked joint that is furthest off; m of one that slides
     com_error : m, of the centre of mass from its parabola
-    held : joints that gains hold
+    held : joints that are controlled by gains
     balanced : bodies whose inertia no body can have, by first link
         MuJoCo refuses it: the largest change of a principal moment, kg m^2.
     """
@@ -67,7 +62,7 @@ def fly_with_free_base(
     Parameters
     ----------
     feedback : float, optional
-        Bandwidth, rad/s, of gains on all joints; left out, locked and coupled ones alone are held.
+        Bandwidth, rad/s, of gains on all joints; left out, gains of 50 rad/s are on locked and coupled ones alone.
     step : float
         s, at most; shorter where the gains are stiff.
 
@@ -80,32 +75,24 @@ def fly_with_free_base(
     """
     reduced = reduced_model(robot, float(record.com["gravity"]), rigid=rigid_joints(robot))
     sample = perturbation.sampled(seed, 0, len(reduced.joints), reduced.model.njoints)
-    motion = PlanarMotion(record, reduced)
+    motion = RecordedPlanarMotion(record, reduced)
     flying = MujocoRobot(MujocoSpec(robot, reduced, sample, free=True))
     couplings = {*robot.coupled, *(coupling.leader for coupling in robot.coupled.values())}
-    held = np.array([feedback is not None or name in robot.locked or name in couplings for name in reduced.joints])
-
-    # the planar takeoff on a free joint
+    always = {*robot.locked, *couplings}
+    controlled = np.array([feedback is not None or name in always for name in reduced.joints])
     plane = robot.plane
     axes = reduced.axes
-    planar, rates = perturbed_takeoff(record, reduced, sample)
-    turned = pin.Quaternion(pin.AngleAxis(planar[BASE_COORDINATES - 1], np.asarray(plane.normal)))
-    base = np.concatenate((planar[: BASE_COORDINATES - 1] @ axes, turned.coeffs()))
-    linear = turned.matrix().T @ (rates[: BASE_COORDINATES - 1] @ axes)
-    base_velocity = np.concatenate((linear, rates[BASE_COORDINATES - 1] * plane.normal))
-    takeoff = flying.own_state(
-        np.append(base, planar[BASE_COORDINATES:]), np.append(base_velocity, rates[BASE_COORDINATES:])
-    )
-
-    gains, fastest = _gains(flying, takeoff[0], held, feedback or HOLD)
-    step = integration.whole_step(record.duration, min(step, STABLE / fastest if fastest else math.inf), 1)
+    takeoff = flying.own_state(*_on_free_joint(robot, *perturbed_takeoff(record, reduced, sample)))
+    gains, fastest = _gains(flying, takeoff[0], controlled, feedback or 50.0)
+    stable = 1.0  # [-] largest rate of decay times step; the Runge-Kutta method is stable up to 2.8
+    step = integration.whole_step(record.duration, min(step, stable / fastest if fastest else math.inf), 1)
     if record.duration / step > integration.MOST_STEPS:
         reason = f"the gains of the joints take steps of {step:.2g} s, more than {integration.MOST_STEPS}"
         raise InputError(reason, element="engine", advice="use the engine pinocchio, or a lower feedback")
     dynamics = JointTorques(motion, sample.torque, gains).dynamics(flying)
 
     def checked(time: float, q: Array, v: Array) -> Array:
-        if not np.abs(v).max() < RUNAWAY:  # nor where it is no number
+        if not np.abs(v).max() < 1e6:  # rad/s, m/s; nor where it is no number
             raise FloatplanError(f"the replay in space ran away {time:.3g} s after takeoff; try a shorter --step")
         return dynamics(time, q, v)
 
@@ -113,32 +100,45 @@ def fly_with_free_base(
     checked(record.duration, *landed)
 
     q, _ = flying.reduced_state(*landed)
-    wanted = pin.AngleAxis(float(record.orientation["goal"]), np.asarray(plane.normal)).matrix()
-    turn = pin.log3(pin.Quaternion(q[3:7]).matrix() @ wanted.T)
+    goal = pin.AngleAxis(float(record.orientation["goal"]), np.asarray(plane.normal)).matrix()
+    error = pin.log3(pin.Quaternion(q[3:7]).matrix() @ goal.T)
     position_error, locked_errors = reduced.off_goal(q[7:], record.problem["goal"]["positions"])
-    aside = (_com(flying, takeoff[0]) @ plane.normal) * plane.normal
-    com_error = _com(flying, landed[0]) - motion.com_position(record.duration) @ axes - aside
+    out_of_plane = (_com(flying, takeoff[0]) @ plane.normal) * plane.normal
+    com_error = _com(flying, landed[0]) - motion.com_position(record.duration) @ axes - out_of_plane
     return SpatialLanding(
-        roll=float(turn @ plane.horizontal),
-        yaw=float(turn @ plane.vertical),
-        orientation_error=abs(float(turn @ plane.normal)),
+        roll=float(error @ plane.horizontal),
+        yaw=float(error @ plane.vertical),
+        orientation_error=abs(float(error @ plane.normal)),
         position_error=position_error,
         locked_error=float(locked_errors.max(initial=0.0)),
         com_error=float(np.linalg.norm(com_error)),
-        held=tuple(np.array(reduced.joints)[held].tolist()),
+        held=tuple(np.array(reduced.joints)[controlled].tolist()),
         balanced=flying.balanced,
     )
 
 
-def _gains(flying: MujocoRobot, q: Array, held: BoolArray, bandwidth: float) -> tuple[Array, float]:
-    """Critically damped gains of the held joints at a posture, and the fastest rate of decay that they make, 1/s."""
+def _on_free_joint(robot: Robot, positions: Array, velocities: Array) -> tuple[Array, Array]:
+    """A planar configuration and velocity on a free joint, as Pinocchio has them."""
+    plane = robot.plane
+    axes = np.stack((plane.horizontal, plane.vertical))
+    angle = BASE_COORDINATES - 1
+    attitude = pin.Quaternion(pin.AngleAxis(positions[angle], np.asarray(plane.normal)))
+    base = np.concatenate((positions[:angle] @ axes, attitude.coeffs()))
+    linear = attitude.matrix().T @ (velocities[:angle] @ axes)
+    base_velocity = np.concatenate((linear, velocities[angle] * plane.normal))
+    q = np.append(base, positions[BASE_COORDINATES:])
+    return q, np.append(base_velocity, velocities[BASE_COORDINATES:])
+
+
+def _gains(flying: MujocoRobot, q: Array, controlled: BoolArray, bandwidth: float) -> tuple[Array, float]:
+    """Critically damped gains of the controlled joints at a posture, and the fastest rate of decay, 1/s."""
     flying.data.qpos[:] = q
     flying.mujoco.mj_forward(flying.model, flying.data)
     columns = np.eye(flying.model.nv)[flying.velocities]
     inverse = np.zeros_like(columns)
     flying.mujoco.mj_solveM(flying.model, flying.data, inverse, columns)
     inverse = inverse[:, flying.velocities]
-    gains = critical_gains(bandwidth, held / np.diagonal(inverse))
+    gains = critical_gains(bandwidth, controlled / np.diagonal(inverse))
     rates = np.linalg.eigvals(inverse * gains[1])
     return gains, float(np.abs(rates).max(initial=0.0))
 

@@ -18,10 +18,7 @@ Gain: TypeAlias = float | Mapping[str, float]  # of all joints, or of some by na
 Gains: TypeAlias = tuple[Gain | None, Gain | None]  # stiffness, damping
 
 FASTEST = 1e4  # [rad/s] bandwidth of feedback
-BANDWIDTH = 100.0  # [rad/s] of a controller's feedback, where none is said
-LATE_BANDWIDTH = 125.0  # [rad/s] of a jump's, over what is measured 4 ms late and held for 2 ms: 0.6 over the delay
-DAMPING_TIME = 0.017  # [s] a jump's damping over its stiffness: nearly critical
-INSTANTS = 33  # [-] of a flight, at which its inertia is looked at
+BANDWIDTH = 100.0  # [rad/s] of a controller's feedback, unless another is requested
 
 
 def critical_gains(bandwidth: float, inertia: Array) -> Array:
@@ -30,50 +27,52 @@ def critical_gains(bandwidth: float, inertia: Array) -> Array:
 
 
 def joint_inertia(model: Any, posture: Array) -> Array:
-    """Return the inertia (m,), kg m^2, that each joint of a ``pinocchio.Model`` turns at a posture.
+    """Return the inertia (m,), kg m^2, that each joint of a ``pinocchio.Model`` accelerates at a posture.
 
-    It is ``1 / (M^-1)_jj``: what a torque on the joint alone feels while the robot floats.
+    It is ``1 / (M^-1)_jj``: the torque of the joint over its acceleration while the robot floats.
     """
     inverse = pin.computeMinverse(model, model.createData(), np.asarray(posture))
     base = BASE_COORDINATES if model.nq == model.nv else FREE_FLYER
     return np.asarray(1.0 / np.diagonal(inverse)[base:])
 
 
-def given_gains(joints: Sequence[str], given: Gain | None, element: str, default: Array) -> Array:
-    """Return gains (J,) as given, else as they are by default; InputError where one is wrong."""
-    if given is None:
+def given_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
+    """Return gains (J,) as requested, else as they are by default; InputError where one is wrong."""
+    if requested is None:
         return default
-    if not isinstance(given, Mapping):
-        return np.full(len(joints), GAIN(given, element))
+    if not isinstance(requested, Mapping):
+        return np.full(len(joints), GAIN(requested, element))
     gains = default.copy()
-    for joint, gain in by_name(GAIN)(given, element).items():
+    for joint, gain in by_name(GAIN)(requested, element).items():
         if joint not in joints:
             raise InputError(f"the robot has no such joint that moves: {joint}", element=element)
         gains[joints.index(joint)] = gain
     return gains
 
 
-def first_gains(jump: JumpMotion, given: Gains = (None, None)) -> Array:
-    """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as given.
+def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
+    """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as requested.
 
-    What is left out is the same of all: what gives the lightest joint in flight ``LATE_BANDWIDTH``, but at least the
-    weight times its height where the robot stands, which it falls over without; and ``DAMPING_TIME`` times that. The
-    lightest bounds them all, for damping of more than its inertia over the delay rings. InputError where one that is
-    given is wrong.
+    What is left out is the same of all: a stiffness by which the lightest joint in flight has the bandwidth of late
+    feedback, but at least the weight times its height where the robot stands, which it falls over without; and a
+    damping that is nearly critical. The lightest bounds them all, for damping of more than its inertia over the delay
+    rings. InputError where a requested one is wrong.
     """
+    late_bandwidth = 125.0  # [rad/s] of measurements that are 4 ms late, constant for 2 ms: 0.6 over the delay
+    damping_time = 0.017  # [s] damping over stiffness: nearly critical
     robot = jump.problem.robot
     model = robot.model
     com = pin.centerOfMass(model, model.createData(), jump.at(0.0).positions[0]) @ robot.plane.vertical
     standing = robot.mass * jump.problem.flight.gravity * float(com - jump.ground)
     takeoff, landing = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
-    postures = jump.at(np.linspace(takeoff, landing, INSTANTS)).positions
+    postures = jump.at(np.linspace(takeoff, landing, 33)).positions
     lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
-    stiffness = float(f"{max(LATE_BANDWIDTH**2 * lightest, standing):.2g}")
+    stiffness = float(f"{max(late_bandwidth**2 * lightest, standing):.2g}")
     joints = robot.model_joints
-    kp, kd = given
+    kp, kd = requested
     return np.stack(
         [
             given_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
-            given_gains(joints, kd, "kd", np.full(len(joints), DAMPING_TIME * stiffness)),
+            given_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
         ]
     )

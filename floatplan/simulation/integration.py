@@ -1,7 +1,7 @@
 """Integration of forward dynamics: finely by a method of order 8, or at fixed steps by the classical one of order 4.
 
 Open loop, a replay with Pinocchio is integrated far more finely than anything it checks. MuJoCo, planar flights with a
-free base and control loops, whose torques are held for a period, take fixed steps.
+free base and control loops, whose torques are constant in a period, take fixed steps.
 """
 
 import math
@@ -20,7 +20,7 @@ Moved: TypeAlias = Callable[[Array, Array, float], Array]  # q, v, duration -> q
 Rate: TypeAlias = Callable[[Array, Array], Array]  # q, v -> derivative of q by time
 
 TIGHT = 1e-12  # [-] error of a step; open loop, errors grow with the motion: 10-fold in a flight, 1e12 with 20 links
-LOOSE = 1e-8  # [-] where what is flown was perturbed by far more
+LOOSE = 1e-8  # [-] where the robot was perturbed by far more
 MOST_EVALUATIONS = 40_000  # [-] of the dynamics; flights of real robots take up to 2000
 MOST_STEPS = 100_000  # [-] of a flight, where steps are fixed
 
@@ -41,7 +41,7 @@ def fly_finely(dynamics: Dynamics, rate: Rate, takeoff: State, times: Array, tol
     FloatplanError
         The motion cannot be integrated to its end, or not within ``MOST_EVALUATIONS``.
     """
-    from scipy.integrate import solve_ivp  # here, because what reads gains alone does without
+    from scipy.integrate import solve_ivp  # here, because what only reads gains does without
 
     evaluations = count()
     size = len(takeoff[0])
@@ -51,7 +51,8 @@ def fly_finely(dynamics: Dynamics, rate: Rate, takeoff: State, times: Array, tol
             raise FloatplanError(
                 f"the replay was stopped {time:.3g} s after takeoff: motion or feedback is too fast to be integrated"
             )
-        q, v = state[:size], state[size:]
+        q = state[:size]
+        v = state[size:]
         return np.concatenate((rate(q, v), dynamics(time, q, v)))
 
     result = solve_ivp(
@@ -89,7 +90,7 @@ def whole_step(duration: float, step: float, parts: int) -> float:
 def runge_kutta_step(dynamics: Dynamics, moved: Moved, state: State, begin: float, end: float) -> State:
     """One step of the classical Runge-Kutta method; the next one begins at the very time at which this one ends.
 
-    Configurations move by ``moved``: along the geodesic where the base turns in space.
+    Configurations move by ``moved``: along the geodesic where the base rotates in space.
     """
     q, v = state
     duration = end - begin

@@ -1,8 +1,8 @@
 """One flight of a whole jump in MuJoCo with contact, by torques and by springs with dampers on the joints.
 
-500 times a second each motor gets the jump's torque at that time and joint feedback. Feedback compares what was
-measured, late, with what was wanted then. With corrections a replanner gets the same measurements while the robot is in
-the air. Nothing of the planner is used: the ground pushes as MuJoCo's contacts do.
+500 times a second each motor gets the jump's torque at that time and joint feedback. Feedback compares delayed
+measurements with the target at their time. With corrections a replanner gets the same measurements while the robot is
+in the air. Nothing of the planner is used: the ground pushes as MuJoCo's contacts do.
 """
 
 from collections import Counter
@@ -19,13 +19,12 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import BASE, JumpState
 from floatplan.simulation.contact_model import ContactRobot, least_heights
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
-from floatplan.simulation.flown_jump import STANDING, FlownJump
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.results import Flight
+from floatplan.simulation.results import SimulatedFlight
+from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
 
 PERIOD = 2e-3  # [s] of the joints' control
-CLEAR = 5e-3  # [m] of feet above the ground as planned: lower ones of a robot that is not as planned may touch it
 
 
 class JumpControl:
@@ -35,10 +34,11 @@ class JumpControl:
         assert jump.flight is not None
         self.jump = jump
         self.gains = gains
-        self.robot = robot = jump.problem.robot
+        robot = jump.problem.robot
+        self.robot = robot
         self.reduced = reduced_model(robot, jump.problem.flight.gravity, rigid=())
         self.times = np.arange(int((jump.duration + STANDING) / PERIOD) + 1) * PERIOD
-        self.wanted = jump.at(np.minimum(self.times, jump.duration))
+        self.planned = jump.at(np.minimum(self.times, jump.duration))
         self.base_ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
         self.joints = self.reduced.joints
         self.motor_joints = [self.joints.index(name) for name in robot.motors]
@@ -50,14 +50,15 @@ class JumpControl:
         self.motors.effort[self.motor_joints] = jump.problem.motor_torque_limits
         self.motors.stall[self.motor_joints] = jump.problem.motor_stall
         self.motors.slope[self.motor_joints] = jump.problem.motor_slope
-        self.torques = self.wanted.torques[:, BASE:] + self.reduced.lost(self.wanted.velocities[:, BASE:])
-        self.motor_torques = self.wanted.torques @ robot.transmission
+        self.torques = self.planned.torques[:, BASE:] + self.reduced.lost(self.planned.velocities[:, BASE:])
+        self.motor_torques = self.planned.torques @ robot.transmission
         self.takeoff = jump.takeoff_time
         self.landing = jump.takeoff_time + jump.flight.duration
         flying = (self.times >= self.takeoff) & (self.times < self.landing)
-        heights = least_heights(jump, self.wanted.positions[flying])
-        clear = self.times[flying][heights > CLEAR]
-        # when all feet are clear of the ground, s, and how long before the landing one no longer is
+        heights = least_heights(jump, self.planned.positions[flying])
+        least = 5e-3  # [m] as planned: a lower foot of a robot that is not as planned may touch the ground
+        clear = self.times[flying][heights > least]
+        # When all feet are clear of the ground, s, and how long before the landing one no longer is.
         self.clear = (clear[0], self.landing - clear[-1]) if len(clear) else (self.takeoff, 0.0)
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
         self._data = robot.model.createData()
@@ -69,16 +70,16 @@ class JumpControl:
         flight: tuple[int, int],
         correct: bool,
         record: bool = False,
-        **chosen: Any,
-    ) -> Flight[FlownJump]:
-        """Fly one robot, sampled by a seed and its number but for what is chosen of it, on a ground of some friction.
+        **fixed: Any,
+    ) -> SimulatedFlight[SimulatedJump]:
+        """Fly one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction.
 
-        Its landing has the trunk's largest tilt besides, rad, from where it should be, from the landing on.
+        Its landing also has the trunk's largest tilt, rad, from where it should be, from the landing on.
         """
         assert self.jump.flight is not None
-        sample = replace(perturbation.sampled(*flight, len(self.joints), self.robot.model.njoints), **chosen)
+        sample = replace(perturbation.sampled(*flight, len(self.joints), self.robot.model.njoints), **fixed)
         robot = ContactRobot(self.jump, self.reduced, sample.friction * friction, sample)
-        robot.begin(self.base_ends[0], self.wanted.positions[0])
+        robot.begin(self.base_ends[0], self.planned.positions[0])
         corrections = None
         if correct and self.replanner is not None:
             corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff, self.clear)
@@ -93,11 +94,11 @@ class JumpControl:
         rows = []
         for tick in control.fly(robot, PERIOD):
             orientation = float(tick.state[0, BASE - 1])
-            share = max(share, self.motors.share(tick.wanted, tick.state[1, BASE:]))
+            share = max(share, self.motors.share(tick.requested, tick.state[1, BASE:]))
             if tick.now >= guide.landing:
                 if np.isnan(pitch):
                     pitch = orientation - goal
-                tilt = max(tilt, abs(orientation - float(self.wanted.positions[tick.number, BASE - 1])))
+                tilt = max(tilt, abs(orientation - float(self.planned.positions[tick.number, BASE - 1])))
             if not tick.finite:
                 tilt = np.inf
                 break
@@ -106,9 +107,9 @@ class JumpControl:
             if record:
                 torques = np.append(np.zeros(BASE), sample.torque * tick.torques)
                 rows.append((*tick.state, robot.accelerations(), torques, robot.forces, robot.points))
-        return Flight(
+        return SimulatedFlight(
             landing={
-                "stands": robot.stands(self.base_ends[1], self.wanted.positions[-1, BASE - 1]),
+                "stands": robot.stands(self.base_ends[1], self.planned.positions[-1, BASE - 1]),
                 "touched": robot.links(),
                 "pitch": pitch,
                 "torque": share,
@@ -121,11 +122,11 @@ class JumpControl:
         )
 
     def measured_com(self, state: Array, measured: Array) -> tuple[Array, Array]:
-        """Place and velocity (2,) of the centre of mass, m and m/s, from a state as it was measured."""
+        """Position and velocity (2,) of the centre of mass, m and m/s, from a state as it was measured."""
         pin.centerOfMass(self.robot.model, self._data, *measured)
         return self.reduced.axes @ self._data.com[0], self.reduced.axes @ self._data.vcom[0]
 
-    def _recorded(self, rows: Sequence[tuple[Array, ...]], robot: ContactRobot) -> FlownJump:
+    def _recorded(self, rows: Sequence[tuple[Array, ...]], robot: ContactRobot) -> SimulatedJump:
         jump = self.jump
         state = None
         if rows:
@@ -140,12 +141,12 @@ class JumpControl:
                 torques=torques,
                 points={name: points[:, foot] for foot, name in enumerate(robot.feet)},
             )
-        return FlownJump(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
+        return SimulatedJump(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
 
 
 @dataclass(frozen=True, eq=False)
 class _JumpGuide:
-    """A jump's motion from standing to standing, its flight as it is corrected where it is."""
+    """A jump's motion from standing to standing, with corrections in flight where there are any."""
 
     control: JumpControl
     corrections: Corrections | None
@@ -161,18 +162,18 @@ class _JumpGuide:
         return self.control.landing if self.corrections is None else self.corrections.landing
 
     def target(self, tick: int, now: float, sensors: Sensors) -> tuple[Array, Array]:
-        """Positions and rates (2, J) that are wanted of all joints, and feed-forward torques (J,)."""
+        """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
         control = self.control
-        wanted = control.wanted
+        planned = control.planned
         if self.corrections is None or not control.takeoff <= now < self.landing:
-            # what follows the flight begins as much earlier or later as the robot lands
+            # What follows the flight begins as much earlier or later as the robot lands.
             early = 0 if now < control.takeoff else round((control.landing - self.landing) / PERIOD)
             row = min(tick + early, len(control.times) - 1)
-            target = np.stack((wanted.positions[row, BASE:], wanted.velocities[row, BASE:]))
+            target = np.stack((planned.positions[row, BASE:], planned.velocities[row, BASE:]))
             return target, control.torques[row]
         self.corrections.correct(tick, now, sensors)
         reference = self.corrections.replanner.reference(now - control.takeoff)
         torques = control.torques[tick].copy()
         torques[control.motor_joints] += reference.motors - control.motor_torques[tick]
-        planned = np.stack((reference.positions, reference.velocities))
-        return control.reduced.resting + planned @ control.reduced.joint_selection.T, torques
+        corrected = np.stack((reference.positions, reference.velocities))
+        return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques

@@ -17,57 +17,58 @@ from floatplan.jumps.jump import Jump, load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
-from floatplan.simulation.flown_jump import STANDING, FlownJump
 from floatplan.simulation.gains import Gains, first_gains, joint_inertia
 from floatplan.simulation.jump_flight import PERIOD, JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
-from floatplan.simulation.results import Flight, JumpLandings, JumpReplay
+from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlight
+from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
 from floatplan.tables import Range
 
 MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
-SEARCH = 977  # seed of the flights by which gains are judged
-CORRECTED = 250.0  # [Hz]
-TO_SPARE = 0.2  # [-] of friction
-MASSES = 0.05  # [-] of all bodies together, more or less
-FALLEN = 1.0  # [rad] of tilt: more is no worse
-ROTORS = 2.5  # [-] armature that may be there, over the least inertia that a joint turns where the robot stands
 
 
 def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = None) -> tuple[Array, int]:
     """Return gains (2, J) with which robots land that measure late, whatever they weigh, and how many were tried.
 
     Low gains lag behind heavy rotors and let the robot fall, high ones ring with light rotors; what lands every robot
-    that was tried may be next to either. So each of some multiples of :func:`first_gains` is flown with the extremes:
-    no rotors and the heaviest, all bodies lighter and heavier, with corrections in flight and without. The answer is
-    the middle of the neighbours of which each two together land most of these on their feet alone; of several such
+    that was tried may be next to either. So each of some multiples of :func:`first_gains` is simulated with the
+    extremes: no rotors and the heaviest, all bodies lighter and heavier, with corrections in flight and without. The
+    result is the middle of the neighbours of which each pair lands most of these on their feet alone; of several such
     ranges that of most neighbours, of equals the one whose trunks stay nearest to their path from the landing on (mean
     square).
     """
     first = first_gains(jump)
-    control = JumpControl(jump, first, CORRECTED)
-    heaviest = ROTORS * float(joint_inertia(control.robot.model, control.wanted.positions[0]).min())
-    late, friction = Perturbation(noise=math.radians(0.1), delay=4e-3), jump.request.friction + TO_SPARE
-    bodies, found = np.ones(control.robot.model.njoints), []
+    control = JumpControl(jump, first, rate=250.0)
+    # Armature that may be there, over the least inertia that a joint accelerates where the robot stands.
+    heaviest = 2.5 * float(joint_inertia(control.robot.model, control.planned.positions[0]).min())
+    late = Perturbation(noise=math.radians(0.1), delay=4e-3)
+    friction = jump.request.friction + 0.2  # more than planned: gains, not the ground, are compared
+    bodies = np.ones(control.robot.model.njoints)
+    fallen = 1.0  # [rad] of tilt: more is no worse
+    seed = 977  # of all these flights
+    scores = []
     for trial, multiple in enumerate(MULTIPLES, start=1):
         control.gains = multiple * first
-        ends = []
-        for rotors, mass, correct in itertools.product((0.0, heaviest), (1 - MASSES, 1 + MASSES), (False, True)):
-            chosen: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
-            end = control.fly(late, friction, (SEARCH, 0), correct, **chosen).landing
-            ends.append((end["stands"] and not end["touched"], -(min(end["tilt"], FALLEN) ** 2)))
-        found.append(np.sum(ends, axis=0))
+        of_multiple = []
+        for rotors, mass, correct in itertools.product((0.0, heaviest), (0.95, 1.05), (False, True)):
+            fixed: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
+            landing = control.fly(late, friction, (seed, 0), correct, **fixed).landing
+            on_feet = landing["stands"] and not landing["touched"]
+            of_multiple.append((on_feet, -(min(landing["tilt"], fallen) ** 2)))
+        scores.append(np.sum(of_multiple, axis=0))
         if progress is not None:
             progress("gains", trial, len(MULTIPLES))
-    return middle_of_the_widest(np.array(found)) * first, len(MULTIPLES)
+    return middle_of_the_widest(np.array(scores)) * first, len(MULTIPLES)
 
 
-def middle_of_the_widest(found: Array) -> float:
-    """Return the middle of those multiples that land most flights, of which ``found`` (M, 2) says so; see above.
+def middle_of_the_widest(scores: Array) -> float:
+    """Return the middle of those multiples that land most flights, by scores (M, 2); see :func:`search_gains`.
 
-    The second column is minus the sum of squared tilts, rad^2.
+    The first column is the number of flights that land, the second minus the sum of squared tilts, rad^2.
     """
-    pairs = found[:-1] + found[1:]
-    best, ranges = pairs[:, 0].max(), []
+    pairs = scores[:-1] + scores[1:]
+    best = pairs[:, 0].max()
+    ranges = []
     for is_best, group in itertools.groupby(range(len(pairs)), lambda pair: pairs[pair, 0] == best):
         if is_best:
             same = list(group)
@@ -107,30 +108,30 @@ def replay_jump(
     budget : float, optional
         Time, s, after which no new flight begins. None: no end.
     progress : callable, optional
-        Told what is counted, "gains" that are searched or "flight", how many are done, and of how many.
+        Called with what is counted, "gains" that are searched or "flight", how many are done, and of how many.
 
     Raises
     ------
     InputError
-        No jump was found, or its check does not hold; a number is wrong, a perturbation makes no sense, or MuJoCo is
-        not installed.
+        There is no jump, its check fails, a number or a perturbation is wrong, or MuJoCo is not installed.
     """
-    began = clock.perf_counter()
+    start_time = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
     replan = optional(positive(1 / PERIOD, "Hz"))(replan, "replan")
-    seed, budget = SEED(seed, "seed"), optional(positive(unit="s"))(budget, "budget")
+    seed = SEED(seed, "seed")
+    budget = optional(positive(unit="s"))(budget, "budget")
     progress = optional(function)(progress, "progress")
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    chosen, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
-    control = JumpControl(jump, chosen, replan)
-    corrected: list[Flight[FlownJump]] = []
-    uncorrected: list[Flight[FlownJump]] = []
+    of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
+    control = JumpControl(jump, of_joints, replan)
+    corrected: list[SimulatedFlight[SimulatedJump]] = []
+    uncorrected: list[SimulatedFlight[SimulatedJump]] = []
     for flight in range(flights):
-        if budget is not None and flight and clock.perf_counter() - began > budget:
+        if budget is not None and flight and clock.perf_counter() - start_time > budget:
             break
         uncorrected.append(control.fly(perturbation, friction, (seed, flight), correct=False, record=not flight))
         if replan is not None:
@@ -145,16 +146,16 @@ def replay_jump(
         friction=friction,
         period=PERIOD,
         joints=control.joints,
-        kp=read_only(chosen[0]),
-        kd=read_only(chosen[1]),
+        kp=read_only(control.gains[0]),
+        kd=read_only(control.gains[1]),
         tried=tried,
         rate=replan,
         uncorrected=JumpLandings.of(uncorrected),
         corrected=JumpLandings.of(corrected) if corrected else None,
-        statuses=dict(sum((each.statuses for each in corrected), Counter[str]())),
+        statuses=dict(sum((flight.statuses for flight in corrected), Counter[str]())),
         balanced=uncorrected[0].balanced,
         motion=(corrected or uncorrected)[0].motion,
-        seconds=clock.perf_counter() - began,
+        seconds=clock.perf_counter() - start_time,
     )
 
 

@@ -18,9 +18,7 @@ from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial_motion import quaternion_rate
 
 LEAST = 1e-14  # [kg m^2] moment of inertia, or [kg] mass, of a body that moves: MuJoCo refuses 1e-15
-GYRATION = 1e-3  # [m] least radius of gyration of a body that is free in space, where a point or a line is given
-EDGE = 1e-9  # [-] of the largest moment: by how much less than the sum of the others it is at least
-ROUNDING = 1e-6  # [-] of the largest moment: what changes by less is not said
+GYRATION = 1e-3  # [m] least radius of gyration of a body that is free in space, where the file has a point or a line
 
 
 class MujocoSpec:
@@ -61,9 +59,9 @@ class MujocoSpec:
         links = {reduced.base_joint: tree.root}
         for number in range(reduced.base_joint + 1, model.njoints):
             joint = tree.joint[model.names[number]]
-            place = model.jointPlacements[number]
+            placement = model.jointPlacements[number]
             body = self.bodies[model.parents[number]].add_body(
-                pos=place.translation, quat=_quaternion_wxyz(place.rotation)
+                pos=placement.translation, quat=_quaternion_wxyz(placement.rotation)
             )
             body.add_joint(
                 name=f"joint{number}",
@@ -103,13 +101,13 @@ class MujocoRobot:
     MuJoCo's own integrator takes torques from a callback that is one for all threads of the process; it is not used.
     """
 
-    def __init__(self, parts: MujocoSpec) -> None:
+    def __init__(self, spec: MujocoSpec) -> None:
         self.mujoco = import_mujoco()
-        self.model = parts.compiled()
+        self.model = spec.compiled()
         self.data = self.mujoco.MjData(self.model)
-        self.balanced = parts.balanced
-        self.free = parts.free
-        joints = [self.model.joint(f"joint{number}") for number in list(parts.bodies)[1:]]
+        self.balanced = spec.balanced
+        self.free = spec.free
+        joints = [self.model.joint(f"joint{number}") for number in list(spec.bodies)[1:]]
         self.positions = np.array([joint.qposadr[0] for joint in joints], dtype=np.int64)
         self.velocities = np.array([joint.dofadr[0] for joint in joints], dtype=np.int64)
 
@@ -123,7 +121,7 @@ class MujocoRobot:
         return np.array(data.qacc)
 
     def moved(self, q: Array, v: Array, duration: float) -> Array:
-        """Return the configuration after a duration, s, at a velocity; the base turns along the geodesic."""
+        """Return the configuration after a duration, s, at a velocity; the base rotates along the geodesic."""
         if not self.free:  # quicker
             return np.asarray(q + duration * v)
         q = q.copy()
@@ -164,7 +162,7 @@ class MujocoRobot:
 
 
 def rigid_joints(robot: Robot) -> set[str]:
-    """Locked joints that must be rigid in MuJoCo, where a body that a joint turns must have inertia about its axis."""
+    """Locked joints that must be rigid in MuJoCo, where a joint's body must have inertia about its axis."""
     rigid: set[str] = set()
     while True:
         model = reduced_model(robot, 0.0, rigid).model
@@ -178,11 +176,10 @@ def rigid_joints(robot: Robot) -> set[str]:
             moment = joint.axis @ body.inertia @ joint.axis + body.mass * arm @ arm
             if moment <= body.mass * GYRATION**2 if joint.turns else body.mass == 0:
                 light.add(number)
-        too_light = {
-            name
-            for number, name in enumerate(model.names)
-            if name in robot.locked and {number, model.parents[number]} & light
-        }
+        too_light = set()
+        for number, name in enumerate(model.names):
+            if name in robot.locked and {number, model.parents[number]} & light:
+                too_light.add(name)
         if not too_light:
             return rigid
         rigid |= too_light
@@ -193,14 +190,14 @@ def balanced_in_words(balanced: Mapping[str, float]) -> str:
     return f"of {', '.join(balanced)}, which no body can have: moments changed by {max(balanced.values()):.2g} kg m^2"
 
 
-def _set_inertia(body: Any, given: Any, normal: Array | None, mass_factor: float, inertia_factor: float) -> float:
-    """Give a body its inertia, a ``pinocchio.Inertia``, scaled by factors; how much of a moment was balanced, kg m^2.
+def _set_inertia(body: Any, source: Any, normal: Array | None, mass_factor: float, inertia_factor: float) -> float:
+    """Set a body's inertia, a ``pinocchio.Inertia`` scaled by factors; how much of a moment was balanced, kg m^2.
 
-    With a normal (3,) its moment about that alone counts. Else principal moments are made such as MuJoCo takes them:
+    With a normal (3,) only its moment about that counts. Else principal moments are made such as MuJoCo takes them:
     none less than a small one, or more than the sum of the others.
     """
-    mass = given.mass
-    inertia = given.inertia
+    mass = source.mass
+    inertia = source.inertia
     least = LEAST
     if normal is None:
         mass = max(mass, LEAST)  # between the joints of a shoulder there is none
@@ -210,14 +207,16 @@ def _set_inertia(body: Any, given: Any, normal: Array | None, mass_factor: float
     moments, axes = np.linalg.eigh(inertia)  # rising
     axes[:, 0] *= np.linalg.det(axes)  # right-handed
     balanced = np.maximum(moments, least)
-    balanced[:2] += max(balanced[2] * (1 + EDGE) - balanced[0] - balanced[1], 0.0) / 2
+    largest = balanced[2] * (1 + 1e-9)  # a little less than the sum of the others, for rounding
+    balanced[:2] += max(largest - balanced[0] - balanced[1], 0.0) / 2
     body.mass = mass * mass_factor
-    body.ipos = given.lever
+    body.ipos = source.lever
     body.inertia = balanced * inertia_factor
     body.iquat = _quaternion_wxyz(axes)
     body.explicitinertial = True
     change = float(np.abs(balanced - moments).max())
-    return change if normal is None and change > max(ROUNDING * moments[-1], LEAST) else 0.0
+    rounding = max(1e-6 * moments[-1], LEAST)
+    return change if normal is None and change > rounding else 0.0
 
 
 def _quaternion_wxyz(rotation: Array) -> Array:

@@ -14,9 +14,6 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.tables import Range
 
-NOISE_PER_SECOND = 10.0  # [1/s] noise of rates where it is not given, over that of angles
-
-
 DEGREE = math.pi / 180
 RELATIVE = number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0}  # masses and torques keep their sign
 KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, and what one of each unit is in SI units
@@ -26,21 +23,21 @@ KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, an
     "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": DEGREE, "rad/s": 1.0, "": 1.0}),
     "delay": (number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0}),
 }
-MEASURED = ("noise", "rate_noise", "delay")  # felt by corrections and feedback at a rate, not by a replay
+MEASURED = ("noise", "rate_noise", "delay")  # of corrections and feedback at a rate, not of a replay
 OF_TAKEOFF = ("h", "rise")  # which a jump makes by itself
 OF_JUMPS = ("friction", "armature")
 
 
 @dataclass(frozen=True)
 class Perturbation(Checked):
-    """Sizes of what differs between the flights and the plan; of relative errors each has the sign of a coin.
+    """Sizes of what differs between the flights and the plan; of relative errors each has a random sign.
 
     Attributes
     ----------
     h, mass, inertia, torque, rise : relative
-        Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia, each for
-        itself, of every body; of every joint's torque; of the vertical velocity at takeoff, with which the centre of
-        mass is measured too.
+        Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia of every body,
+        independently; of every joint's torque; of the vertical velocity at takeoff, with which the centre of mass is
+        measured too.
     friction : relative
         Of the ground under a jump.
     armature : kg m^2
@@ -48,7 +45,7 @@ class Perturbation(Checked):
     noise, rate_noise : rad, rad/s
         Standard deviations of all measured angles and rates; the latter ten times the former, in 1/s, where left out.
     delay : s
-        Between a measurement and the correction that knows of it.
+        Between a measurement and the correction that uses it.
 
     Raises
     ------
@@ -77,27 +74,35 @@ class Perturbation(Checked):
     @property
     def noise_of_rates(self) -> float:
         """Standard deviation of measured rates, rad/s."""
-        return NOISE_PER_SECOND * self.noise if self.rate_noise is None else self.rate_noise
+        per_second = 10.0  # [1/s] over that of angles
+        return per_second * self.noise if self.rate_noise is None else self.rate_noise
 
     def sampled(self, seed: int, flight: int, joints: int, bodies: int) -> Sample:
-        """Sample what one flight meets; the same for the same numbers."""
+        """Sample the factors of one flight; the same for the same numbers."""
         rng = np.random.default_rng((seed, flight))
 
-        def coins(size: float, count: int) -> Array:
+        def factors(size: float, count: int) -> Array:
             return np.asarray(1.0 + size * rng.choice((-1.0, 1.0), count))
 
-        momentum, mass, inertia = float(coins(self.h, 1)[0]), coins(self.inertia, bodies), coins(self.inertia, bodies)
-        torque, rise = coins(self.torque, joints), float(coins(self.rise, 1)[0])
-        together = coins(self.mass, bodies) if self.mass else np.ones(bodies)
-        friction = float(coins(self.friction, 1)[0]) if self.friction else 1.0
+        # In this order, in which the generator's numbers are taken.
+        momentum = float(factors(self.h, 1)[0])
+        mass = factors(self.inertia, bodies)
+        inertia = factors(self.inertia, bodies)
+        torque = factors(self.torque, joints)
+        rise = float(factors(self.rise, 1)[0])
+        of_both = factors(self.mass, bodies) if self.mass else np.ones(bodies)
+        friction = float(factors(self.friction, 1)[0]) if self.friction else 1.0
         armature = float(rng.uniform(0.0, self.armature)) if self.armature else 0.0
-        return Sample(momentum, mass * together, inertia * together, torque, rise, friction, armature, rng)
+        return Sample(momentum, mass * of_both, inertia * of_both, torque, rise, friction, armature, rng)
 
     def in_words(self) -> list[str]:
         """Each of them that is not zero, with its size in the unit that is named first."""
-        units = {name: next(iter(KINDS[name][1].items())) for name in KINDS}
-        sizes = asdict(self).items()
-        return [f"{name} {abs(size) / units[name][1]:.3g} {units[name][0]}".strip() for name, size in sizes if size]
+        words = []
+        for name, size in asdict(self).items():
+            if size:
+                unit, scale = next(iter(KINDS[name][1].items()))
+                words.append(f"{name} {abs(size) / scale:.3g} {unit}".strip())
+        return words
 
     def refuse(self, kinds: Iterable[str], reason: str, advice: str | None = None) -> None:
         """Raise InputError where one of these kinds, which make no sense here, is not zero."""
@@ -127,13 +132,14 @@ class Sample:
         model = model.copy()
         for joint in range(model.njoints):
             body = model.inertias[joint].copy()  # a new one would be refused where a moment of zero was rounded
-            body.mass, body.inertia = body.mass * self.mass[joint], body.inertia * self.inertia[joint]
+            body.mass = body.mass * self.mass[joint]
+            body.inertia = body.inertia * self.inertia[joint]
             model.inertias[joint] = body
         return model
 
 
 def given_perturbation(perturb: str | Perturbation) -> Perturbation:
-    """Return the perturbation that a function was given, or read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
+    """Return the perturbation that was passed, or read ``h=10%,inertia=5%,noise=0.1deg,delay=5ms``.
 
     Raises
     ------
@@ -143,15 +149,15 @@ def given_perturbation(perturb: str | Perturbation) -> Perturbation:
     if not isinstance(perturb, str):
         perturbation: Perturbation = made(Perturbation)(perturb, "perturb")
         return perturbation
-    found: dict[str, float] = {}
+    sizes: dict[str, float] = {}
     for item in filter(None, map(str.strip, perturb.split(","))):
         name, _, value = map(str.strip, item.partition("="))
         if name not in KINDS:
             raise InputError(f"cannot perturb {name!r}", element="perturb", advice=f"give {', '.join(KINDS)}")
-        if name in found:
+        if name in sizes:
             raise InputError(f"{name} is given twice", element="perturb", advice="keep one of them")
-        found[name] = KINDS[name][0](_number(name, value), f"perturb: {name}")
-    return Perturbation(**found)
+        sizes[name] = KINDS[name][0](_number(name, value), f"perturb: {name}")
+    return Perturbation(**sizes)
 
 
 def _number(name: str, text: str) -> float:

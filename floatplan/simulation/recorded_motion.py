@@ -2,7 +2,7 @@
 
 Nothing is shared with the planner: joints from the coefficients by (12), the base's rate from the joint-space inertia
 matrix, torques from RNEA. In flight the torques do not depend on gravity, on the orientation or on where the robot is,
-so all of this is computed with the centre of mass at rest, the base at the origin and without gravity.
+so all of this is computed with a centre of mass that does not move, the base at the origin and without gravity.
 """
 
 from abc import ABC, abstractmethod
@@ -18,8 +18,6 @@ from floatplan.plans.record import PlanRecord
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.simulation.reduced_model import ReducedModel
 
-NODES = 96  # [-] of Gauss-Legendre quadrature on each part of the flight: to rounding, of motions of any plan
-
 
 @dataclass(frozen=True, eq=False)
 class ModelState:
@@ -31,10 +29,10 @@ class ModelState:
 
 
 class RecordedMotion(ABC):
-    """The motion of a record, evaluated at any time; holds Pinocchio's scratch data, so use one per thread."""
+    """The motion of a record, evaluated at any time; has Pinocchio's scratch data, so use one per thread."""
 
-    place: ClassVar[slice]  # entries of a configuration: where the base is
-    turn: ClassVar[slice]  # and how it is turned
+    position_entries: ClassVar[slice]  # of a configuration: where the base is
+    attitude_entries: ClassVar[slice]  # and its attitude
 
     def __init__(self, record: PlanRecord, reduced: ReducedModel) -> None:
         self.record = record
@@ -68,7 +66,7 @@ class RecordedMotion(ABC):
         """By how much a configuration misses the goal's attitude, rad."""
 
     @abstractmethod
-    def off_path(self, times: Array, flown: Array) -> tuple[Array, float]:
+    def off_path(self, times: Array, configurations: Array) -> tuple[Array, float]:
         """By how much (N,) configurations miss the path's attitude at times (N,), rad, and its sensitivity to h."""
 
     def planned(self, time: float) -> tuple[Array, Array, Array]:
@@ -79,17 +77,17 @@ class RecordedMotion(ABC):
         return self.record.centre + sine, cosine * rate, cosine * curvature - sine * rate**2
 
     def joints(self, time: float) -> ModelState:
-        """All joints at a time, s; the base where the reference has it, and at rest."""
+        """All joints at a time, s; the base where the reference has it, without velocity."""
         planned, rates, curvatures = self.planned(time)
         selection = self.reduced.selection
         positions = self.reduced.reference + self._position_selection @ planned
         return ModelState(positions, selection @ rates, selection @ curvatures)
 
     def base_velocity(self, state: ModelState, angular_momentum: Any) -> tuple[Array, Array, Array]:
-        """Velocity of the base that gives no momentum but this angular one, in the base's axes.
+        """Velocity of the base with no momentum but this angular one, in the base's axes.
 
-        Also of the inertia matrix's first rows, which give the momenta: the inverse of the base's part, and the joints'
-        part.
+        Also of the inertia matrix's first rows, which are those of the momenta: the inverse of the base's block, and
+        that of the joints.
         """
         of_joints = self.reduced.of_joints[1]
         rows = pin.crba(self._model, self._data, state.positions)[: of_joints.start]
@@ -98,13 +96,13 @@ class RecordedMotion(ABC):
         inverse = np.linalg.inv(base)
         coupling = rows[:, of_joints]
         momentum = np.zeros(of_joints.start)
-        momentum[self.place.stop :] = angular_momentum
+        momentum[self.position_entries.stop :] = angular_momentum
         return inverse @ (momentum - coupling @ state.velocities[of_joints]), inverse, coupling
 
     def torques(self, time: float) -> Array:
         """Torques (m,) of all joints, coupled ones each with their own, N m.
 
-        The base accelerates as the momenta's constancy demands: RNEA gives no wrench on it.
+        The base accelerates as the momenta's constancy demands: no wrench is on it.
         """
         state = self.joints(time)
         velocity, inverse, coupling = self.base_velocity(state, self.momentum_in_base(time))
@@ -119,12 +117,12 @@ class RecordedMotion(ABC):
         velocity = np.array(self.record.com["velocity0"])
         velocity[-1] *= rise
         attitude = self.start_attitude
-        state.positions[self.turn] = attitude
+        state.positions[self.attitude_entries] = attitude
         base = self.base_velocity(state, self.in_base_axes(attitude, angular_momentum))[0]
         state.velocities[: len(base)] = base
-        state.velocities[self.place] += self.in_base_axes(attitude, velocity)
+        state.velocities[self.position_entries] += self.in_base_axes(attitude, velocity)
         com = self.reduced.axes @ pin.centerOfMass(self._model, self._data, state.positions)
-        state.positions[self.place] = np.asarray(self.record.com["position0"]) - com
+        state.positions[self.position_entries] = np.asarray(self.record.com["position0"]) - com
         return state.positions, state.velocities
 
     def com_position(self, time: float) -> Array:
@@ -135,11 +133,11 @@ class RecordedMotion(ABC):
         return position
 
 
-class PlanarMotion(RecordedMotion):
+class RecordedPlanarMotion(RecordedMotion):
     """The motion of a record in a plane; configurations and velocities are (3 + m,), in the world's axes."""
 
-    place = slice(0, BASE_COORDINATES - 1)
-    turn = slice(BASE_COORDINATES - 1, BASE_COORDINATES)
+    position_entries = slice(0, BASE_COORDINATES - 1)
+    attitude_entries = slice(BASE_COORDINATES - 1, BASE_COORDINATES)
 
     @property
     def start_attitude(self) -> Array:
@@ -158,10 +156,10 @@ class PlanarMotion(RecordedMotion):
         """Distance of the orientation of a configuration from the goal's, whole turns included, rad."""
         return abs(float(landed[BASE_COORDINATES - 1]) - float(self.record.orientation["goal"]))
 
-    def off_path(self, times: Array, flown: Array) -> tuple[Array, float]:
+    def off_path(self, times: Array, configurations: Array) -> tuple[Array, float]:
         """By how much (N,) configurations miss the path's orientation at times (N,), rad, and its sensitivity to h."""
         orientation, sensitivity = self.orientation(times)
-        return np.abs(flown[:, BASE_COORDINATES - 1] - orientation), sensitivity
+        return np.abs(configurations[:, BASE_COORDINATES - 1] - orientation), sensitivity
 
     def orientation(self, times: Array) -> tuple[Array, float]:
         """Orientations (N,) at rising times (N,), and d orientation / d h at the last, by quadrature of (15).
@@ -169,20 +167,21 @@ class PlanarMotion(RecordedMotion):
         With the joints on their paths, the orientation rate is ``(h - sum_i D_i q_i') / D_0``: its derivative by h is
         ``1 / D_0``, and so is, integrated, that of the orientation (its variational equation has no other term).
         """
-        nodes, weights = np.polynomial.legendre.leggauss(NODES)
-        turn = BASE_COORDINATES - 1
+        # As many nodes integrate to rounding between two times, whatever the plan's motion.
+        nodes, weights = np.polynomial.legendre.leggauss(96)
+        angle = BASE_COORDINATES - 1
         orientation = float(self.record.orientation["start"])
         sensitivity = 0.0
-        began = 0.0
+        begin = 0.0
         orientations = []
         for time in times.tolist():
-            half = (time - began) / 2
+            half = (time - begin) / 2
             for node, weight in zip(nodes, weights, strict=True):
-                state = self.joints(began + half * (1 + node))
+                state = self.joints(begin + half * (1 + node))
                 velocity, inverse, _ = self.base_velocity(state, self.record.angular_momentum)
-                orientation += half * weight * velocity[turn]
-                sensitivity += half * weight * inverse[turn, turn]
-            began = time
+                orientation += half * weight * velocity[angle]
+                sensitivity += half * weight * inverse[angle, angle]
+            begin = time
             orientations.append(orientation)
         return np.array(orientations), float(sensitivity)
 

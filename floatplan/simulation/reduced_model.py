@@ -1,4 +1,4 @@
-"""The robot of a flight in Pinocchio: joints that the flight holds are rigid, gravity is on."""
+"""The robot of a flight in Pinocchio: joints that the flight locks are rigid, gravity is on."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ class ReducedModel:
 
     @cached_property
     def resting(self) -> Array:
-        """Positions and rates (2, m) of the joints with the planned ones at zero and at rest."""
+        """Positions and rates (2, m) of the joints where the planned ones are at zero, without rates."""
         positions = self.reference[self.of_joints[0]]
         return read_only([positions, np.zeros_like(positions)])
 
@@ -64,7 +64,7 @@ class ReducedModel:
 
     @cached_property
     def planned_of_joints(self) -> Array:
-        """What gives the planned joints (n,) nearest to joints (m,), less ``resting``."""
+        """Matrix (n, m) of the planned joints (n,) nearest to joints (m,), less ``resting``."""
         return read_only(np.linalg.pinv(self.joint_selection))
 
     def lost(self, velocities: Array) -> Array:
@@ -94,8 +94,8 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
     model = pin.Model()
     model.gravity = pin.Motion(-gravity * robot.up, np.zeros(3))
     carrier = {0: (0, pin.SE3.Identity())}  # joint of the source -> joint here, and where in its frame
-    kept_positions: list[int] = []
-    kept_velocities: list[int] = []
+    positions: list[int] = []  # entries of the source's configurations that move here
+    velocities: list[int] = []
     for number in range(1, source.njoints):
         parent, placement = carrier[source.parents[number]]
         name = source.names[number]
@@ -105,15 +105,15 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
             joint = source.joints[number]
             added = model.addJoint(parent, joint, placement * source.jointPlacements[number], name)
             carrier[number] = (added, pin.SE3.Identity())
-            kept_positions += range(joint.idx_q, joint.idx_q + joint.nq)
-            kept_velocities += range(joint.idx_v, joint.idx_v + joint.nv)
+            positions += range(joint.idx_q, joint.idx_q + joint.nq)
+            velocities += range(joint.idx_v, joint.idx_v + joint.nv)
         model.appendBodyToJoint(carrier[number][0], source.inertias[number], carrier[number][1])
-    model.armature = source.armature[kept_velocities]
+    model.armature = source.armature[velocities]
     names = [name for name in robot.model_joints if name not in rigid]
     return ReducedModel(
         model=model,
-        reference=read_only(robot.reference[kept_positions]),
-        selection=read_only(robot.selection[kept_velocities]),
+        reference=read_only(robot.reference[positions]),
+        selection=read_only(robot.selection[velocities]),
         axes=read_only([robot.plane.horizontal, robot.plane.vertical] if robot.in_plane else np.eye(3)),
-        losses=read_only([[each.get(name, 0.0) for name in names] for each in (robot.damping, robot.friction)]),
+        losses=read_only([[of_kind.get(name, 0.0) for name in names] for of_kind in (robot.damping, robot.friction)]),
     )

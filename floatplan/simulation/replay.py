@@ -1,8 +1,8 @@
 """Replay: forward dynamics under a plan's torques, gravity on. Does the robot land where the plan says?
 
 :func:`replay` reads a plan's record and its robot, and nothing of the planner: the joints' paths come from the record's
-coefficients, the torques from inverse dynamics along them, and the landing from forward dynamics under these torques
-alone. The base is free, each joint that moves gets its own torque, and locked joints are rigid.
+coefficients, the torques from inverse dynamics along them, and the landing from forward dynamics under only these
+torques. The base is free, each joint that moves gets its own torque, and locked joints are rigid.
 """
 
 import math
@@ -44,14 +44,12 @@ from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
-PARTS = 4  # [-] errors are reported at the ends of as many equal parts of the flight
 STEP = 5e-4  # [s] of MuJoCo's fixed steps
-LONGEST_STEP = 1e3  # [s]
 
 
 @dataclass(frozen=True, eq=False)
 class Growth:
-    """Errors along the flight at the ends of its quarters, (4,) each: against the path that the plan states.
+    """Errors along the flight at the ends of its quarters, (4,) each, from the path that the plan states.
 
     ``joints`` is the largest over all joints that move; s, rad, rad, m.
     """
@@ -114,7 +112,7 @@ class Replay:
 
     @property
     def disturbed(self) -> bool:
-        """Whether something was made to go wrong."""
+        """Whether there is a perturbation."""
         return self.perturbation.any
 
     def __repr__(self) -> str:
@@ -126,7 +124,7 @@ class Replay:
         return html_table(f"replay, {'landed' if self.landed else 'landed elsewhere'}", self.rows())
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return names and what is said under them: how it flew, and how far off it landed."""
+        """Return names with texts: how it flew, and how far off it landed."""
         control = "open loop" if self.feedback is None else f"joints tracked at {self.feedback:g} rad/s"
         rows = [
             ("how", ", ".join([self.engine, control, *self.perturbation.in_words()])),
@@ -139,10 +137,10 @@ class Replay:
         if self.spatial is not None:
             landing = self.spatial
             off = max(landing.orientation_error, *landing.position_error)
-            held = len(landing.held)
-            gains = f", {held} joint{'s' if held > 1 else ''} held by gains" if held else ""
-            turned = f"roll {math.degrees(landing.roll):+.3g} deg, yaw {math.degrees(landing.yaw):+.3g} deg"
-            rows.append(("in space", f"{turned}; in the plane off by {short(off)} rad{gains}"))
+            count = len(landing.held)
+            gains = f", {count} joint{'s' if count > 1 else ''} held by gains" if count else ""
+            rotation = f"roll {math.degrees(landing.roll):+.3g} deg, yaw {math.degrees(landing.yaw):+.3g} deg"
+            rows.append(("in space", f"{rotation}; in the plane off by {short(off)} rad{gains}"))
         if self.balanced:
             rows.append(("inertias", balanced_in_words(self.balanced)))
         return rows
@@ -176,7 +174,7 @@ def replay(
     engine : "pinocchio" or "mujoco"
         The articulated-body algorithm and a Runge-Kutta method of order 8 at a tolerance of 1e-12; or MuJoCo's
         accelerations, on a free joint, by the same method; of a plan in a plane by one of order 4 at fixed steps, in
-        the plane and, beside that, free in space.
+        the plane and also free in space.
     perturb : str or Perturbation
         Relative errors of the angular momentum at takeoff, of masses, of torques: ``"h=1%,mass=2%,torque=1%"``.
         Nothing is measured here: noise and delay are for :func:`floatplan.closed_loop`.
@@ -185,16 +183,16 @@ def replay(
     step : float
         s, of these fixed steps at most.
     seed : int
-        Of the coins that make each error one up or down.
+        Of the random signs of errors.
 
     Raises
     ------
     InputError
         The robot is missing or another; the engine is unknown or not installed; a number is wrong.
     """
-    began = clock.perf_counter()
+    start_time = clock.perf_counter()
     check_engine(engine)
-    step = positive(LONGEST_STEP, "s")(step, "step")
+    step = positive(1e3, "s")(step, "step")
     feedback = optional(positive(FASTEST, "rad/s"))(feedback, "feedback")
     perturbation = given_perturbation(perturb)
     seed = SEED(seed, "seed")
@@ -214,9 +212,10 @@ def replay(
     gains = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
     flying = flying_robot(engine, robot, reduced, sample)
     dynamics = JointTorques(motion, sample.torque, gains).dynamics(flying)
-    times = record.duration * np.arange(1, PARTS + 1) / PARTS
-    whole = whole_step(record.duration, step, PARTS) if in_steps else None
-    states = _flown(flying, dynamics, takeoff, times, whole, LOOSE if perturbation.any else TIGHT)
+    quarters = 4
+    times = record.duration * np.arange(1, quarters + 1) / quarters
+    whole = whole_step(record.duration, step, quarters) if in_steps else None
+    states = _states(flying, dynamics, takeoff, times, whole, LOOSE if perturbation.any else TIGHT)
     spatial = fly_with_free_base(robot, record, perturbation, seed, feedback, step) if in_steps else None
     growth, sensitivity = _growth(motion, np.array([q for q, _ in states]), times)
     landed = states[-1][0]
@@ -231,13 +230,13 @@ def replay(
         perturbation=perturbation,
         feedback=feedback,
         step=step if in_steps else None,
-        seconds=clock.perf_counter() - began,
+        seconds=clock.perf_counter() - start_time,
         spatial=spatial,
         balanced=flying.balanced if spatial is None else spatial.balanced,
     )
 
 
-def _flown(
+def _states(
     flying: FlyingRobot, dynamics: Dynamics, takeoff: State, times: Array, step: float | None, tolerance: float
 ) -> list[State]:
     """States of the reduced model at times (N,), s: by fixed steps, s, or where there are none to a tolerance."""
@@ -259,38 +258,39 @@ def replays(
 ) -> list[Replay]:
     """Fly a plan so many times, each with the next seed; none begins after ``budget`` seconds; see :func:`replay`.
 
-    ``progress`` is told how many are flown, and of how many.
+    ``progress`` is called with how many are done, and of how many.
     """
-    began = clock.perf_counter()
-    flown: list[Replay] = []
-    while len(flown) < flights and (not flown or clock.perf_counter() - began < budget):
-        flown.append(replay(plan, seed=seed + len(flown), **options))
+    start_time = clock.perf_counter()
+    results: list[Replay] = []
+    while len(results) < flights and (not results or clock.perf_counter() - start_time < budget):
+        results.append(replay(plan, seed=seed + len(results), **options))
         if progress is not None:
-            progress(len(flown), flights)
-    return flown
+            progress(len(results), flights)
+    return results
 
 
-def landing_rows(flown: Sequence[Replay]) -> list[tuple[str, str, str]]:
+def landing_rows(results: Sequence[Replay]) -> list[tuple[str, str, str]]:
     """Return rows of (what is off at landing, its median, the worst) of many replays, for reading."""
-    joints = [each.position_error.max(initial=0.0) for each in flown]
-    off = (
-        ("orientation", np.degrees([each.orientation_error for each in flown]), "deg"),
-        ("joints", np.degrees(joints), "deg"),
-        ("CM", np.array([1e3 * each.com_error for each in flown]), "mm"),
+    errors = (
+        ("orientation", np.degrees([result.orientation_error for result in results]), "deg"),
+        ("joints", np.degrees([result.position_error.max(initial=0.0) for result in results]), "deg"),
+        ("CM", np.array([1e3 * result.com_error for result in results]), "mm"),
     )
-    return [(name, f"{np.median(each):.3g} {unit}", f"{each.max():.3g} {unit}") for name, each, unit in off]
+    return [(name, f"{np.median(values):.3g} {unit}", f"{values.max():.3g} {unit}") for name, values, unit in errors]
 
 
-def _growth(motion: RecordedMotion, flown: Array, times: Array) -> tuple[Growth, float]:
-    """Errors at times along the flight, and the sensitivity of the orientation."""
+def _growth(motion: RecordedMotion, configurations: Array, times: Array) -> tuple[Growth, float]:
+    """Errors of configurations at times along the flight, and the sensitivity of the orientation."""
     reduced = motion.reduced
     data = reduced.model.createData()
-    off, sensitivity = motion.off_path(times, flown)
-    joints, com = [], []
-    for time, positions in zip(times, flown, strict=True):
-        joints.append(np.abs(motion.joints(float(time)).positions - positions)[reduced.of_joints[0]].max(initial=0.0))
-        place = reduced.axes @ pin.centerOfMass(reduced.model, data, positions)
-        com.append(np.linalg.norm(place - motion.com_position(float(time))))
+    off, sensitivity = motion.off_path(times, configurations)
+    joints = []
+    com = []
+    for time, q in zip(times, configurations, strict=True):
+        joint_errors = np.abs(motion.joints(float(time)).positions - q)[reduced.of_joints[0]]
+        joints.append(joint_errors.max(initial=0.0))
+        com_position = reduced.axes @ pin.centerOfMass(reduced.model, data, q)
+        com.append(np.linalg.norm(com_position - motion.com_position(float(time))))
     return Growth(read_only(times), read_only(off), read_only(joints), read_only(com)), sensitivity
 
 

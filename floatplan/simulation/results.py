@@ -1,4 +1,4 @@
-"""How many flights ended: of plans, in the air, and of whole jumps, on the ground."""
+"""How many flights landed: of plans, in the air, and of whole jumps, on the ground."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -11,16 +11,16 @@ from floatplan.arguments import Outlined
 from floatplan.arrays import Array, BoolArray
 from floatplan.files import plain
 from floatplan.simulation.engines import Engine
-from floatplan.simulation.flown_jump import FlownJump
 from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import Perturbation
+from floatplan.simulation.simulated_jump import SimulatedJump
 
 Motion = TypeVar("Motion")
 
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; of its corrections when and by what.
+    """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; and its corrections.
 
     ``corrections`` (C, 3): time, predicted miss at once (rad), and whether the motion was changed (1 or 0).
     """
@@ -32,8 +32,8 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class Flight(Generic[Motion]):
-    """One flight: its ``landing``, by the fields of how many of them ended, its motion, and its corrections.
+class SimulatedFlight(Generic[Motion]):
+    """One flight: its ``landing``, by the fields of :class:`Landings`, its motion, and its corrections.
 
     ``statuses`` says how often a correction had which, ``seconds`` the processor time of each.
     """
@@ -47,11 +47,11 @@ class Flight(Generic[Motion]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Landings(Outlined):
-    """How F flights ended, a row each."""
+    """How F flights landed, a row each."""
 
     @classmethod
-    def of(cls, flights: Sequence[Flight[Any]]) -> Self:
-        """Gather flights' landings: arrays of numbers, tuples of names."""
+    def of(cls, flights: Sequence[SimulatedFlight[Any]]) -> Self:
+        """Collect flights' landings: arrays of numbers, tuples of names."""
         columns: dict[str, Any] = {}
         for row in fields(cls):
             column = [flight.landing[row.name] for flight in flights]
@@ -61,7 +61,7 @@ class Landings(Outlined):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanLandings(Landings):
-    """How F flights of a plan ended.
+    """How F flights of a plan landed.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class PlanLandings(Landings):
     torque_peak : (F, m) N m
         Largest magnitude of each moving joint's torque, feedback and noise included.
     clearance : (F,) m
-        Least distance to an obstacle or the asked ground; infinite without any.
+        Least distance to an obstacle or the problem's ground; infinite without any.
     """
 
     orientation: Array
@@ -104,20 +104,20 @@ class PlanLandings(Landings):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JumpLandings(Landings):
-    """How F flights of a jump went.
+    """How F flights of a jump landed.
 
     Attributes
     ----------
     stands : (F,)
-        Whether the base is level, turned by all of the jump's turns and not far lower than planned, a second after its
+        Whether the base is level, rotated by all of the jump's turns and not far lower than planned, a second after its
         end.
     touched : (F) names of links other than feet that touched the ground
     pitch : (F,) rad
-        Orientation where the flight should end, less the planned one; NaN of a motion that became none before.
+        Orientation where the flight should end, less the planned one; NaN of a motion that diverged before.
     torque : (F,)
-        The largest that was wanted of a motor over what it can at its speed; what is over 1 was cut off.
+        The largest request of a motor over its limit at its speed; what is over 1 was cut off.
     slid : (F,) m
-        The longest way that a foot slid on the ground until the jump's end.
+        The longest distance that a foot slid on the ground until the jump's end.
     """
 
     stands: BoolArray
@@ -128,7 +128,7 @@ class JumpLandings(Landings):
 
     @property
     def clean(self) -> BoolArray:
-        """Whether each (F,) stands, and touched the ground by its feet alone."""
+        """Whether each (F,) stands, and touched the ground only by its feet."""
         return self.stands & [not links for links in self.touched]
 
     @property
@@ -138,7 +138,7 @@ class JumpLandings(Landings):
 
     @property
     def pitch_rms(self) -> float:
-        """Root mean square of the errors at touchdown, rad, of those that came so far; NaN where none did."""
+        """Root mean square of the errors at touchdown, rad, of those that landed; NaN where none did."""
         came = self.pitch[np.isfinite(self.pitch)]
         return float(np.sqrt(np.mean(came**2))) if came.size else np.nan
 
@@ -149,7 +149,7 @@ class JumpLandings(Landings):
         return float(np.abs(came).max()) if came.size else np.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what is known of all flights, and in sum."""
+        """Return the fields of all flights, and summaries."""
         return {
             **{row.name: getattr(self, row.name) for row in fields(self)},
             "landed": int(self.stands.sum()),
@@ -169,12 +169,12 @@ class Flights(Outlined):
 
     Attributes
     ----------
-    flights, asked : number of flights flown, and of those asked for: fewer where the budget ended
+    flights, asked : number of flights, and of those that were requested: the former is less where the budget was spent
     seed : int
     perturbation : Perturbation
     joints : names of the joints that move
     statuses : how often a correction had which
-    seconds : s that all took
+    seconds : s, of all
     """
 
     flights: int
@@ -197,14 +197,14 @@ class ClosedLoop(Flights):
 
     Attributes
     ----------
-    engine, rate : as asked for; rate in Hz
+    engine, rate : as requested; rate in Hz
     corrected, uncorrected : PlanLandings
-        With corrections, and with the joints' control on the plan alone: the same robots, the same noise.
+        With corrections, and with the joints' control only on the plan: the same robots, the same noise.
     update_seconds : (U,) s
         Processor time of each call of ``update`` that corrected something.
     plan_torque_peak : (m,) N m of each moving joint
     effort : (m,) N m
-        What its motor can; infinite where the URDF does not say.
+        Of its motor; infinite where the URDF has none.
     paths, uncorrected_paths : of the first flights
     """
 
@@ -264,12 +264,12 @@ class JumpReplay(Flights):
     friction : of the ground, as far as it is not perturbed
     period : s, of the joints' control
     kp, kd : (J,) N m/rad, N m s/rad
-    tried : how many pairs of them were, where none were given; else 0
+    tried : how many pairs of them were, where none were requested; else 0
     rate : Hz of the corrections in flight, if there were any
     uncorrected, corrected : JumpLandings
         The same robots, the same noise; the latter where there is a rate.
     balanced : bodies whose inertia MuJoCo refuses -> change of a principal moment, kg m^2
-    motion : FlownJump
+    motion : SimulatedJump
         The first flight, corrected where there is a rate.
     """
 
@@ -282,12 +282,12 @@ class JumpReplay(Flights):
     uncorrected: JumpLandings
     corrected: JumpLandings | None
     balanced: Mapping[str, float]
-    motion: FlownJump
+    motion: SimulatedJump
     shown: ClassVar[Sequence[str]] = ("landed", "flights", "engine", "control", "rate", "statuses", "seconds")
 
     @property
     def engine(self) -> str:
-        """What flew them."""
+        """What simulated them."""
         words = [f"friction {self.friction:g}", *self.perturbation.in_words()]
         if self.balanced:
             words.append(f"inertias {balanced_in_words(self.balanced)}")
@@ -298,7 +298,8 @@ class JumpReplay(Flights):
         """How the joints were controlled."""
         gains = []
         for name, values, unit in (("kp", self.kp, "N m/rad"), ("kd", self.kd, "N m s/rad")):
-            least, most = float(values.min()), float(values.max())
+            least = float(values.min())
+            most = float(values.max())
             size = f"{most:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
             gains.append(f"{name} {size} {unit}")
         searched = f", the best of {self.tried} tried" if self.tried else ""

@@ -18,18 +18,15 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.simulation.integration import MOST_EVALUATIONS, TIGHT
 from floatplan.simulation.perturbation import Sample
-from floatplan.simulation.recorded_motion import PlanarMotion, RecordedMotion
+from floatplan.simulation.recorded_motion import RecordedMotion, RecordedPlanarMotion
 from floatplan.simulation.reduced_model import ReducedModel
 
-STATED = 1e-6  # [rad] by which the attitude that a record states at landing may be off
-NUDGE = 1e-6  # [-] of h, by which the sensitivity is found
 
-
-class SpatialMotion(RecordedMotion):
+class RecordedSpatialMotion(RecordedMotion):
     """The motion of a record in space; of m joints, its configurations are (7 + m,), its velocities (6 + m,)."""
 
-    place = slice(0, 3)
-    turn = slice(3, 7)
+    position_entries = slice(0, 3)
+    attitude_entries = slice(3, 7)
 
     @property
     def start_attitude(self) -> Array:
@@ -71,40 +68,41 @@ class SpatialMotion(RecordedMotion):
 
     @cached_property
     def attitude(self) -> Callable[[float], Array]:
-        """As :meth:`attitudes`, for the record's h; InputError where it ends elsewhere than is stated."""
+        """As :meth:`attitudes`, for the record's h; InputError where it ends elsewhere than the record states."""
         attitude = self.attitudes(np.asarray(self.record.angular_momentum))
         off = angle_between(attitude(self.record.duration), self.record.orientation["end"]["quaternion_xyzw"])
-        if off > STATED:
+        if off > 1e-6:  # rad
             raise InputError(f"is {off:.3g} rad beside where the motion ends", element="orientation.end")
         return attitude
 
     def off_goal(self, landed: Array) -> float:
         """By how much a configuration misses the goal's attitude, rad."""
-        return angle_between(landed[self.turn], self.record.orientation["goal"]["quaternion_xyzw"])
+        return angle_between(landed[self.attitude_entries], self.record.orientation["goal"]["quaternion_xyzw"])
 
-    def off_path(self, times: Array, flown: Array) -> tuple[Array, float]:
+    def off_path(self, times: Array, configurations: Array) -> tuple[Array, float]:
         """By how much (N,) configurations miss the path's attitude at times (N,), rad, and its sensitivity to h."""
-        attitudes = map(self.attitude, times.tolist())
-        off = [angle_between(q[self.turn], attitude) for q, attitude in zip(flown, attitudes, strict=True)]
+        off = []
+        for time, q in zip(times.tolist(), configurations, strict=True):
+            off.append(angle_between(q[self.attitude_entries], self.attitude(time)))
         return np.array(off), self.sensitivity()
 
     def sensitivity(self) -> float:
-        """By how much the attitude at landing turns with h along itself, 1/(kg m^2): radians per kg m^2/s."""
+        """By how much the attitude at landing rotates with h along itself, 1/(kg m^2): radians per kg m^2/s."""
         h = np.asarray(self.record.angular_momentum)
         size = float(np.linalg.norm(h))
-        nudge = NUDGE * (h if size else np.array([1.0, 0.0, 0.0]))
-        landed = rotation_matrix(self.attitudes(h + nudge)(self.record.duration))
-        turn = pin.log3(landed @ rotation_matrix(self.attitude(self.record.duration)).T)
-        return float(np.linalg.norm(turn) / np.linalg.norm(nudge))
+        change = 1e-6 * (h if size else np.array([1.0, 0.0, 0.0]))  # of the difference
+        landed = rotation_matrix(self.attitudes(h + change)(self.record.duration))
+        rotation = pin.log3(landed @ rotation_matrix(self.attitude(self.record.duration)).T)
+        return float(np.linalg.norm(rotation) / np.linalg.norm(change))
 
 
 def recorded_motion(record: PlanRecord, reduced: ReducedModel) -> RecordedMotion:
     """Return the motion of a record, in a plane or in space."""
-    return SpatialMotion(record, reduced) if record.in_space else PlanarMotion(record, reduced)
+    return RecordedSpatialMotion(record, reduced) if record.in_space else RecordedPlanarMotion(record, reduced)
 
 
 def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, sample: Sample) -> tuple[Array, Array]:
-    """Configuration where a plan takes off, and the velocity that gives the perturbed robot its momenta there."""
+    """Configuration where a plan takes off, and the velocity with which the perturbed robot has its momenta there."""
     positions, _ = recorded_motion(record, reduced).takeoff(record.angular_momentum)
     real = recorded_motion(record, replace(reduced, model=sample.perturbed(reduced.model)))
     _, velocities = real.takeoff(record.angular_momentum * sample.momentum, sample.rise)
@@ -123,5 +121,6 @@ def rotation_matrix(quaternion: Array) -> Array:
 
 def quaternion_rate(quaternion: Array, omega: Array) -> Array:
     """Derivative (4,) of a quaternion x, y, z, w by time, for an angular velocity (3,) in the body's axes."""
-    vector, scalar = quaternion[:3], quaternion[3]
+    vector = quaternion[:3]
+    scalar = quaternion[3]
     return np.append(scalar * omega + np.cross(vector, omega), -vector @ omega) / 2

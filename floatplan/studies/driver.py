@@ -1,4 +1,4 @@
-"""Hands out the rows of a study in chunks of about a second, and keeps each as soon as it is done.
+"""Distributes the rows of a study in chunks of about a second, and saves each as soon as it is done.
 
 Chunks are planned by this process, a pool of processes, the machines of a dask cluster, or any other executor.
 """
@@ -23,23 +23,16 @@ from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder, decoded
 from floatplan.studies.rows import PlannedChunk, lost_row, packed, planned_rows, row_check
 
-CHUNK_SECONDS = 1.0  # [s] of work
-FIRST_TOGETHER, FIRST_ALONE = 64, 1  # rows of the first chunks, of batches and of whole searches
-MOST_IN_CHUNK = 32_768  # rows
-GROWTH = 8  # times that a chunk may be larger than the one that its speed was measured with
-SHORTEST = 1 / 16  # [-] of a chunk, at the end: what is handed out costs a little too
-AHEAD = 2  # chunks given to each process, so that none waits
-PATIENCE = 30  # [s] for a scheduler to answer
-ENGINES = ("processes", "dask")
-LOADED = ("floatplan.studies.study",)  # before a process begins
-BROKEN = "no process can be started: see above; in a script, plan below \"if __name__ == '__main__':\", or with jobs=1"
+FIRST_CHUNK = 64  # [-] rows of the first chunks where rows are planned in batches; else one
+MOST_IN_CHUNK = 32_768  # [-] rows
+AHEAD = 2  # [-] chunks submitted for each process, so that none waits
+PATIENCE = 30  # [s] for the response of a scheduler
+LOADED = ("floatplan.studies.study",)  # modules that are imported before a process begins
 GOES_ON = "what is done stays, and the same call with another executor goes on from there"
-ENDED = f"the executor takes no more tasks; {GOES_ON}"
-DIED = "The system ended the process that planned this row: it crashed, or memory ran out."
 
 
 class Here(Executor):
-    """Plans in this process, when asked."""
+    """Plans in this process, at once."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Call at once."""
@@ -80,32 +73,32 @@ class CallersExecutor(Executor):
 
 
 def _quoted(error: BaseException) -> str:
-    """An error that somebody else's code raised, as part of a message."""
+    """An error of somebody else's code, for a message."""
     return printable(f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
 
 
 @dataclass(frozen=True)
 class Engine:
-    """Where chunks go.
+    """An executor for chunks.
 
     Attributes
     ----------
-    begin : begins an executor, as a context
-    places : tells how many chunks it takes at a time
-    alone : begins an executor for one chunk that may end its process
-    is_callers : whether it is the executor of whoever calls, whose results are checked before they are kept
+    begin : begins the executor, as a context
+    capacity : tells how many chunks it takes at a time
+    isolated : begins an executor for one chunk that may end its process
+    is_callers : whether it is the executor of whoever calls, whose results are checked before they are saved
     """
 
     begin: Callable[[], AbstractContextManager[Executor]]
-    places: Callable[[], int]
-    alone: Callable[[], AbstractContextManager[Executor]]
+    capacity: Callable[[], int]
+    isolated: Callable[[], AbstractContextManager[Executor]]
     is_callers: bool = False
 
 
 def processors() -> int:
     """Return how many processors this process may use, at most ``MOST_JOBS``."""
-    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(there, MOST_JOBS)
+    count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min(count, MOST_JOBS)
 
 
 @contextmanager
@@ -117,15 +110,16 @@ def started(engine: str, jobs: int | None, scheduler: str | None, executor: Exec
     engine : "processes" or "dask"
     jobs : processes; None for as many as there are processors that this one may use
     scheduler : address of dask's; None for a cluster on this machine
-    executor : in the place of an engine; what ends it is looked for in a process of this machine
+    executor : instead of an engine; rows that end its process are searched for in one of this machine
 
     Raises
     ------
     InputError
         There is no such engine, or it cannot be started.
     """
-    if engine not in ENGINES:
-        raise InputError(f"must be {' or '.join(map(repr, ENGINES))}, not {engine!r}", element="engine")
+    engines = ("processes", "dask")
+    if engine not in engines:
+        raise InputError(f"must be {' or '.join(map(repr, engines))}, not {engine!r}", element="engine")
     if scheduler is not None and engine != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
     count = optional(JOBS)(jobs, "jobs") or processors()
@@ -152,19 +146,20 @@ def _pool(count: int) -> Iterator[Executor]:
         try:
             executor.submit(os.getpid).result()
         except RuntimeError:  # one that cannot even begin would be begun for ever
-            raise FloatplanError(BROKEN) from None
+            advice = "in a script, plan below \"if __name__ == '__main__':\", or with jobs=1"
+            raise FloatplanError(f"no process can be started: see above; {advice}") from None
         yield executor
 
 
 @contextmanager
 def _probed(executor: CallersExecutor) -> Iterator[Executor]:
-    """The executor of whoever calls, once it has done a first task: one that does none would be asked for ever."""
+    """The executor of whoever calls, once it has done a first task: one that does none would get tasks for ever."""
     try:
         executor.submit(os.getpid).result()
     except FloatplanError:
         raise
     except RuntimeError:
-        raise FloatplanError(ENDED) from None
+        raise FloatplanError(f"the executor takes no more tasks; {GOES_ON}") from None
     except CancelledError:
         raise FloatplanError(f"the executor cancelled its first task; {GOES_ON}") from None
     except Exception as error:
@@ -180,7 +175,7 @@ def _client(jobs: int, scheduler: str | None) -> Iterator[Any]:
         try:
             cluster = scheduler
             if scheduler is None:
-                opened.enter_context(same_modules())  # until the end, as workers that die are begun anew
+                opened.enter_context(same_modules())  # until the end, as workers that die are started again
                 local = distributed.LocalCluster(
                     n_workers=jobs, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
                 )
@@ -218,30 +213,29 @@ class StudyRun:
         self._progress = progress
         self._packed = packed(study)
         self._row_check = row_check(study) if engine.is_callers else None
-        self._size = self._least = (
-            FIRST_TOGETHER if is_together(study.family(0, 1)) and not study.plan.jump else FIRST_ALONE
-        )
+        is_batched = is_together(study.family(0, 1)) and not study.plan.jump
+        self._size = self._least = FIRST_CHUNK if is_batched else 1
 
     def fill(self, gaps: list[Range]) -> None:
-        """Keep every process busy until nothing is left."""
+        """Submit chunks until no row is missing; as many at a time as the engine takes."""
         self._missing = sum(stop - first for first, stop in gaps)
         self._done = 0
-        self._began = time.monotonic()
-        waiting = list(reversed(gaps))
+        self._begin_time = time.monotonic()
+        pending = list(reversed(gaps))
         running: dict[Future[PlannedChunk], Range] = {}
         lost: list[Range] = []
         with ExitStack() as executors:
             executor = executors.enter_context(self._engine.begin())
-            while waiting or running or lost:
+            while pending or running or lost:
                 if lost and not running:
                     executors.close()
                     for chunk in lost:
-                        self._alone(chunk)
+                        self._isolate(chunk)
                     lost = []
                     executor = executors.enter_context(self._engine.begin())
-                places = self._engine.places()
-                while waiting and len(running) < places and not lost:
-                    chunk = self._next(waiting, places)
+                capacity = self._engine.capacity()
+                while pending and len(running) < capacity and not lost:
+                    chunk = self._next(pending, capacity)
                     try:
                         running[self._submit(executor, chunk)] = chunk
                     except (RuntimeError, OSError):  # it is broken, or was shut down
@@ -252,52 +246,54 @@ class StudyRun:
                     if self._is_lost(future):
                         lost.append(chunk)
                     else:
-                        self._keep(chunk, self._checked(chunk, future.result()))
+                        self._save(chunk, self._checked(chunk, future.result()))
 
-    def _next(self, waiting: list[Range], places: int) -> Range:
-        """Take a chunk from what is waiting: about a second of work, less at the end, so that all end together."""
-        first, stop = waiting.pop()
-        left = stop - first + sum(end - begin for begin, end in waiting)
-        shortest = max(self._least, int(SHORTEST * self._size))
-        size = max(min(self._size, -(-left // places)), shortest)
+    def _next(self, pending: list[Range], capacity: int) -> Range:
+        """Take a chunk from what is pending: about a second of work, less at the end, so that all end at one time."""
+        first, stop = pending.pop()
+        left = stop - first + sum(end - begin for begin, end in pending)
+        shortest = max(self._least, int(self._size / 16))  # a submission takes some time, too
+        size = max(min(self._size, -(-left // capacity)), shortest)
         if stop - first > size:
-            waiting.append((first + size, stop))
+            pending.append((first + size, stop))
             stop = first + size
         return first, stop
 
     def _submit(self, executor: Executor, chunk: Range) -> Future[PlannedChunk]:
         return executor.submit(planned_rows, self._packed, chunk[0], self._study.samples.values(*chunk))
 
-    def _keep(self, chunk: Range, planned: PlannedChunk) -> None:
+    def _save(self, chunk: Range, planned: PlannedChunk) -> None:
         first, stop = chunk
-        self._folder.keep(first, stop, planned.content)
+        self._folder.save(first, stop, planned.content)
         rows = stop - first
         self._done += rows
-        fitting = int(CHUNK_SECONDS * rows / max(planned.seconds, 1e-6))
-        self._size = max(min(fitting, GROWTH * rows, MOST_IN_CHUNK), self._least)
+        in_a_second = int(rows / max(planned.seconds, 1e-6))
+        # at most 8 times as large as the chunk by which the speed was measured
+        self._size = max(min(in_a_second, 8 * rows, MOST_IN_CHUNK), self._least)
         if self._progress:
-            rate = self._done / max(time.monotonic() - self._began, 1e-9)
+            rate = self._done / max(time.monotonic() - self._begin_time, 1e-9)
             left = self._missing - self._done
             total = self._folder.rows[1] - self._folder.rows[0]
             self._progress(Progress(total - left, total, rate, left / rate))
 
-    def _alone(self, chunk: Range) -> None:
-        """Plan a chunk whose process died, halved until the row is found that ends it."""
-        with self._engine.alone() as executor:
+    def _isolate(self, chunk: Range) -> None:
+        """Plan a chunk whose process died; it is halved until the row is identified that ends it."""
+        with self._engine.isolated() as executor:
             future = self._submit(executor, chunk)
             wait([future])
         first, stop = chunk
         if not self._is_lost(future):
-            self._keep(chunk, future.result())
+            self._save(chunk, future.result())
         elif stop - first > 1:
             middle = (first + stop) // 2
-            self._alone((first, middle))
-            self._alone((middle, stop))
+            self._isolate((first, middle))
+            self._isolate((middle, stop))
         else:
-            self._keep(chunk, lost_row(self._packed, first, self._study.samples.values(first, stop), DIED))
+            reason = "The system ended the process that planned this row: it crashed, or memory ran out."
+            self._save(chunk, lost_row(self._packed, first, self._study.samples.values(first, stop), reason))
 
     def _is_lost(self, future: Future[PlannedChunk]) -> bool:
-        """Whether a chunk's process died, or its executor let go of it; any other error is no row's, and is raised."""
+        """Whether a chunk's process died, or its executor cancelled it; any other error is no row's, and is raised."""
         if future.cancelled():
             return True
         error = future.exception()
@@ -310,12 +306,12 @@ class StudyRun:
         raise error
 
     def _checked(self, chunk: Range, result: Any) -> PlannedChunk:
-        """The result of a chunk, which is looked at where it is the work of the caller's executor.
+        """The result of a chunk, which is checked where it comes from the caller's executor.
 
         Raises
         ------
         FloatplanError
-            It does not hold the rows of that chunk.
+            It does not have the rows of that chunk.
         """
         if self._row_check is None:
             return result  # type: ignore[no-any-return]

@@ -1,4 +1,4 @@
-"""Study files: TOML in; a base problem, what varies of it, and how to plan it out."""
+"""Study files: TOML in; a base problem, the numbers of it that vary, and how to plan all of them."""
 
 import hashlib
 import json
@@ -26,10 +26,9 @@ from floatplan.studies import schema
 from floatplan.tables import ROBOT_KINDS
 
 PACKAGE = Path(__file__).resolve().parents[1]
-MOST_ROWS = 1_000_000  # of a study
-MOST_VARIED = 32  # numbers of a problem that a study varies
-LARGER_IS_BETTER = ("clearance",)  # of the columns that a map can show
-OF_JUMPS = {"height": "m", "jump_duration": "s", "friction_used": ""}  # columns of jumps alone, and their units
+MOST_ROWS = 1_000_000  # [-] of a study
+LARGER_IS_BETTER = ("clearance",)  # columns of a map
+OF_JUMPS = {"height": "m", "jump_duration": "s", "friction_used": ""}  # columns that only jumps have, and their units
 
 Values: TypeAlias = dict[str, npt.NDArray[Any]]
 
@@ -51,7 +50,7 @@ class Axis:
 class Samples:
     """The rows: those of a grid in the order of its keys, the last one fastest.
 
-    A row drawn is the same whatever their number is.
+    A random row is the same whatever their number is.
     """
 
     axes: Sequence[Axis]
@@ -61,17 +60,20 @@ class Samples:
 
     def values(self, first: int, stop: int) -> Values:
         """Values (stop - first,) of the rows from ``first`` on, by path, in the file's units."""
-        if self.kind == "grid":
-            places = np.unravel_index(np.arange(first, stop), [len(axis.values) for axis in self.axes])
-            return {axis.path: axis.column(axis.values[at]) for axis, at in zip(self.axes, places, strict=True)}
         values = {}
-        for axis, shares in zip(self.axes, self._drawn[first:stop].T, strict=True):
-            low, high = axis.values[0], axis.values[-1]
+        if self.kind == "grid":
+            indices = np.unravel_index(np.arange(first, stop), [len(axis.values) for axis in self.axes])
+            for axis, index in zip(self.axes, indices, strict=True):
+                values[axis.path] = axis.column(axis.values[index])
+            return values
+        for axis, shares in zip(self.axes, self._shares[first:stop].T, strict=True):
+            low = axis.values[0]
+            high = axis.values[-1]
             values[axis.path] = axis.column(low + (high - low) * shares)
         return values
 
     @cached_property
-    def _drawn(self) -> Array:
+    def _shares(self) -> Array:
         """Shares (count, axes) of the ranges, from 0 to 1."""
         if self.kind == "random":
             return np.random.default_rng(self.seed).random((self.count, len(self.axes)))
@@ -83,7 +85,7 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class StudyFile:
-    """A study as asked for.
+    """A study as its file describes it.
 
     Attributes
     ----------
@@ -93,7 +95,7 @@ class StudyFile:
     samples : the rows
     plan : how hard to try
     folder : where results go, from the working directory
-    map : horizontal key, vertical key, colour; None where nothing can be drawn
+    map : horizontal key, vertical key, colour; None where there is none
     """
 
     name: str
@@ -119,8 +121,10 @@ class StudyFile:
 
     def problems(self, values: Values) -> Family:
         """Problems with values in the file's units."""
-        factors = {axis.path: axis.number.factor for axis in self.samples.axes}
-        in_si = {path: column if factors[path] == 1 else factors[path] * column for path, column in values.items()}
+        in_si = {}
+        for axis in self.samples.axes:
+            factor = axis.number.factor
+            in_si[axis.path] = values[axis.path] if factor == 1 else factor * values[axis.path]
         return Family(self.base, in_si)
 
     def family(self, first: int, stop: int) -> Family:
@@ -128,7 +132,7 @@ class StudyFile:
         return self.problems(self.samples.values(first, stop))
 
     def digest(self) -> str:
-        """Hash of all that the rows' answers follow from: problem file, robot, sampling, effort, version and solver."""
+        """Hash of all that the rows' results follow from: problem file, robot, sampling, effort, version and solver."""
         robot = robot_record(self.base.robot).to_dict()
         content = {
             "versions": versions(),
@@ -143,7 +147,7 @@ class StudyFile:
 
 @cache
 def versions() -> Mapping[str, str]:
-    """What the answers come from; whoever shares the work must have the same.
+    """Versions on which results depend; all machines of a study must have the same.
 
     The code is that of the package as it is here, changed or not: its modules and the compiled kernel.
     """
@@ -186,8 +190,9 @@ def load_study_file(path: str | Path) -> StudyFile:
 def _samples(tables: schema.StudyTables, base: Problem, degrees: bool) -> Samples:
     if not tables.vary:
         raise InputError("varies nothing", element="vary", advice='give a path such as "flight.duration"')
-    if len(tables.vary) > MOST_VARIED:
-        raise InputError(f"{len(tables.vary)} keys, more than {MOST_VARIED}", element="vary")
+    most = 32  # [-] numbers of a problem that a study varies
+    if len(tables.vary) > most:
+        raise InputError(f"{len(tables.vary)} keys, more than {most}", element="vary")
     count = _count(tables)
     errors: list[InputError] = []
     axes: list[Axis] = []
@@ -206,8 +211,10 @@ def _count(tables: schema.StudyTables) -> int:
     if tables.sampling == "grid":
         if tables.samples is not None:
             raise InputError("is not for a grid", element="samples", advice='set sampling = "sobol" or "random"')
-        lengths = [each.count if isinstance(each, schema.RangeTable) else len(each) for each in tables.vary.values()]
-        count = math.prod(length or 1 for length in lengths)
+        count = 1
+        for varied in tables.vary.values():
+            length = varied.count if isinstance(varied, schema.RangeTable) else len(varied)
+            count *= length or 1
     elif tables.samples is None:
         raise InputError("is missing", element="samples", advice="give the number of rows to draw")
     else:
@@ -256,12 +263,15 @@ def check_map(names: tuple[str, str, str], keys: Sequence[str], columns: Sequenc
     if x == y:
         raise InputError("both axes are the same key", element=element, advice="give two that vary")
     if z not in keys and z not in columns:
-        known = ", ".join([*keys, *columns])
-        raise InputError(f"{z!r} is no column of numbers", element=element, advice=f"known: {known}")
+        names_of_columns = ", ".join([*keys, *columns])
+        raise InputError(f"{z!r} is no column of numbers", element=element, advice=f"known: {names_of_columns}")
 
 
 def coloured(base: Problem, plan: schema.PlanTable) -> list[str]:
     """Columns of numbers that a map can show."""
-    torques = ("torque_peak", *(f"torque_peak.{motor}" for motor in base.robot.motors))
-    measured = ["utilisation", "clearance", *(OF_JUMPS if plan.jump else ())]
+    torques = ["torque_peak"]
+    torques += [f"torque_peak.{motor}" for motor in base.robot.motors]
+    measured = ["utilisation", "clearance"]
+    if plan.jump:
+        measured += OF_JUMPS
     return ["objective", "angular_momentum", *torques, *measured, "starts", "milliseconds"]

@@ -20,16 +20,11 @@ from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.files import check_readable, read_json, read_regular, write_atomically
 
-FORMAT = "floatplan.study/1"
 STUDY = "study.json"
 RESULTS = "results.parquet"
 CHUNKS = "chunks"
 SHARDS = "shards"
-LOCK = ".lock"
-MAPS = ("map.png", "map.svg", "map.html")
-LARGEST_CHUNK = 1_000_000_000  # [bytes]
-LARGEST_STUDY_RECORD = 1_000_000  # [bytes] of study.json
-ROW_GROUP = 65_536  # rows
+LARGEST_RECORD = 1_000_000  # [bytes] of study.json
 WORDS = ("status", "explanation", "verdict")  # columns
 
 Range = tuple[int, int]
@@ -43,7 +38,7 @@ class Shard:
     count: int
 
     def __str__(self) -> str:
-        """As it is asked for."""
+        """As the command line has it."""
         return f"{self.number}/{self.count}"
 
     def rows(self, total: int) -> Range:
@@ -51,7 +46,7 @@ class Shard:
         return total * (self.number - 1) // self.count, total * self.number // self.count
 
     @classmethod
-    def asked(cls, words: str, total: int) -> Shard:
+    def parse(cls, words: str, total: int) -> Shard:
         """Read "3/64" about a study of so many rows; each shard has one at least."""
         match = re.fullmatch(r"([0-9]{1,9})/([0-9]{1,9})", words)
         shard = cls(int(match[1]), int(match[2])) if match else cls(0, 0)
@@ -62,7 +57,7 @@ class Shard:
 
 
 class StudyFolder:
-    """Where some rows of a study are kept, from the first to the one before the last, or all of them."""
+    """The folder of some rows of a study, from the first to the one before the last, or of all."""
 
     def __init__(self, path: Path, rows: Range) -> None:
         self.path = path
@@ -83,7 +78,7 @@ class StudyFolder:
             Another run is at work here, or the folder cannot be written to.
         """
         # no lock of another kind where the file system has none: it would outlive a process that is killed
-        lock = FileLock(self.path / LOCK, blocking=False, fallback_to_soft=False)
+        lock = FileLock(self.path / ".lock", blocking=False, fallback_to_soft=False)
         with naming_the_folder(self.path):
             self.path.mkdir(parents=True, exist_ok=True)
             with contextlib.suppress(Timeout):
@@ -105,21 +100,21 @@ class StudyFolder:
         """
         if restart:
             self._discard()
-        known = self.record()
-        if known is None:
+        record = self.record()
+        if record is None:
             if self._chunks() or self.results.exists():
                 raise InputError("holds results of no known study", source=self.path, advice=ADVICE)
-            record = {"format": FORMAT, "hash": digest, **facts}
-            write_atomically(self.path / STUDY, json.dumps(record, indent=1, allow_nan=False))
-        elif known.get("hash") != digest:
+            new_record = {"format": "floatplan.study/1", "hash": digest, **facts}
+            write_atomically(self.path / STUDY, json.dumps(new_record, indent=1, allow_nan=False))
+        elif record.get("hash") != digest:
             raise InputError(
                 "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
             )
 
     def _discard(self) -> None:
-        """Remove what a study leaves, and nothing else; all of it, or nothing where some of it cannot be read."""
-        made = [self.path / name for name in (RESULTS, *MAPS, STUDY)]
-        discarded = [*(path for path, _ in self._chunks()), *made]
+        """Remove all files of a study, and nothing else; nothing where some of them cannot be read."""
+        discarded = [path for path, _ in self._chunks()]
+        discarded += [self.path / name for name in (RESULTS, "map.png", "map.svg", "map.html", STUDY)]
         for path in discarded:
             check_readable(path, "is not discarded")
         with naming_the_folder(self.path):
@@ -127,7 +122,7 @@ class StudyFolder:
                 path.unlink(missing_ok=True)
 
     def record(self) -> dict[str, Any] | None:
-        """What it says of its study, nothing where that is spoiled; None where there is no record.
+        """The record of its study, an empty one where that is spoiled; None where there is no record.
 
         Raises
         ------
@@ -135,12 +130,12 @@ class StudyFolder:
             The record cannot be read, or is no JSON.
         """
         path = self.path / STUDY
-        with naming_what_cannot_be_read(path):
+        with naming_unreadable(path):
             if not path.exists():
                 return None
-        read_regular(path, LARGEST_STUDY_RECORD, "a study's record")  # where this fails, nothing is to be discarded
+        read_regular(path, LARGEST_RECORD, "a study's record")  # where this fails, nothing is to be discarded
         try:
-            content = read_json(path, LARGEST_STUDY_RECORD, "a study's record")
+            content = read_json(path, LARGEST_RECORD, "a study's record")
         except InputError as error:
             raise InputError(error.reason, source=path, advice=ADVICE) from None
         return content if isinstance(content, dict) else {}
@@ -160,13 +155,13 @@ class StudyFolder:
                 chunks.append((path, (int(match[1]), int(match[2]) + 1)))
         return sorted(chunks, key=lambda chunk: chunk[1])
 
-    def keep(self, first: int, stop: int, content: bytes) -> None:
+    def save(self, first: int, stop: int, content: bytes) -> None:
         """Write a chunk, whole or not at all."""
         with naming_the_folder(self.path):
             write_atomically(self.path / CHUNKS / f"{first:07d}-{stop - 1:07d}.parquet", content)
 
-    def look(self, are_in: Callable[[Any, int, int], bool]) -> Contents:
-        """Read all chunks, and change nothing.
+    def contents(self, are_in: Callable[[Any, int, int], bool]) -> Contents:
+        """Return what the folder has; all chunks are read, and nothing changes.
 
         Parameters
         ----------
@@ -179,32 +174,32 @@ class StudyFolder:
             A chunk cannot be read, so that nobody can tell whether it is damaged.
         """
         contents = Contents()
-        reached = self.rows[0]
+        next_row = self.rows[0]
         for path, (first, stop) in self._chunks():
             table = _read(path)
-            if first < reached or stop > self.rows[1] or table is None or not are_in(table, first, stop):
+            if first < next_row or stop > self.rows[1] or table is None or not are_in(table, first, stop):
                 contents.damaged.append(path)
                 continue
-            if first > reached:
-                contents.gaps.append((reached, first))
+            if first > next_row:
+                contents.gaps.append((next_row, first))
             contents.chunks.append(path)
-            reached = stop
-        if reached < self.rows[1]:
-            contents.gaps.append((reached, self.rows[1]))
+            next_row = stop
+        if next_row < self.rows[1]:
+            contents.gaps.append((next_row, self.rows[1]))
         return contents
 
     def missing(self, are_in: Callable[[Any, int, int], bool]) -> list[Range]:
         """Return the ranges of rows that are still to be planned, and remove the chunks that are damaged.
 
-        A chunk is damaged when it was read and is no table, or does not hold its rows: ``are_in``, as of :meth:`look`,
-        says so of a table. Where a chunk cannot be read nothing is removed.
+        A chunk is damaged when it was read and is no table, or does not hold its rows by ``are_in``, which is as of
+        :meth:`contents`. Where a chunk cannot be read nothing is removed.
 
         Raises
         ------
         InputError
-            As :meth:`look`; or a damaged chunk cannot be removed.
+            As :meth:`contents`; or a damaged chunk cannot be removed.
         """
-        contents = self.look(are_in)
+        contents = self.contents(are_in)
         for path in contents.damaged:
             with naming_the_folder(path):
                 path.unlink(missing_ok=True)
@@ -230,7 +225,7 @@ class StudyFolder:
 
 @dataclass(frozen=True)
 class Contents:
-    """What a study's folder holds.
+    """The chunks in a study's folder, and the rows that are missing.
 
     Attributes
     ----------
@@ -248,25 +243,25 @@ class Contents:
 
 
 ADVICE = "--restart discards them; or give another folder"
-KEPT = "what is there stays, and is resumed"
+STAYS = "what is there stays, and is resumed"
 NOTHING_REMOVED = "nothing was removed; make it readable, or move it away to have its rows planned again"
 
 
 @contextmanager
 def naming_the_folder(path: Path) -> Iterator[None]:
-    """Say of what the system refuses, such as on a full disk, which file it is and that nothing is lost."""
+    """Name the file in errors of the system, such as of a full disk, and say that nothing is lost."""
     try:
         yield
     except InputError as error:
-        raise InputError(error.reason, source=error.source, advice=KEPT) from None
+        raise InputError(error.reason, source=error.source, advice=STAYS) from None
     except OSError as error:
         reason = f"cannot be written: {error.strerror or error}"
-        raise InputError(reason, source=error.filename or path, advice=KEPT) from None
+        raise InputError(reason, source=error.filename or path, advice=STAYS) from None
 
 
 @contextmanager
-def naming_what_cannot_be_read(path: Path) -> Iterator[None]:
-    """Turn what the system refuses when a path is looked at into a message that names it."""
+def naming_unreadable(path: Path) -> Iterator[None]:
+    """Turn errors of the system about a path into messages that name it."""
     try:
         yield
     except OSError as error:
@@ -275,7 +270,7 @@ def naming_what_cannot_be_read(path: Path) -> Iterator[None]:
 
 
 def listed(folder: Path) -> list[Path]:
-    """What is in a folder; nothing where there is no folder.
+    """The paths in a folder; none where there is no folder.
 
     ``Path.glob`` would take a folder that cannot be listed for an empty one.
 
@@ -284,7 +279,7 @@ def listed(folder: Path) -> list[Path]:
     InputError
         The folder cannot be listed.
     """
-    with naming_what_cannot_be_read(folder):
+    with naming_unreadable(folder):
         try:
             return sorted(folder.iterdir())
         except FileNotFoundError:
@@ -297,12 +292,12 @@ def _read(path: Path) -> Any:
     Raises
     ------
     InputError
-        It cannot be read: the system refuses it, memory runs out, or this pyarrow cannot decode it. Nothing is known
-        of such a chunk, so that it is not to be taken for a damaged one.
+        It cannot be read: the system refuses it, memory runs out, or this pyarrow cannot decode it. Such a chunk may be
+        sound, so that it must not be taken for a damaged one.
     """
     pa, _ = arrow()
     try:
-        content = read_regular(path, LARGEST_CHUNK, "a chunk of a study")
+        content = read_regular(path, 1_000_000_000, "a chunk of a study")
     except InputError as error:
         raise InputError(error.reason, source=path, advice=NOTHING_REMOVED) from None
     try:
@@ -337,21 +332,19 @@ def arrow() -> tuple[Any, ...]:
     InputError
         They are not installed.
     """
-    return tuple(
-        import_optional(module, name="pyarrow", element="study", extra="study")
-        for module in ("pyarrow", "pyarrow.parquet")
-    )
+    parquet = import_optional("pyarrow.parquet", name="pyarrow", element="study", extra="study")
+    return import_optional("pyarrow", name="pyarrow", element="study", extra="study"), parquet
 
 
 def written(table: Any) -> bytes:
-    """A table as a Parquet file, whose damage would be seen."""
+    """A table as a Parquet file, with checksums by which damage is recognised."""
     _, pq = arrow()
     stream = io.BytesIO()
     names = table.column_names
     pq.write_table(
         table,
         stream,
-        row_group_size=ROW_GROUP,
+        row_group_size=65_536,
         compression="snappy",
         use_dictionary=[name for name in WORDS if name in names],  # numbers hardly ever repeat
         write_statistics=[name for name in names if name != "coefficients"],  # by which nobody looks for a row
@@ -370,11 +363,13 @@ def read_table(content: bytes) -> Any:
 def table_of(columns: Mapping[str, Any], units: Mapping[str, str]) -> Any:
     """A table of columns, with their units as metadata where they have one; NaN as null."""
     pa, _ = arrow()
-    arrays = [_column(pa, name, values) for name, values in columns.items()]
-    fields = [
-        pa.field(name, array.type, metadata={"unit": units[name]} if units.get(name) else None)
-        for name, array in zip(columns, arrays, strict=True)
-    ]
+    arrays = []
+    fields = []
+    for name, values in columns.items():
+        array = _column(pa, name, values)
+        metadata = {"unit": units[name]} if units.get(name) else None
+        arrays.append(array)
+        fields.append(pa.field(name, array.type, metadata=metadata))
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
@@ -387,16 +382,16 @@ def _column(pa: Any, name: str, values: Any) -> Any:
 
 
 def lists(pa: Any, values: Array) -> Any:
-    """Lists (n) of lists from (N, n, k+1), without what is NaN: joints of unlike degrees, or rows without a motion."""
+    """Lists (n) of lists from (N, n, k+1), without NaN: joints of different degrees, or rows without a motion."""
     count, n, size = values.shape
     finite = np.isfinite(values)
     if finite.all():
         inner = pa.ListArray.from_arrays(_offsets(np.full(count * n, size)), values.ravel())
         return pa.ListArray.from_arrays(_offsets(np.full(count, n)), inner)
-    there = finite.any(axis=(1, 2))
-    inner = pa.ListArray.from_arrays(_offsets(finite[there].sum(axis=2).ravel()), values[finite])
-    missing = np.append(~there, False)
-    return pa.ListArray.from_arrays(pa.array(_offsets(n * there), mask=missing), inner)
+    has_motion = finite.any(axis=(1, 2))
+    inner = pa.ListArray.from_arrays(_offsets(finite[has_motion].sum(axis=2).ravel()), values[finite])
+    missing = np.append(~has_motion, False)
+    return pa.ListArray.from_arrays(pa.array(_offsets(n * has_motion), mask=missing), inner)
 
 
 def _offsets(lengths: IntArray) -> npt.NDArray[np.int32]:

@@ -1,4 +1,4 @@
-"""What a study shows: a number over two others, and where there is none, why; as a figure, and as a page.
+"""Maps of a study: a number over two others, and the reason where there is none; as a figure, and as a page.
 
 Rows are put into the cells of a map, each of which shows its best one. The page works without a network, and carries
 all rows of its study and the robot that flies them.
@@ -34,13 +34,7 @@ from floatplan.view.report.data import rounded, scene_data
 from floatplan.view.report.report import page
 from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, rendered, styled
 
-STYLES = ("uplot/uPlot.min.css", "report.css", "map.css")
-PLOTTED = ("uplot/uPlot.iife.min.js", "theme.js", "motion.js", "camera.js", "stage.js", "player.js")
-SCRIPTS = (*PLOTTED, "flight.js", "heatmap.js", "map.js")
-COLOURS = 64  # [-] of the page's scale
-WIDTH, HEIGHT = 4.4, 3.4  # [in]
-LOGARITHMIC = 30.0  # times the least colour: where the largest is more, the scale is logarithmic
-MANY_DECADES = 3000.0  # times the least colour: where the largest is more, powers of ten alone are told
+LOGARITHMIC = 30.0  # [-] times the least colour: where the largest is more, the scale is logarithmic
 STATUS_LOOKS = {  # colour and words
     "optimal": ("#0072B2", "optimal"),
     "feasible": ("#56B4E9", "feasible"),
@@ -48,23 +42,19 @@ STATUS_LOOKS = {  # colour and words
     "impossible": ("#555555", "impossible: proved that none exists"),
     "error": (ALARM, "error: the problem is wrong there"),
 }
-LONGEST_LINE = 70  # characters of a title
 DPI_OF_MAPS = 200  # [1/in]
-MOST_PAGE_ROWS = 200_000  # of a page
-MOST_BINS = 160  # along an axis of a study that is not a grid
-ROWS_IN_A_BIN = 2.5
 
 
 @dataclass(frozen=True, eq=False)
 class HeatMap:
-    """What is drawn.
+    """The cells of a map.
 
     Attributes
     ----------
     x, y : of each axis its label, and the edges (cells + 1,) of its cells
     colour : (Y, X), NaN where there is no plan or no value
     status : (Y, X), index into the keys of ``STATUS_LOOKS``; -1 where there is no row
-    label : of the colour; "status" where that is what is drawn
+    label : of the colour; "status" where the map shows that
     """
 
     x: tuple[str, Array]
@@ -78,37 +68,39 @@ class HeatMap:
 def heatmap(shown: HeatMap) -> Figure:
     """Draw a map."""
     with styled():
-        figure = new_figure(WIDTH, HEIGHT)
+        figure = new_figure(4.4, 3.4)  # [in]
         axes = figure.add_subplot()
         axes.grid(visible=False)
         of_status = shown.label == "status"
-        present = [
-            (index, *look)
-            for index, look in enumerate(STATUS_LOOKS.values())
-            if (of_status or index >= len(SOLVED)) and (shown.status == index).any()
-        ]
+        present = []
+        for index, (colour, description) in enumerate(STATUS_LOOKS.values()):
+            if (of_status or index >= len(SOLVED)) and (shown.status == index).any():
+                present.append((index, colour, description))
         cells = np.zeros((*shown.status.shape, 4), dtype=np.uint8)  # RGBA
         for index, colour, _ in present:
             cells[shown.status == index] = to_rgba_array(colour)[0] * 255
         finite = np.isfinite(shown.colour)
         if finite.any() and not of_status:
-            low, high = float(shown.colour[finite].min()), float(shown.colour[finite].max())
+            low = float(shown.colour[finite].min())
+            high = float(shown.colour[finite].max())
             spreads = low > 0 and high > LOGARITHMIC * low
             norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
             scale = ScalarMappable(norm, SEQUENCE)
             cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
             ticks = figure.colorbar(scale, ax=axes, label=shown.label).ax.yaxis
             if spreads:
-                ticks.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < MANY_DECADES * low else (1.0,)))
+                # of many decades only powers of ten have a number
+                subs = (1.0, 2.0, 5.0) if high < 3000.0 * low else (1.0,)
+                ticks.set_major_locator(LogLocator(subs=subs))
                 ticks.set_major_formatter(StrMethodFormatter("{x:g}"))
                 ticks.set_minor_locator(NullLocator())
-        # one image: it is drawn many times faster than as many rectangles
+        # one image: it is painted many times faster than as many rectangles
         image = axes.pcolorfast(shown.x[1], shown.y[1], cells)
         image.set(interpolation="none")
         axes.set(xlabel=shown.x[0], ylabel=shown.y[0])
         if shown.title:
-            axes.set_title(fill(shown.title, LONGEST_LINE), fontsize=8)
-        patches = [Patch(color=colour, label=words) for _, colour, words in present]
+            axes.set_title(fill(shown.title, 70), fontsize=8)
+        patches = [Patch(color=colour, label=description) for _, colour, description in present]
         if (shown.status < 0).any():
             patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5, label="no row"))
         if patches:
@@ -119,8 +111,9 @@ def heatmap(shown: HeatMap) -> Figure:
 def _edges(study: StudyFile, axis: Axis) -> Array:
     """Edges of a key's cells: around the values of a grid, even ones elsewhere."""
     if study.samples.kind != "grid":
-        bins = int(np.clip(np.sqrt(len(study) / ROWS_IN_A_BIN), 1, MOST_BINS))
-        low, high = float(axis.values[0]), float(axis.values[-1])
+        bins = int(np.clip(np.sqrt(len(study) / 2.5), 1, 160))  # 2.5 rows in a cell, on average
+        low = float(axis.values[0])
+        high = float(axis.values[-1])
         return np.linspace(low, high if high > low else low + 1, bins + 1)
     values = np.unique(axis.values)
     if len(values) == 1:
@@ -130,21 +123,20 @@ def _edges(study: StudyFile, axis: Axis) -> Array:
 
 
 def _statuses(table: Any) -> IntArray:
-    """Place (N,) in :data:`STATUSES` of each row's status."""
+    """Index (N,) into :data:`STATUSES` of each row's status."""
     names, status = words(table, "status")
     return np.array([STATUSES.index(name) for name in names])[status]
 
 
-def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
+def study_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     """Return the map of column z over keys x and y: each cell shows its best row."""
     check_map((x, y, z), study.paths, [*coloured(study.base, study.plan), "status"], "map")
     axes = {axis.path: axis for axis in study.samples.axes}
-    edges = {key: _edges(study, axes[key]) for key in (x, y)}
-    columns, rows = (
-        np.clip(np.searchsorted(ends, table[key].to_numpy(), side="right") - 1, 0, len(ends) - 2)
-        for key, ends in edges.items()
-    )
-    shape = (len(edges[y]) - 1, len(edges[x]) - 1)
+    edges_x = _edges(study, axes[x])
+    edges_y = _edges(study, axes[y])
+    columns = _cells(edges_x, table[x].to_numpy())
+    rows = _cells(edges_y, table[y].to_numpy())
+    shape = (len(edges_y) - 1, len(edges_x) - 1)
     status = _statuses(table)
     values = np.zeros(len(table)) if z == "status" else table[z].to_numpy().astype(np.float64)
     solved = status < len(SOLVED)
@@ -158,12 +150,18 @@ def drawn_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     units = units_of(table)
     others = [path for path in study.paths if path not in (x, y)]
     title = f"best over {', '.join(others)}" if others else ""
-    across, up = ((_label(key, units), ends) for key, ends in edges.items())
+    across = (_label(x, units), edges_x)
+    up = (_label(y, units), edges_y)
     return HeatMap(across, up, colour, shown, _label(z, units), title)
 
 
+def _cells(edges: Array, values: Array) -> IntArray:
+    """The cell (N,) of each value between edges."""
+    return np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
+
+
 def units_of(table: Any) -> dict[str, str]:
-    """Unit of each column as it is shown, exponents raised; empty where it has none, as a sum of unlike quantities."""
+    """Unit of each column for readers, exponents raised; empty where it has none, as a sum of different quantities."""
     units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
     return {name: "" if unit == "mixed" else raised(unit) for name, unit in units.items()}
 
@@ -174,48 +172,57 @@ def _label(key: str, units: dict[str, str]) -> str:
 
 
 class PackedNumbers:
-    """Arrays as the page reads them, one after the other in one block of bytes; what is given twice is in it once."""
+    """Arrays as the page reads them, one after the other in one block of bytes; equal ones are in it once."""
 
     def __init__(self) -> None:
-        self._places: dict[bytes, int] = {}
+        self._offsets: dict[bytes, int] = {}
         self.block = bytearray()
 
     def add(self, values: npt.ArrayLike, kind: str) -> list[int]:
-        """Append an array as numbers of a NumPy kind such as "<f4"; return where it begins and how many it has."""
+        """Append an array as numbers of a NumPy kind such as "<f4"; return its offset and how many it has."""
         array = np.ascontiguousarray(values, dtype=kind)
         content = array.tobytes()
-        if content not in self._places:
+        if content not in self._offsets:
             self.block += bytes(-len(self.block) % array.itemsize)
-            self._places[content] = len(self.block)
+            self._offsets[content] = len(self.block)
             self.block += content
-        return [self._places[content], array.size]
+        return [self._offsets[content], array.size]
 
 
 def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
-    """Write the map that the study asks for, PNG and SVG, and the page."""
+    """Write the map of the study, PNG and SVG, and its page."""
     assert study.map is not None, "maps are written where the study has one"
     with styled():
-        figure = heatmap(drawn_map(study, table, *study.map))
+        figure = heatmap(study_map(study, table, *study.map))
         forms = {folder / f"map.{form}": rendered(figure, form, DPI_OF_MAPS) for form in ("png", "svg")}
     written = [write_atomically(path, content) for path, content in forms.items()]
-    if len(study) <= MOST_PAGE_ROWS:
+    if len(study) <= 200_000:  # a page of more rows would be too large for a browser
         numbers = PackedNumbers()
         data = plain(page_data(study, table, numbers))
-        content = page("map.html", f"{study.name}: map", STYLES, SCRIPTS, data, numbers=base64.b64encode(numbers.block))
+        styles = ("uplot/uPlot.min.css", "report.css", "map.css")
+        scripts = ["uplot/uPlot.iife.min.js", "theme.js", "motion.js", "camera.js", "stage.js", "player.js"]
+        scripts += ["flight.js", "heatmap.js", "map.js"]
+        content = page("map.html", f"{study.name}: map", styles, scripts, data, numbers=base64.b64encode(numbers.block))
         written.append(write_atomically(folder / "map.html", content))
     return written
 
 
 def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str, Any]:
-    """Return all that the page shows; what it shows of each row goes into ``numbers``."""
+    """Return all that the page shows; the numbers of rows go into ``numbers``."""
     assert study.map is not None, "maps are written where the study has one"
     units = units_of(table)
-    measured = [
-        name for name in coloured(study.base, study.plan) if name == study.map[2] or table[name].null_count < len(table)
-    ]
+    measured = coloured(study.base, study.plan)
+    shown = [name for name in measured if name == study.map[2] or table[name].null_count < len(table)]
     explanations, explanation = words(table, "explanation")
     coefficients = _in_fractions(study, table)
-    places = {name: numbers.add(table[name].to_numpy(), "<f4") for name in (*study.paths, *measured)}
+    columns = {}
+    for name in dict.fromkeys([*study.paths, *shown]):
+        offset = numbers.add(table[name].to_numpy(), "<f4")
+        columns[name] = {"unit": units.get(name, ""), "label": _label(name, units), "values": offset}
+    scale = matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, 64))
+    statuses = []
+    for name, (colour, description) in STATUS_LOOKS.items():
+        statuses.append({"name": name, "colour": colour, "words": description})
     return {
         "name": study.name,
         "question": f"{study.base.name}, {study.base.robot.name}: {len(table)} rows",
@@ -223,31 +230,21 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "count": len(table),
         "map": study.map,
         "axes": [_axis(study, axis) for axis in study.samples.axes],
-        "columns": {
-            name: {"unit": units.get(name, ""), "label": _label(name, units), "values": place}
-            for name, place in places.items()
-        },
+        "columns": columns,
         "status": numbers.add(_statuses(table), "<u1"),
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
         "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
-        "colours": {
-            "scale": [to_hex(colour) for colour in matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, COLOURS))],
-            "logarithmic": LOGARITHMIC,
-            "statuses": [
-                {"name": name, "colour": colour, "words": words} for name, (colour, words) in STATUS_LOOKS.items()
-            ],
-        },
+        "colours": {"scale": list(map(to_hex, scale)), "logarithmic": LOGARITHMIC, "statuses": statuses},
         "flight": _flight_data(study.base),
     }
 
 
 def _flight_data(problem: Problem) -> dict[str, Any]:
-    """What the page needs to fly any row: links and inertia, and the problem whose numbers vary."""
-    scene = scene_data(problem)
+    """The data by which the page flies any row: links and inertia, and the problem whose numbers vary."""
+    data = scene_data(problem)
     tree = problem.robot.tree
-    inertia = {"coupling": rounded(pairs(tree.coupling)), "inertia": rounded(tree.inertia)}
-    asked = {"ranges": rounded(problem.position_limits), "problem": problem_to_dict(problem)}
-    return {**scene, "robot": {**scene["robot"], **inertia}, **asked}
+    data["robot"] |= {"coupling": rounded(pairs(tree.coupling)), "inertia": rounded(tree.inertia)}
+    return data | {"ranges": rounded(problem.position_limits), "problem": problem_to_dict(problem)}
 
 
 def _axis(study: StudyFile, axis: Axis) -> dict[str, Any]:
@@ -259,7 +256,7 @@ def _axis(study: StudyFile, axis: Axis) -> dict[str, Any]:
 def _in_fractions(study: StudyFile, table: Any) -> npt.NDArray[np.float32]:
     """Coefficients (N, n (k+1)) of powers of s = t / T, NaN where a row has no motion."""
     sizes, joints = _unfolded(table["coefficients"].combine_chunks())
-    there = sizes > 0
+    has_motion = sizes > 0
     n = len(study.base.robot.joints)
     sizes, values = _unfolded(joints)
     sizes = sizes.reshape(-1, n)
@@ -268,7 +265,7 @@ def _in_fractions(study: StudyFile, table: Any) -> npt.NDArray[np.float32]:
     powers_of_seconds = values.to_numpy()
     if powers_of_seconds.size < math.prod(shape):
         inside = np.zeros(shape, dtype=np.bool_)
-        inside[there] = np.arange(size) < sizes[..., None]
+        inside[has_motion] = np.arange(size) < sizes[..., None]
         powers_of_seconds = np.full(shape, np.nan)
         powers_of_seconds[inside] = values.to_numpy()
     varied = "flight.duration" in study.paths
@@ -280,6 +277,6 @@ def _in_fractions(study: StudyFile, table: Any) -> npt.NDArray[np.float32]:
 
 
 def _unfolded(lists: Any) -> tuple[IntArray, Any]:
-    """Lengths of the lists in an array, none where there is no list, and what they hold, one after the other."""
+    """Lengths of the lists in an array, none where there is no list, and their items, one after the other."""
     offsets = lists.offsets.to_numpy()
     return np.diff(offsets), lists.values[offsets[0] : offsets[-1]]

@@ -25,12 +25,6 @@ from floatplan.pool import in_order, processes
 from floatplan.studies.file import StudyFile
 from floatplan.studies.rows import row_seed
 
-FORMAT = "floatplan.motions/1"
-INDEX = "index.json"
-LARGEST_INDEX = 500_000_000  # [bytes]
-LARGEST_MOTION = 1_000_000_000  # [bytes]
-EVERY, RARELY = 5.0, 20  # [s] the index is written; or where that takes long, in times of what it takes
-
 Row = Mapping[str, Any]  # of a study's table
 
 
@@ -65,19 +59,19 @@ def row_jump(study: StudyFile, index: int) -> Jump:
 def write_motions(
     study: StudyFile, rows: list[Row], folder: Path, options: Mapping[str, Any], jobs: int, progress: Any
 ) -> Path:
-    """Write the motions of rows into a folder of theirs, and their index, which is returned; what is there is kept.
+    """Write the motions of rows into a folder of theirs, and their index, which is returned; existing files stay.
 
-    ``rows`` hold a plan or a jump each; ``options`` are ``form``, ``rate`` and ``model`` of :meth:`Plan.export`;
-    ``progress`` is told how many are done, and of how many, or None.
+    Each of ``rows`` has a plan or a jump; ``options`` are ``form``, ``rate`` and ``model`` of :meth:`Plan.export`;
+    ``progress`` is called with the number that are done, and of all, or is None.
     """
-    about = {"format": FORMAT, "study": study.digest(), **options, "units": study.units}
+    about = {"format": "floatplan.motions/1", "study": study.digest(), **options, "units": study.units}
     about["model"] = _sha256(options["model"]) if options["model"] else None
-    index = folder / INDEX
+    index = folder / "index.json"
     name = "{:07d}" + Path(format_of(options["form"]).file).suffix
-    known = _entries(index, about)
-    done = {row: known[row] for row in known if known[row]["sha256"] == _sha256(folder / name.format(row))}
-    left_over = [path for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)) if path.is_file()]
-    left_over = [path for path in left_over if int(path.stem) not in done]  # of another study, or without an entry
+    entries = _entries(index, about)
+    done = {row: entry for row, entry in entries.items() if entry["sha256"] == _sha256(folder / name.format(row))}
+    files = [path for path in folder.glob(name.replace("{:07d}", "[0-9]" * 7)) if path.is_file()]
+    left_over = [path for path in files if int(path.stem) not in done]  # of another study, or without an entry
     for path in left_over:
         check_readable(path, "is not replaced")
     for path in left_over:
@@ -89,36 +83,46 @@ def write_motions(
     try:
         with processes(jobs, (__name__,), _writer, *writing) if min(jobs, len(waiting)) > 1 else nullcontext() as pool:
             for entry in in_order(pool, waiting, _writer(*writing)):
-                done |= {entry["row"]: entry} if entry else {}
+                if entry:
+                    done[entry["row"]] = entry
                 if progress is not None:
                     progress(len(done), len(rows))
-                if (began := time.monotonic()) - written > max(EVERY, RARELY * took):
+                # the index is written every 5 s; less often where that takes more than a twentieth of the time
+                start = time.monotonic()
+                if start - written > max(5.0, 20 * took):
                     _write_index(index, about, done)
                     written = time.monotonic()
-                    took = written - began
+                    took = written - start
     finally:
         _write_index(index, about, done)
     return index
 
 
 def _writer(study: StudyFile, folder: Path, name: str, options: Mapping[str, Any]) -> Callable[[Row], Any]:
-    """Return what writes the file of a row and returns its entry in the index; None of what is no motion after all."""
+    """Return a function that writes the file of a row and returns its entry in the index, None without a motion."""
 
     def write(row: Row) -> dict[str, Any] | None:
         index = row["index"]
-        known = row["verdict"] if study.plan.prove and not study.plan.jump else ""
-        motion = row_jump(study, index) if study.plan.jump else row_plan(study, row, not known)
+        verdict = row["verdict"] if study.plan.prove and not study.plan.jump else ""
+        motion = row_jump(study, index) if study.plan.jump else row_plan(study, row, not verdict)
         flight = motion.flight if isinstance(motion, Jump) else motion
         if not motion.ok or flight is None:
             return None
-        verdict = known or (flight.certificate or certify(flight)).verdict
+        if not verdict:
+            verdict = (flight.certificate or certify(flight)).verdict
         try:
             path = motion.export(path=folder / name.format(index), **options)
         except InputError as error:
             raise error.within(element=f"row {index}") from None
-        entry = {"row": index, "values": {key: row[key] for key in study.paths}, "file": path.name}
-        found = {"status": row["status"], "verdict": verdict, "proved": verdict == "proved"}
-        return {**entry, **found, "sha256": _sha256(path)}
+        return {
+            "row": index,
+            "values": {key: row[key] for key in study.paths},
+            "file": path.name,
+            "status": row["status"],
+            "verdict": verdict,
+            "proved": verdict == "proved",
+            "sha256": _sha256(path),
+        }
 
     return write
 
@@ -127,7 +131,7 @@ def _sha256(path: str | Path) -> str | None:
     """Of a file; None where there is none. InputError where it cannot be read."""
     if not is_file(Path(path)):
         return None
-    return hashlib.sha256(read_regular(path, LARGEST_MOTION, "a motion")).hexdigest()
+    return hashlib.sha256(read_regular(path, 1_000_000_000, "a motion")).hexdigest()
 
 
 def _entries(index: Path, about: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
@@ -136,11 +140,11 @@ def _entries(index: Path, about: Mapping[str, Any]) -> dict[int, dict[str, Any]]
     Raises
     ------
     InputError
-        The index cannot be read: then nobody knows which files are its motions, and none of them is to go.
+        The index cannot be read: then nobody can tell which files are its motions, and all of them stay.
     """
     check_readable(index, "and the motions beside it are not replaced")
     with suppress(ValueError, KeyError, TypeError, AttributeError):
-        content = read_json(index, LARGEST_INDEX, "an index of motions")
+        content = read_json(index, 500_000_000, "an index of motions")
         if {key: content[key] for key in about} == about:
             return {int(entry["row"]): entry for entry in content["motions"] if entry["sha256"]}
     return {}

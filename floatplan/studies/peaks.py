@@ -1,4 +1,4 @@
-"""What many plans of one robot use of their limits over all times, measured by the kernel: ``peaks.hpp``."""
+"""Shares of limits that many plans of one robot use over all times, measured by the kernel: ``peaks.hpp``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,14 +12,12 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import NULL, Struct, StructArray, doubles
 from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import chebyshev_nodes, coefficient_map
-from floatplan.planning.kernel_input.bodies import unscaled_robot
+from floatplan.planning.kernel_input.bodies import unscaled_bodies
 from floatplan.planning.kernel_input.numbers import Numbers
 from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, can_write
 from floatplan.problem.problem import Problem
 
 NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
-RESOLVED = 1e-8  # [-] tail of the Chebyshev coefficients, relative to the largest value
-INSTANTS = 129  # of the first look for the least distance
 ORDERS = ("velocity", "acceleration")  # of joints, as limits are named
 
 
@@ -28,7 +26,7 @@ class ManyPeaks:
     """Of N plans, over all times.
 
     ``motor_torque`` (N, m) N m, and ``joints``, (N, n) rad/s or rad/s^2 by limit, are largest magnitudes; ``clearance``
-    (N,) m is the least distance to an obstacle, infinite where none exists or none was asked for.
+    (N,) m is the least distance to an obstacle, infinite where none exists or none was measured.
     """
 
     motor_torque: Array
@@ -37,7 +35,7 @@ class ManyPeaks:
 
 
 def can_measure(problem: Problem) -> bool:
-    """Whether the kernel knows all obstacles of a problem."""
+    """Whether the kernel can measure all obstacles of a problem."""
     return all(map(can_write, problem.obstacles))
 
 
@@ -48,12 +46,12 @@ def many_peaks(
     coefficients: Array,
     orders: int = 1,
 ) -> ManyPeaks:
-    """Measure N plans; each as if it were alone.
+    """Measure N plans; the result of one does not depend on the others.
 
     Parameters
     ----------
     of : Problem, or N problems of one robot with obstacles of the same kinds, or their numbers
-        Of one alone, with the joint ranges of all, no distances are measured. Of numbers, the joint ranges are one's.
+        Of a single problem, with the joint ranges of all, no distances are measured; of numbers the ranges are its.
     duration : (N,) s
     angular_momentum : (N,) kg m^2/s
     coefficients : (N, n, k+1) b of (12), powers of t in seconds; NaN where a joint's degree is lower
@@ -64,8 +62,9 @@ def many_peaks(
     like = problems[0]
     motors = len(like.robot.motors)
     peaks = np.empty((count, motors + orders * n))
-    low, high = np.array([np.broadcast_to(each.position_limits, (n, 2)) for each in problems]).T.swapaxes(1, 2)
-    low, high = (np.broadcast_to(each, (count, n)) for each in (low, high))
+    ranges = np.array([np.broadcast_to(problem.position_limits, (n, 2)) for problem in problems])
+    low = np.broadcast_to(ranges[:, :, 0], (count, n))
+    high = np.broadcast_to(ranges[:, :, 1], (count, n))
     clearance = np.full(count, np.inf)
     constraints, distances = _distances(None if isinstance(of, Problem) or not like.obstacles else of)
     batch = Struct(
@@ -75,7 +74,7 @@ def many_peaks(
         columns=size,
         motors=motors,
         orders=orders,
-        resolved=RESOLVED,
+        resolved=1e-8,  # [-] tail of the Chebyshev coefficients, relative to the largest value
         turns=doubles(like.robot.tree.motor_turns),
         centre=doubles((low + high) / 2),
         amplitude=doubles((high - low) / 2),
@@ -86,11 +85,10 @@ def many_peaks(
         clearance=clearance,
         **distances,
     )
-    _, robot = unscaled_robot(like.robot.tree)
     interpolations = _interpolations(size, NODES)
     compiled = kernel()
     if compiled.peaks(
-        robot.pointer,
+        unscaled_bodies(like.robot.tree).struct.pointer,
         interpolations.pointer,
         constraints.struct.pointer if constraints else NULL,
         batch.pointer,
@@ -102,24 +100,25 @@ def many_peaks(
 
 
 def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[PlanarRows | None, dict[str, Any]]:
-    """Rows of the distances to obstacles, and what of each problem is its own."""
+    """Rows of the distances to obstacles, and the numbers in which problems differ."""
     if of is None:
         return None, dict.fromkeys(("orientation", "path", "obstacles", "low", "high", "minima"))
     numbers = of if isinstance(of, Numbers) else Numbers.of_problems(of)
     like = numbers.like
-    blocks = [DistanceRows(each, 0.0, 1.0) for each in like.obstacles]
+    blocks = [DistanceRows(obstacle, 0.0, 1.0) for obstacle in like.obstacles]
     constraints = PlanarRows(like.robot.tree, blocks, flight=planar_flight(like))
     rows = np.diff(constraints.block_first)
-    windows = np.array([[each.window or (0.0, np.inf) for each in own] for own in numbers.obstacles])
+    windows = np.array([[obstacle.window or (0.0, np.inf) for obstacle in own] for own in numbers.obstacles])
     windows = np.minimum(windows / numbers.values["duration"][:, None, None], (np.inf, 1.0))
     low, high = np.repeat(windows, rows, axis=1).transpose(2, 0, 1)
-    most = INSTANTS * constraints.rows
+    instants = 129  # among which the least distance is first searched for
+    most = instants * constraints.rows
     minima = Struct(
         "Minima",
-        instants=INSTANTS,
+        instants=instants,
         near=np.inf,
-        span=1 / (INSTANTS - 1),
-        grid=np.linspace(0, 1, INSTANTS),
+        span=1 / (instants - 1),
+        grid=np.linspace(0, 1, instants),
         low=None,
         high=None,
         row=np.empty(most, np.int64),
@@ -141,7 +140,7 @@ def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[PlanarRows | Non
 @lru_cache(maxsize=16)
 def _interpolations(size: int, counts: tuple[int, ...]) -> StructArray:
     """Powers of s and their derivatives at the nodes, and the Chebyshev coefficients from values there."""
-    found = []
+    interpolations = []
     k = np.arange(size)
     for nodes in counts:
         s = chebyshev_nodes(nodes)
@@ -158,5 +157,5 @@ def _interpolations(size: int, counts: tuple[int, ...]) -> StructArray:
             slope=doubles(slope.T),
             curvature=doubles(curvature.T),
         )
-        found.append(interpolation)
-    return StructArray("Interpolation", found)
+        interpolations.append(interpolation)
+    return StructArray(interpolations)

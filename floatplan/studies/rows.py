@@ -1,4 +1,4 @@
-"""Rows of a study: planned, measured, and put into a table. It depends on its index what a row is, not on its chunk."""
+"""Rows of a study: planned, measured, and put into a table. A row depends on its index, and not on its chunk."""
 
 import pickle
 import time
@@ -31,8 +31,7 @@ from floatplan.studies.schema import PlanTable
 from floatplan.tables import OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
-VERDICTS = ("", "proved", "undecided", "refuted")
-LONGEST_EXPLANATION = 400  # characters
+LONGEST_EXPLANATION = 400  # [-] characters
 
 
 @dataclass(frozen=True)
@@ -55,19 +54,20 @@ def _unpacked(content: bytes) -> StudyFile:
     study: StudyFile
     study, own_versions = pickle.loads(content)
     if own_versions != versions():
-        words = (" ".join(names.values()) for names in (versions(), own_versions))
-        raise FloatplanError("a worker has {}, the study {}: install the same everywhere".format(*words))
+        own = " ".join(versions().values())
+        of_study = " ".join(own_versions.values())
+        raise FloatplanError(f"a worker has {own}, the study {of_study}: install the same everywhere")
     return study
 
 
 @one_thread
 def planned_rows(content: bytes, first: int, values: Values) -> PlannedChunk:
-    """Plan the rows that begin with ``first``, in any process on any machine; whatever is wrong is a row's status."""
-    began = time.perf_counter()
+    """Plan the rows that begin with ``first``, in any process on any machine; every error is a row's status."""
+    start = time.perf_counter()
     study = _unpacked(content)
     problems = study.problems(values)
     columns = _planned(study, problems, first)
-    return PlannedChunk(written(_table(study, first, values, columns)), time.perf_counter() - began)
+    return PlannedChunk(written(_table(study, first, values, columns)), time.perf_counter() - start)
 
 
 def lost_row(content: bytes, index: int, values: Values, reason: str) -> PlannedChunk:
@@ -76,41 +76,48 @@ def lost_row(content: bytes, index: int, values: Values, reason: str) -> Planned
 
 
 def row_seed(seed: int, index: int) -> int:
-    """The seed of a row that has a search of its own: of the study's and the row's index."""
+    """The seed of a row with a search of its own: of the study's and the row's index."""
     return int(np.random.SeedSequence((seed, index)).generate_state(1, np.uint64)[0]) & LARGEST_SEED
 
 
 def _planned(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
-    """Plan rows; an error of any kind, which no code foresaw, is a row's alone."""
+    """Plan rows; an error of any kind, which no code foresaw, belongs to one row."""
     try:
-        return (_jumped_all if study.plan.jump else _together)(study, problems, first)
+        return (_planned_jumps if study.plan.jump else _planned_batch)(study, problems, first)
     except Exception as error:
         if len(problems) == 1:
             row = _row(study, Answer("error", message=f"{type(error).__name__}: {error}"), np.nan)
             return {name: [value] for name, value in row.items()}
         middle = len(problems) // 2
-        parts = [_planned(study, problems[:middle], first), _planned(study, problems[middle:], first + middle)]
-        lists = [{name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in part.items()} for part in parts]
-        return {name: [value for part in lists for value in part[name]] for name in lists[0]}
+        columns = _planned(study, problems[:middle], first)
+        others = _planned(study, problems[middle:], first + middle)
+        return {name: [*_as_list(columns[name]), *_as_list(others[name])] for name in columns}
 
 
-def _together(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
-    """Plan rows together and measure them in blocks."""
-    began = time.perf_counter()
+def _as_list(values: Any) -> Any:
+    return values.tolist() if isinstance(values, np.ndarray) else values
+
+
+def _planned_batch(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
+    """Plan rows in batches and measure them in blocks."""
+    start = time.perf_counter()
     plan = study.plan
     seed = study.samples.seed
-    is_plain = is_plain_family(problems)
     options = SearchOptions(seed, starts=plan.starts, attempts=plan.attempts, near_miss=False)
-    seeds = (lambda row: seed) if is_plain else lambda row: row_seed(seed, first + row)
+    is_plain = is_plain_family(problems)  # then one search is for all rows, with one seed
+
+    def seeds(row: int) -> int:
+        return seed if is_plain else row_seed(seed, first + row)
+
     plans = planned_together(problems, options, seeds, plan.search, plan.prove)
     peaks, use, clearance = _measured(problems, plans, np.flatnonzero(plans.ok))
     spent = np.maximum(plans.evaluations, 1)
-    milliseconds = 1e3 * (time.perf_counter() - began) * spent / spent.sum()
+    milliseconds = 1e3 * (time.perf_counter() - start) * spent / spent.sum()
     shown = {text: printable(text, LONGEST_EXPLANATION) for text in {GOAL_MET, *plans.messages.values()}}
     explanation = np.full(len(plans), shown[GOAL_MET], dtype=object)
     for index, message in plans.messages.items():
         explanation[index] = shown[message]
-    refuted = (plans.verdict == "refuted") & np.isin(plans.status, SOLVED)  # then it was not found
+    refuted = (plans.verdict == "refuted") & np.isin(plans.status, SOLVED)  # then it is no solution
     return {
         "status": np.where(refuted, "not_found", plans.status).tolist(),
         "objective": np.where(plans.ok, plans.objective, np.nan),
@@ -127,15 +134,18 @@ def _together(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
 
 
 def _without_gaps(plans: Plans) -> list[list[list[float]] | None]:
-    """Coefficients of each, of as many joints and powers as it has."""
-    own = (plans.answer(index).coefficients for index in range(len(plans)))
-    return [b.tolist() if b.size else None for b in own]
+    """Coefficients of each plan, of as many joints and powers as it has."""
+    rows = []
+    for index in range(len(plans)):
+        b = plans.answer(index).coefficients
+        rows.append(b.tolist() if b.size else None)
+    return rows
 
 
 def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Array, Array]:
     """Peaks (N, m) of the motors' torques, utilisation (N,) of limits, and distances (N,) to obstacles, m.
 
-    By the kernel where it knows all of that.
+    By the kernel where it can measure all of that.
     """
     base = problems.base
     peaks = np.full((len(plans), len(base.robot.motors)), np.nan)
@@ -153,8 +163,8 @@ def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Ar
         of_each = [limits_of_motors(problem) for problem in of]
         limits = {name: np.array([own[name] for own in of_each]) for name in limits_of_motors(base)}
     limits = {name: values for name, values in limits.items() if np.isfinite(values).any()}
-    is_known = base.robot.in_plane and limits.keys() <= {"torque", *ORDERS} and can_measure(base)
-    if is_known and rows.size:
+    by_kernel = base.robot.in_plane and limits.keys() <= {"torque", *ORDERS} and can_measure(base)
+    if by_kernel and rows.size:
         orders = 0  # of the derivatives that have a limit
         for order, name in enumerate(ORDERS, start=1):
             if name in limits:
@@ -183,22 +193,22 @@ def _use(robot: Robot, measured: ManyPeaks, limits: Mapping[str, Array]) -> Arra
     return np.where(most > 0, most, np.nan)
 
 
-def _jumped_all(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
+def _planned_jumps(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
     """Plan a whole jump for each row."""
     rows = []
     for index in range(len(problems)):
-        began = time.perf_counter()
-        more: dict[str, Any] = {}
+        start = time.perf_counter()
+        measured: dict[str, Any] = {}
         try:
-            answer, more = _jumped(problems[index], row_seed(study.samples.seed, first + index), study.plan)
+            result, measured = _planned_jump(problems[index], row_seed(study.samples.seed, first + index), study.plan)
         except InputError as error:
-            answer = Answer("error", message=str(error))
-        rows.append(_row(study, answer, 1e3 * (time.perf_counter() - began)) | more)
+            result = Answer("error", message=str(error))
+        rows.append(_row(study, result, 1e3 * (time.perf_counter() - start)) | measured)
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
-    """A whole jump, and what was measured of it 2000 times a second: the check's figures, and those of the motors."""
+def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
+    """A whole jump, and measures of it 2000 times a second: the check's figures, and those of the motors."""
     planned = jump(problem, seed=seed, starts=plan.starts, helps=False)
     if not planned.ok or planned.flight is None:
         return Answer("not_found", starts=plan.starts, message=planned.explanation), {}
@@ -206,7 +216,7 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
     figures = planned.check.figures
     times = np.linspace(0.0, planned.duration, int(planned.duration * RATE) + 2)
     torques = planned.state(times).motor_torques
-    answer = Answer(
+    result = Answer(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
         angular_momentum=planned.flight.angular_momentum,
@@ -214,29 +224,30 @@ def _jumped(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[
         verdict=verdict,
         message=planned.explanation,
     )
-    return answer, {
-        "objective": answer.objective,
+    measured = {
+        "objective": result.objective,
         "peaks": np.abs(torques).max(axis=0),
-        "utilisation": max(figures[name] for name in ("torque", "torque_speed", "velocity")),
+        "utilisation": max(figures["torque"], figures["torque_speed"], figures["velocity"]),
         "clearance": figures.get("obstacles", np.nan),
         "height": planned.height,
         "jump_duration": planned.duration,
         "friction_used": figures["friction"],
     }
+    return result, measured
 
 
-def _row(study: StudyFile, answer: Answer, milliseconds: float) -> dict[str, Any]:
-    """What a row holds of an answer of which nothing is measured."""
+def _row(study: StudyFile, result: Answer, milliseconds: float) -> dict[str, Any]:
+    """A row of a result without measures."""
     return {
-        "status": answer.status,
+        "status": result.status,
         **dict.fromkeys(("objective", "utilisation", "clearance", *OF_JUMPS), np.nan),
-        "angular_momentum": answer.angular_momentum,
+        "angular_momentum": result.angular_momentum,
         "peaks": np.full(len(study.base.robot.motors), np.nan),
-        "explanation": printable(answer.message or GOAL_MET, LONGEST_EXPLANATION),
-        "starts": answer.starts,
+        "explanation": printable(result.message or GOAL_MET, LONGEST_EXPLANATION),
+        "starts": result.starts,
         "milliseconds": milliseconds,
         "coefficients": None,
-        "verdict": answer.verdict,
+        "verdict": result.verdict,
     }
 
 
@@ -247,25 +258,25 @@ def _unplanned(study: StudyFile, index: int, values: Values, reason: str) -> Any
 
 
 def _table(study: StudyFile, first: int, values: Values, results: Mapping[str, Any]) -> Any:
-    """The rows as a table; no number is NaN: what there is not is null."""
+    """The rows as a table; missing numbers are null, and none is NaN."""
 
     def number(name: str) -> Array:
         return np.asarray(results[name], dtype=np.float64)
 
     motors = [f"torque_peak.{motor}" for motor in study.base.robot.motors]
     peaks = number("peaks").reshape(-1, len(motors))
-    there = np.isfinite(peaks).all(axis=1)
+    is_measured = np.isfinite(peaks).all(axis=1)
     columns = {
         "index": np.arange(first, first + len(peaks)),
         **values,
         "status": results["status"],
         "objective": number("objective"),
         "angular_momentum": number("angular_momentum"),
-        "torque_peak": np.where(there, peaks.max(axis=1, initial=-np.inf), np.nan),
+        "torque_peak": np.where(is_measured, peaks.max(axis=1, initial=-np.inf), np.nan),
         **dict(zip(motors, peaks.T, strict=True)),
         "utilisation": number("utilisation"),
         "clearance": number("clearance"),
-        **({name: number(name) for name in OF_JUMPS} if study.plan.jump else {}),
+        **{name: number(name) for name in OF_JUMPS if study.plan.jump},
         "explanation": results["explanation"],
         "starts": np.asarray(results["starts"], dtype=np.int32),
         "milliseconds": number("milliseconds"),
@@ -287,23 +298,26 @@ def _table(study: StudyFile, first: int, values: Values, results: Mapping[str, A
 
 
 def row_check(study: StudyFile) -> Callable[[Any, int, int], bool]:
-    """Return what tells whether a table holds a range of rows and no others, in their order, each with a status."""
+    """Return a function that tells whether a table has a range of rows and no others, in order, each with a status."""
     schema = read_table(written(_unplanned(study, 0, study.samples.values(0, 1), ""))).schema
-
-    needed = ("objective", *([] if study.plan.jump else ["coefficients"]))
+    of_solved = ["objective"] if study.plan.jump else ["objective", "coefficients"]
 
     def are_in(table: Any, first: int, stop: int) -> bool:
         if not table.schema.equals(schema, check_metadata=True) or len(table) != stop - first:
             return False
         expected = {"index": np.arange(first, stop), **study.samples.values(first, stop)}
-        allowed = {"status": STATUSES, **({"verdict": VERDICTS} if "verdict" in table.column_names else {})}
-        if any(table[name].null_count for name in (*expected, *allowed, "explanation", "starts")):
-            return False
+        for name, values in expected.items():
+            if table[name].null_count or not np.array_equal(table[name].to_numpy(), values):
+                return False
+        allowed: dict[str, tuple[str, ...]] = {"status": STATUSES}
+        if "verdict" in table.column_names:
+            allowed["verdict"] = ("", "proved", "undecided", "refuted")
+        for name, words in allowed.items():
+            if table[name].null_count or not np.isin(table[name].to_numpy(), words).all():
+                return False
         solved = table.filter(np.isin(table["status"].to_numpy(), SOLVED))
-        return (
-            not any(solved[name].null_count for name in needed)
-            and all(np.array_equal(table[name].to_numpy(), values) for name, values in expected.items())
-            and all(np.isin(table[name].to_numpy(), words).all() for name, words in allowed.items())
-        )
+        if any(solved[name].null_count for name in of_solved):
+            return False
+        return not (table["explanation"].null_count or table["starts"].null_count)
 
     return are_in

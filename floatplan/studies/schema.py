@@ -19,7 +19,7 @@ from floatplan.tables import RANGES, Range
 
 SAMPLING_KEYS = ("sampling", "samples", "seed")
 COUNTS = Range(1, LARGEST_SEED, "")
-VALUES = Range(-math.inf, math.inf, "")  # that of the number that varies is looked at later
+VALUES = Range(-math.inf, math.inf, "")  # the number that varies has a range of its own
 Kind: TypeAlias = Literal["grid", "random", "sobol"]
 
 
@@ -48,13 +48,13 @@ class PlanTable(Keyed):
 
     @property
     def effort(self) -> dict[str, Any]:
-        """What :func:`floatplan.plan_many` is told."""
+        """Options of :func:`floatplan.plan_many`."""
         return {name: getattr(self, name) for name in ("starts", "prove", "attempts", "search")}
 
 
 @dataclass(frozen=True)
 class ResultTable(Keyed):
-    """Where results go, and which map is drawn."""
+    """Where results go, and which map to draw."""
 
     folder: Annotated[str | None, Key("From the working directory; runs/<name of this file> if left out")] = None
     map: Annotated[tuple[str, str, str] | None, Key("Keys that vary across and up, and a column as colour")] = None
@@ -62,7 +62,7 @@ class ResultTable(Keyed):
 
 @dataclass(frozen=True)
 class StudyTables(Keyed):
-    """A problem, and the values for which it is planned; how rows are drawn may stand in ``[vary]`` too."""
+    """A problem, and the values for which it is planned; how rows are sampled may stand in ``[vary]`` too."""
 
     problem: Annotated[str, Key("A problem file, relative to this one")]
     vary: Annotated[
@@ -76,24 +76,25 @@ class StudyTables(Keyed):
 
 
 def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return a study's tables with what ``[vary]`` says about sampling beside it: no number is called that."""
+    """Return a study's tables with the keys of sampling out of ``[vary]``: no number has such a name."""
     vary = content.get("vary")
     if not isinstance(vary, Mapping):
         return content
     lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
-    return {**content, **lifted, "vary": {key: value for key, value in vary.items() if key not in lifted}}
+    numbers = {key: value for key, value in vary.items() if key not in lifted}
+    return {**content, **lifted, "vary": numbers}
 
 
-_JOINT = r"\.[^.]+"
-_INDEX = r"\.\d+"
-_AXIS = r"\.[01]"
-_PARTS = (
-    *((r"(?:start|goal)", Posture), ("flight", Flight), ("motion", Motion), ("limits", Limits)),
+INDEX = r"\.\d+"  # in patterns of paths
+TABLES: tuple[tuple[str, type[Keyed]], ...] = (  # of a problem file, by the patterns of their paths
+    ("(?:start|goal)", Posture),
+    ("flight", Flight),
+    ("motion", Motion),
+    ("limits", Limits),
     ("jump", JumpRequest),
-    *((rf"obstacles{_INDEX}", kind) for kind in OBSTACLE_KINDS.values()),
-    (rf"self_clearance{_INDEX}", SelfClearance),
+    *((rf"obstacles{INDEX}", kind) for kind in OBSTACLE_KINDS.values()),
+    (rf"self_clearance{INDEX}", SelfClearance),
 )
-DEGREE = Range(0, 100, "")  # the problem itself refuses what it cannot have
 
 
 @dataclass(frozen=True)
@@ -117,13 +118,14 @@ class VariedNumber:
         """Refuse a number, in the file's unit, out of its range, or not whole where it must be."""
         if self.whole and value != math.floor(value):
             raise InputError(f"{value:g} is not a whole number", element=element)
-        low, high = self.allowed.low / self.factor, self.allowed.high / self.factor
+        low = self.allowed.low / self.factor
+        high = self.allowed.high / self.factor
         if not low <= value <= high:
             raise InputError(f"{value:g} is outside {Range(low, high, self.unit)}", element=element)
 
 
 def varied_number(path: str, degrees: bool) -> VariedNumber:
-    """Return what a path of a problem file names; ``degrees`` is the file's unit of angles.
+    """Return the number at a path of a problem file; ``degrees`` is the file's unit of angles.
 
     Raises
     ------
@@ -133,10 +135,9 @@ def varied_number(path: str, degrees: bool) -> VariedNumber:
     for pattern, (unit, allowed, whole) in _numbers().items():
         if re.fullmatch(pattern, path, flags=re.ASCII):
             in_radians, _, in_degrees = unit.partition(" or ")
-            turned = degrees and in_degrees
-            return VariedNumber(
-                in_degrees if turned else in_radians, math.radians(1.0) if turned else 1.0, whole, allowed
-            )
+            if degrees and in_degrees:
+                return VariedNumber(in_degrees, math.radians(1.0), whole, allowed)
+            return VariedNumber(in_radians, 1.0, whole, allowed)
     raise InputError(
         "is no number of a problem file that can be varied",
         element=path,
@@ -148,15 +149,22 @@ def varied_number(path: str, degrees: bool) -> VariedNumber:
 def _numbers() -> Mapping[str, tuple[str, Range, bool]]:
     """Unit, range, and whether it is whole, of every number of a problem file, by the pattern of its paths."""
     numbers: dict[str, tuple[str, Range, bool]] = {}
-    for head, part in _PARTS:
-        for pattern, key, name, whole in _below(head, part, Key(""), ""):
-            numbers[pattern] = key.unit, DEGREE if whole else name if isinstance(name, Range) else RANGES[name], whole
+    for head, table in TABLES:
+        for pattern, key, name, whole in _below(head, table, Key(""), ""):
+            numbers[pattern] = key.unit, _range(name, whole), whole
     return numbers
+
+
+def _range(name: str | Range, whole: bool) -> Range:
+    if whole:
+        return Range(0, 100, "")  # the problem itself has narrower ones
+    return name if isinstance(name, Range) else RANGES[name]
 
 
 def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[str, Key, str | Range, bool]]:
     """Paths of the numbers in what has a type, each with its key, its range or that's name, and whether it is whole."""
-    origin, inner = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    inner = get_args(hint)
     if hint in (float, int):
         yield path, key, name, hint is int
     elif isinstance(hint, type) and issubclass(hint, Keyed):
@@ -166,9 +174,9 @@ def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[
         for kind in inner:
             yield from _below(path, kind, key, name)
     elif origin is tuple:
-        yield from _below(path + _AXIS, inner[0], key, name if name in RANGES else "place")
+        yield from _below(rf"{path}\.[01]", inner[0], key, name if name in RANGES else "place")
     elif origin in (Mapping, Sequence):
-        yield from _below(path + _JOINT, entry_of(hint), key, name)
+        yield from _below(rf"{path}\.[^.]+", entry_of(hint), key, name)  # of a joint
 
 
 def study_schema() -> dict[str, Any]:

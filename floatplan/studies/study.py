@@ -35,20 +35,19 @@ from floatplan.tables import Range
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-
-MOST_MOTIONS = 100_000  # of a study, as files
+MOST_MOTIONS = 100_000  # [-] of a study, as files
 
 
 class Study:
-    """The answers of a study: what :func:`floatplan.study` returns.
+    """The results of a study: what :func:`floatplan.study` returns.
 
     Attributes
     ----------
     folder : Path
-        Where its files are.
+        The folder of its files.
     table : pyarrow.Table
         A row for each problem, in the order of their index: the keys that vary, in the units of the problem file, and
-        what was found; what there is not is null. A column's unit is in its field's metadata.
+        the results; missing ones are null. A column's unit is in its field's metadata.
     files : list of Path
         The table, and the maps where there is one.
     """
@@ -63,7 +62,7 @@ class Study:
         return len(self.table)
 
     def __repr__(self) -> str:
-        """Where it is, how many rows it has by status, what varies, and what was found."""
+        """Where it is, how many rows it has by status, what varies, and its columns."""
         rows = [
             ("folder", str(self.folder)),
             ("rows", ", ".join(f"{count} {status}" for status, count in self.statuses.items())),
@@ -95,10 +94,9 @@ class Study:
         InputError
             There is no such key or column.
         """
-        x, y, z = (text(key, name) for key, name in ((x, "x"), (y, "y"), (z, "z")))
-        from floatplan.studies.maps import drawn_map, heatmap
+        from floatplan.studies.maps import heatmap, study_map
 
-        return heatmap(drawn_map(self._file, self.table, x, y, z))
+        return heatmap(study_map(self._file, self.table, text(x, "x"), text(y, "y"), text(z, "z")))
 
     def best(self, k: int = 1, by: str = "objective") -> Any:
         """Return the k best rows that hold a plan, as a table: least ``by`` first, of clearance the largest.
@@ -121,7 +119,7 @@ class Study:
         return self.table.take(pa.array(rows[order][:k]))
 
     def plan(self, index: int) -> Plan:
-        """Return a row's plan, rebuilt from the table and proved; the nearest motion where none was found.
+        """Return a row's plan, rebuilt from the table and proved; the nearest motion where there is none.
 
         Raises
         ------
@@ -132,7 +130,7 @@ class Study:
         return row_plan(self._file, self.table.slice(index, 1).to_pylist()[0])
 
     def jump(self, index: int) -> Jump:
-        """Plan a row's whole jump once more: a study keeps what was measured of jumps, not the jumps themselves.
+        """Plan a row's whole jump once more: a study saves measures of jumps, not the jumps themselves.
 
         Raises
         ------
@@ -153,9 +151,9 @@ class Study:
         """Write the motion of each row that holds a plan or a jump into a folder of the study; return its index.
 
         The folder has the format's name. ``index.json`` lists ``row``, ``values`` of the keys that vary, ``file``,
-        ``status``, ``verdict`` and ``proved`` (of a jump, of its flight), ``sha256``. What is there is kept. Jumps are
-        planned once more, which takes as long as the study did. ``jobs`` are as of :func:`study`, all else as of
-        :meth:`Plan.export`; ``progress`` is told how many are done, and of how many.
+        ``status``, ``verdict`` and ``proved`` (of a jump, of its flight), ``sha256``. Existing files stay. Jumps are
+        planned once more, which takes as long as the study did. ``jobs`` are as of :func:`study`, all others as of
+        :meth:`Plan.export`; ``progress`` is called with the number that are done, and of all.
 
         Raises
         ------
@@ -179,7 +177,7 @@ class Study:
 
 
 def facts(file: StudyFile) -> dict[str, Any]:
-    """What a folder says of its study, beside the hash."""
+    """The record of a study in its folder, without the hash."""
     others = {"python": platform.python_version(), **{name: version(name) for name in ("numpy", "pyarrow", "pin")}}
     return {
         "name": file.name,
@@ -219,9 +217,9 @@ def study(
         Processes, as many as processors where left out; 1 is this one. In a script, more need
         ``if __name__ == "__main__":``. Of an executor, how many tasks it does at a time.
     progress : callable, optional
-        Told how far it is after each chunk.
+        Called after each chunk with the progress.
     executor : concurrent.futures.Executor, optional
-        What plans the rows, in the place of an engine: of processes, of threads, of a cluster. It is not shut down.
+        Plans the rows instead of an engine: of processes, of threads, of a cluster. It is not shut down.
 
     Returns
     -------
@@ -235,9 +233,9 @@ def study(
         No process can be started, or the executor takes no more; the same call goes on from there.
     """
     chosen = started(text(engine, "engine"), jobs, optional(text)(scheduler, "scheduler"), executor)
-    place = optional(as_path)(folder, "folder")
+    directory = optional(as_path)(folder, "folder")
     progress = optional(function)(progress, "progress")
-    return planned_study(as_path(path, "path"), place, flag(restart, "restart"), chosen, progress)
+    return planned_study(as_path(path, "path"), directory, flag(restart, "restart"), chosen, progress)
 
 
 def planned_study(
@@ -250,30 +248,30 @@ def planned_study(
 ) -> Study:
     """Plan the rows that a study's folder lacks, or those of a shard, such as "3/64", in a folder of its own.
 
-    Of a shard the table has its rows, and no file; all else is as of :func:`study`.
+    Of a shard the table has its rows, and no file; all others are as of :func:`study`.
     """
     arrow()
     file = load_study_file(path)
     if file.plan.jump:
         casadi()
-    place = StudyFolder(folder or file.folder, (0, len(file)))
+    study_folder = StudyFolder(folder or file.folder, (0, len(file)))
     of_shard = {}
     if shard is not None:
-        which = Shard.asked(shard, len(file))
+        which = Shard.parse(shard, len(file))
         of_shard = {"shard": [which.number, which.count]}
-        place = StudyFolder(place.path / SHARDS / str(which).replace("/", "-of-"), which.rows(len(file)))
-    with place.locked():
-        place.open(file.digest(), facts(file) | of_shard, restart)
-        gaps = place.missing(row_check(file))
+        study_folder = StudyFolder(study_folder.path / SHARDS / str(which).replace("/", "-of-"), which.rows(len(file)))
+    with study_folder.locked():
+        study_folder.open(file.digest(), facts(file) | of_shard, restart)
+        gaps = study_folder.missing(row_check(file))
         if file.map and not of_shard:  # while others plan
             threading.Thread(target=import_module, args=("floatplan.studies.maps",), daemon=True).start()
         if gaps:
             with engine as chosen:
-                StudyRun(file, place, chosen, progress).fill(gaps)
-        done = Study(file, place, place.table() if of_shard else place.merge())
+                StudyRun(file, study_folder, chosen, progress).fill(gaps)
+        done = Study(file, study_folder, study_folder.table() if of_shard else study_folder.merge())
         if file.map and not of_shard:
             from floatplan.studies import maps
 
-            with naming_the_folder(place.path):
-                done.files += maps.write_maps(file, done.table, place.path)
+            with naming_the_folder(study_folder.path):
+                done.files += maps.write_maps(file, done.table, study_folder.path)
     return done

@@ -1,4 +1,4 @@
-"""What the page says, as HTML: pure functions of what is to be shown."""
+"""Cards of the page, as HTML: pure functions of the view."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -8,16 +8,16 @@ from floatplan.arguments import short
 from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.presentation import Row, raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
-from floatplan.studio.answers import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.studio.curves import AMBER, BLUE, GREEN, RED, colour_of
 from floatplan.studio.session import Verdict, View
+from floatplan.studio.tasks import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.tables import LimitRow
 
-GREY, BLACK = "#7a7f87", "#3a3f45"
-MOST_WARNINGS = 6  # [-] listed; the others are counted
-WIDEST = 1.25  # [-] share of a limit at the end of a bar
+GREY = "#7a7f87"
+BLACK = "#3a3f45"
+MOST_WARNINGS = 6  # [-] in a list; others are counted
 
-BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
+IN_PROGRESS: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
     "waiting": (GREY, "Searching …"),
     "planned": (BLUE, "Planned; proving …"),
     "failed": (RED, "Not possible"),
@@ -26,139 +26,155 @@ BEFORE_THE_END: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
 COLOURS: Mapping[Tone, str] = {"good": GREEN, "open": AMBER, "bad": RED}
 
 
-def is_news(drawn: View | None, view: View) -> bool:
-    """Whether a view is to be drawn at once: that a search has begun matters only where it lasts."""
-    if drawn is None or view.is_current or view.fault or view.refusal != drawn.refusal:
+def is_news(shown: View | None, view: View) -> bool:
+    """Whether to show a view at once; the beginning of a search need only be shown if the search lasts."""
+    if shown is None or view.is_current or view.fault or view.refusal != shown.refusal:
         return True
-    return view.answer is not drawn.answer or view.doing not in ("", drawn.doing)
+    return view.result is not shown.result or view.doing not in ("", shown.doing)
 
 
 def status_card(view: View) -> str:
     """The verdict in a colour, why, and the numbers that count."""
-    answer, known = view.answer, BEFORE_THE_END.get(view.verdict)
-    colour, headline = known or BEFORE_THE_END["waiting"]
-    if known is None and answer is not None:
-        words, tone = _verdict(answer)
-        colour, headline = COLOURS[tone], words.capitalize()
+    result = view.result
+    colour, headline = IN_PROGRESS.get(view.verdict, IN_PROGRESS["waiting"])
+    if view.verdict not in IN_PROGRESS and result is not None:
+        words, tone = _verdict(result)
+        colour = COLOURS[tone]
+        headline = words.capitalize()
     parts = []
     if view.refusal:
         parts.append(f'<div class="band refusal"><b>Not changed</b><p>{escape(view.refusal)}</p></div>')
-    attributes = f'data-verdict="{view.verdict}" data-number="{view.number}" data-answers="{view.answered}"'
-    band = f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{_paragraphs(*_words(view))}</div>'
+    attributes = f'data-verdict="{view.verdict}" data-number="{view.number}" data-answers="{view.result_number}"'
+    band = (
+        f'<div class="band" style="--c:{colour}" {attributes}><b>{headline}</b>{_paragraphs(_status_words(view))}</div>'
+    )
     parts.append(band)
-    if view.answer is not None:
-        facts = "".join(f"<div><span>{name}</span>{value}</div>" for name, value in _facts(view.answer))
+    if view.result is not None:
+        facts = "".join(f"<div><span>{name}</span>{value}</div>" for name, value in _facts(view.result))
         parts.append(f'<div class="facts">{facts}</div>')
     return f'<div class="fp status" id="floatplan-status" role="status">{"".join(parts)}</div>'
 
 
 def warning_card(view: View) -> str:
-    """What is said beside the verdict: of stances before and after the flight, and what the plan does unasked."""
-    answer, parts = view.answer, list[str]()
-    if answer is not None and view.is_current:
-        parts += map(_stance, answer.stances)
-    if answer is not None and answer.plan.ok and answer.warnings:
-        warnings = [warning.message for warning in answer.warnings]
-        more = [f"and {len(warnings) - MOST_WARNINGS} more"] if len(warnings) > MOST_WARNINGS else []
-        listed = _paragraphs(*warnings[:MOST_WARNINGS], *more)
-        parts.append(f'<div class="band warning"><b>Beside the verdict</b>{listed}</div>')
+    """Warnings: about the stances before and after the flight, and about side effects of the plan."""
+    result = view.result
+    parts = list[str]()
+    if result is not None and view.is_current:
+        parts += map(_stance, result.stances)
+    if result is not None and result.plan.ok and result.warnings:
+        warnings = [warning.message for warning in result.warnings]
+        if len(warnings) > MOST_WARNINGS:
+            warnings[MOST_WARNINGS:] = [f"and {len(warnings) - MOST_WARNINGS} more"]
+        parts.append(f'<div class="band warning"><b>Beside the verdict</b>{_paragraphs(warnings)}</div>')
     return f'<div class="fp beside" id="floatplan-beside" role="status">{"".join(parts)}</div>'
 
 
-def _verdict(answer: ShownPlan) -> tuple[str, Tone]:
+def _verdict(result: ShownPlan) -> tuple[str, Tone]:
     """The verdict in a few words, and its tone."""
-    if answer.jump is not None:
-        return answer.jump.verdict, "bad" if answer.found_jump is None else answer.found_jump.tone
-    return verdict_in_words(answer.plan.ok, answer.plan.certificate, bool(answer.warnings))
+    if result.jump is not None:
+        return result.jump.verdict, "bad" if result.solved_jump is None else result.solved_jump.tone
+    return verdict_in_words(result.plan.ok, result.plan.certificate, bool(result.warnings))
 
 
 def _stance(row: Row) -> str:
-    return f'<div class="band" style="--c:{COLOURS[row.tone]}" data-stance="{row.tone}">{_paragraphs(row.text)}</div>'
+    return f'<div class="band" style="--c:{COLOURS[row.tone]}" data-stance="{row.tone}">{_paragraphs([row.text])}</div>'
 
 
-def _words(view: View) -> list[str]:
-    answer = view.answer
+def _status_words(view: View) -> list[str]:
+    """What the status card explains, a paragraph each."""
+    result = view.result
     if view.fault:
         return [view.fault]
-    doing = [f"{view.doing[0].upper()}{view.doing[1:]} …"] if view.doing else []
-    if answer is None or not view.is_current:
-        return doing and [*doing, *(["Shown is what was found before."] if answer else [])]
-    if answer.jump is not None:
-        return [answer.jump.explanation, *([] if answer.found_jump else ["Shown is a flight alone."])]
+    words = list[str]()
+    if view.doing:
+        words.append(f"{view.doing[0].upper()}{view.doing[1:]} …")
+    if result is None or not view.is_current:
+        if words and result:
+            words.append("Shown is what was found before.")
+        return words
+    if result.jump is not None:
+        return (
+            [result.jump.explanation] if result.solved_jump else [result.jump.explanation, "Shown is a flight alone."]
+        )
     if view.verdict == "not found":
-        return [answer.plan.explanation, "Shown is the nearest motion found."]
+        return [result.plan.explanation, "Shown is the nearest motion found."]
     if view.verdict == "waiting":
-        return [*doing, f"Shown is {'the nearest motion so far' if view.problem.jump is None else 'a flight alone'}."]
-    if answer.plan.certificate is None:
+        shown = "the nearest motion so far" if view.problem.jump is None else "a flight alone"
+        return [*words, f"Shown is {shown}."]
+    if result.plan.certificate is None:
         return []
     if view.verdict == "proved":
-        count = len(answer.plan.certificate.findings)
+        count = len(result.plan.certificate.findings)
         return [f"All {count} constraints hold at every instant, from takeoff to landing."]
-    return [f"{finding.verdict}: {finding.label}" for finding in answer.plan.certificate.unproved[:MOST_WARNINGS]]
+    return [f"{finding.verdict}: {finding.label}" for finding in result.plan.certificate.unproved[:MOST_WARNINGS]]
 
 
-def _paragraphs(*words: str) -> str:
-    return "".join(f"<p>{escape(each)}</p>" for each in words)
+def _paragraphs(texts: Iterable[str]) -> str:
+    return "".join(f"<p>{escape(text)}</p>" for text in texts)
 
 
-def _facts(answer: ShownPlan) -> list[tuple[str, str]]:
-    plan, use, jump = answer.plan, answer.largest_use, answer.found_jump
-    height = [] if jump is None else [("height", f"{jump.height:.3g} m"), ("of it in flight", f"{plan.duration:.4g} s")]
-    facts = [
-        ("duration", f"{answer.motion.duration:.4g} s"),
-        *reversed(height),
-        ("angular momentum", f"{short(plan.angular_momentum, 3)} kg m²/s"),
-    ]
+def _facts(result: ShownPlan) -> list[tuple[str, str]]:
+    plan = result.plan
+    use = result.largest_use
+    jump = result.solved_jump
+    facts = [("duration", f"{result.motion.duration:.4g} s")]
+    if jump is not None:
+        facts.append(("of it in flight", f"{plan.duration:.4g} s"))
+        facts.append(("height", f"{jump.height:.3g} m"))
+    facts.append(("angular momentum", f"{short(plan.angular_momentum, 3)} kg m²/s"))
     if use is not None:
         facts.append(("most used limit", f'<b style="color:{colour_of(use)}">{use:.0%}</b>'))
     if jump is not None:
         facts.append(("friction used", f"{jump.check.figures['friction']:.2f}"))
-    if answer.clearance is not None and jump is None:
-        facts.append(("least clearance", f"{1e3 * answer.clearance:.4g} mm"))
+    if result.clearance is not None and jump is None:
+        facts.append(("least clearance", f"{1e3 * result.clearance:.4g} mm"))
     return facts
 
 
-def limits_card(answer: ShownPlan | None) -> str:
-    """A row for each motor: what it reaches, and how much of its limits that is; of a jump, over all of it."""
-    if answer is None:
+def limits_card(result: ShownPlan | None) -> str:
+    """A row for each motor: its peaks, and their shares of its limits; of a jump, over all of it."""
+    if result is None:
         return ""
-    if answer.found_jump is not None:
-        peaks = [
-            (f"{escape(name)}, {each.title}", float(most), each.limited)
-            for each in answer.shares
-            for name, most in zip(each.names, each.values.max(axis=1), strict=True)
-        ]
-        rows = "".join(f"<tr><td>{name}<td>{use:.0%}<td>{_bar(use)}</tr>" for name, use, limited in peaks if limited)
-        return f'<div class="fp"><table><tr><th>of limits<th>most<th></tr>{rows}</table></div>'
-    limits, motors = limits_shown(answer.utilisation), answer.plan.robot.motors
+    rows = list[str]()
+    if result.solved_jump is not None:
+        for shares in result.shares:
+            if shares.limited:
+                for name, use in zip(shares.names, shares.values.max(axis=1).tolist(), strict=True):
+                    rows.append(f"<tr><td>{escape(name)}, {shares.title}<td>{use:.0%}<td>{_bar(use)}</tr>")
+        return f'<div class="fp"><table><tr><th>of limits<th>most<th></tr>{"".join(rows)}</table></div>'
+    limits = limits_shown(result.utilisation)
+    motors = result.plan.robot.motors
     titles = "".join(f"<th>{limit.title.lower()}, {raised(limit.unit)}<th>" for limit in limits)
-    ordered = sorted(answer.utilisation, key=lambda row: motors.index(row.joint))
-    rows = "".join(_motor(row, limits) for row in ordered)
-    return f'<div class="fp"><table><tr><th>motor{titles}</tr>{rows}</table></div>'
+    for row in sorted(result.utilisation, key=lambda row: motors.index(row.joint)):
+        rows.append(_motor(row, limits))
+    return f'<div class="fp"><table><tr><th>motor{titles}</tr>{"".join(rows)}</table></div>'
 
 
 def _motor(row: Utilisation, limits: Iterable[LimitRow]) -> str:
     cells = []
-    for key in (limit.key for limit in limits):
-        peak, most, use = (getattr(row, f"{key}_{name}") for name in ("peak", "limit", "utilisation"))
-        cells.append(f"<td>{short(peak, 3)}{'' if most is None else f' / {short(most, 3)}'}<td>{_bar(use)}")
+    for limit in limits:
+        peak = getattr(row, f"{limit.key}_peak")
+        most = getattr(row, f"{limit.key}_limit")
+        bound = "" if most is None else f" / {short(most, 3)}"
+        cells.append(f"<td>{short(peak, 3)}{bound}<td>{_bar(getattr(row, f'{limit.key}_utilisation'))}")
     return f"<tr><td>{escape(row.joint)}{''.join(cells)}</tr>"
 
 
 def _bar(use: float | None) -> str:
     if use is None:
         return ""
+    widest = 1.25  # [-] share of a limit at the end of a bar: a limit that is broken is seen to be
     return (
         f'<div class="bar" title="{use:.0%}">'
-        f'<i style="width:{100 * min(use / WIDEST, 1.0):.1f}%;background:{colour_of(use)}"></i>'
-        f'<u style="left:{100 / WIDEST:.1f}%"></u></div>'
+        f'<i style="width:{100 * min(use / widest, 1.0):.1f}%;background:{colour_of(use)}"></i>'
+        f'<u style="left:{100 / widest:.1f}%"></u></div>'
     )
 
 
-def map_card(chart: Map | None, wanted: bool) -> str:
+def map_card(chart: Map | None, enabled: bool) -> str:
     """The map; page.js lets a click on a point press the button that jumps there."""
     if chart is None:
-        words = "Drawn when the plan is proved." if wanted else "Switched off."
+        words = "Drawn when the plan is proved." if enabled else "Switched off."
         return f'<div class="fp"><p>{words}</p></div>'
     cells = []
     for row in reversed(range(ROWS)):
@@ -196,23 +212,24 @@ def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:
         return (BLACK if point.status == "impossible" else GREY), ""
     if chart.relative:
         return colour_of(use), f"{use:.0%}".rstrip("%")
-    logs = [math.log(each.use) for each in chart.points.values() if each.use is not None and 0 < each.use < math.inf]
+    # without limits torques are compared with one another, by their logarithms
+    uses = [other.use for other in chart.points.values() if other.use is not None]
+    logs = [math.log(value) for value in uses if 0 < value < math.inf]
     width = max(logs, default=0.0) - min(logs, default=0.0)
     share = (math.log(use) - min(logs)) / width if width > 0 and 0 < use < math.inf else 0.0
     return f"hsl({150 - 120 * share:.0f} 60% 29%)", f"{use:.0f}" if 10 <= use < 1e4 else short(use, 2)
 
 
-def comparison_card(answer: ShownPlan | None, kept: ShownPlan | None) -> str:
+def comparison_card(result: ShownPlan | None, compared: ShownPlan | None) -> str:
     """Two plans side by side."""
-    if kept is None or answer is None:
+    if compared is None or result is None:
         words = "Keep the present plan, change something, and both fly side by side."
         return f'<div class="fp"><p>{words}</p></div>'
-    rows = "".join(
-        f"<tr><td>{name}<td>{_compared(get(kept), unit)}<td>{_compared(get(answer), unit)}</tr>"
-        for name, unit, get in COMPARED
-    )
+    rows = list[str]()
+    for name, unit, get in COMPARED:
+        rows.append(f"<tr><td>{name}<td>{_compared(get(compared), unit)}<td>{_compared(get(result), unit)}</tr>")
     head = "<tr><th><th>kept (violet)<th>present</tr>"
-    return f'<div class="fp" id="floatplan-comparison"><table>{head}{rows}</table></div>'
+    return f'<div class="fp" id="floatplan-comparison"><table>{head}{"".join(rows)}</table></div>'
 
 
 def _compared(value: str | float | None, unit: str) -> str:
@@ -220,30 +237,30 @@ def _compared(value: str | float | None, unit: str) -> str:
 
 
 def _of_flight(get: Callable[[ShownPlan], float | None]) -> Callable[[ShownPlan], float | None]:
-    """What is known of flights alone, not of jumps around them."""
-    return lambda each: get(each) if each.found_jump is None else None
+    """A quantity of flights; None of jumps around them."""
+    return lambda solved: get(solved) if solved.solved_jump is None else None
+
+
+def _largest_torque(solved: ShownPlan) -> float | None:
+    return max((row.torque_peak for row in solved.utilisation), default=None)
+
+
+def _largest_rate(solved: ShownPlan) -> float | None:
+    return max((row.velocity_peak for row in solved.utilisation), default=None)
 
 
 COMPARED: Sequence[tuple[str, str, Callable[[ShownPlan], str | float | None]]] = (
-    ("plan", "", lambda each: "found" if (each.jump or each.plan).ok else "not found"),
-    ("duration", " s", lambda each: each.motion.duration),
-    ("angular momentum", " kg m²/s", lambda each: each.plan.angular_momentum),
-    ("objective", "", _of_flight(lambda each: each.plan.objective_value)),
-    ("most used limit", "%", lambda each: None if each.largest_use is None else 100 * each.largest_use),
-    (
-        "largest torque",
-        " N m",
-        _of_flight(lambda each: max((row.torque_peak for row in each.utilisation), default=None)),
-    ),
-    (
-        "largest rate",
-        " rad/s",
-        _of_flight(lambda each: max((row.velocity_peak for row in each.utilisation), default=None)),
-    ),
-    ("least clearance", " mm", _of_flight(lambda each: None if each.clearance is None else 1e3 * each.clearance)),
+    ("plan", "", lambda solved: "found" if (solved.jump or solved.plan).ok else "not found"),
+    ("duration", " s", lambda solved: solved.motion.duration),
+    ("angular momentum", " kg m²/s", lambda solved: solved.plan.angular_momentum),
+    ("objective", "", _of_flight(lambda solved: solved.plan.objective_value)),
+    ("most used limit", "%", lambda solved: None if solved.largest_use is None else 100 * solved.largest_use),
+    ("largest torque", " N m", _of_flight(_largest_torque)),
+    ("largest rate", " rad/s", _of_flight(_largest_rate)),
+    ("least clearance", " mm", _of_flight(lambda solved: None if solved.clearance is None else 1e3 * solved.clearance)),
 )
 
 
 def saved_card(lines: Iterable[str]) -> str:
-    """What was saved, or why not."""
-    return f'<div class="fp" id="floatplan-saved">{_paragraphs(*lines)}</div>'
+    """Messages about saved files."""
+    return f'<div class="fp" id="floatplan-saved">{_paragraphs(lines)}</div>'

@@ -14,23 +14,21 @@ from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.problem import Problem
 from floatplan.view.jumps import footing, limit_shares
 
-SAMPLES = 401  # [-] instants of a curve
-ALIKE = 0.01  # [-] of a limit: a follower whose curve differs by less from its leader's is not drawn
-NEARLY, FULL = 0.9, 1 + 1e-9  # [-] shares of a limit from which a use is amber, and red
-GREEN, AMBER, RED, BLUE = "#1a7f4b", "#985a00", "#c0182b", "#1f5fbf"
-ROOM = 1.15  # [-] of the largest that is drawn: height of a plot
-FLYING = "#c9d8ee"  # the phase without contacts
-RIGHT = 60.0  # [%] of the width from which labels are on the left of their places
+NEARLY = 0.9  # [-] share of a limit from which a use is amber
+GREEN = "#1a7f4b"
+AMBER = "#985a00"
+RED = "#c0182b"
+BLUE = "#1f5fbf"
 
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """What is used of the limits of one kind, over a motion, at even instants.
+    """Shares of the limits of one kind, over a motion, at even instants.
 
     Attributes
     ----------
     title : "torque" or "rate"
-    unit : in which they are told where nothing limits
+    unit : of the values where nothing limits
     limited : whether they are shares of limits
     names : of the motors or joints, each with a curve of its own
     values : (K, N) magnitudes
@@ -49,46 +47,52 @@ class Shares:
 
 
 def shares(motion: Trajectory) -> tuple[Shares, ...]:
-    """What a motion uses of the limits on torque and rate: of those asked for, else of the URDF's, if there are any."""
-    state, problem = motion.state(np.linspace(0.0, motion.duration, SAMPLES)), _limited(motion.whole_problem)
+    """Shares of the limits on torque and rate that a motion uses: of the problem's, else of the URDF's, if any."""
+    state = motion.state(np.linspace(0.0, motion.duration, 401))
+    problem = _limited(motion.whole_problem)
     torque, rate = limit_shares(problem, state)
     motors = np.minimum(problem.motor_torque_limits, problem.motor_stall)
     return (
-        _told("torque", "N m", problem.robot.motors, motors, torque, state.motor_torques),
-        _told("rate", "rad/s", problem.robot.joints, problem.velocity_limits, rate, state.velocities),
+        _of_kind("torque", "N m", problem.robot.motors, motors, torque, state.motor_torques),
+        _of_kind("rate", "rad/s", problem.robot.joints, problem.velocity_limits, rate, state.velocities),
     )
 
 
 def _limited(problem: Problem) -> Problem:
-    """The problem, with the URDF's limits in the place of none."""
+    """The problem, with the URDF's limits where it has none."""
     of_file = (("torque", problem.robot.motor_torque_limits), ("velocity", problem.robot.motor_velocity_limits))
-    missing: dict[str, Any] = {
-        key: "urdf"
-        for key, limits in of_file
-        if np.isfinite(limits).any() and getattr(problem.limits, key) == "none" and not problem.limits.motor
-    }
-    return replace(problem, limits=replace(problem.limits, **missing)) if missing else problem
+    added: dict[str, Any] = {}
+    for key, limits in of_file:
+        is_unlimited = getattr(problem.limits, key) == "none" and not problem.limits.motor
+        if is_unlimited and np.isfinite(limits).any():
+            added[key] = "urdf"
+    return replace(problem, limits=replace(problem.limits, **added)) if added else problem
 
 
-def _told(title: str, unit: str, names: Sequence[str], limits: Array, used: Array, values: Array) -> Shares:
-    """The shares of what has a limit; or the values, where nothing has. Curves that are alike are one."""
-    limited, kept = bool(np.isfinite(limits).any()), list[int]()
-    drawn = np.abs(used if limited else values).T
-    for index, curve in enumerate(drawn):
-        alike = (np.abs(curve - drawn[each]).max() <= ALIKE * max(float(drawn.max()), 1e-9) for each in kept)
-        if (not limited or np.isfinite(limits[index])) and not any(alike):
-            kept.append(index)
-    return Shares(title, "" if limited else unit, limited, tuple(names[index] for index in kept), drawn[kept])
+def _of_kind(title: str, unit: str, names: Sequence[str], limits: Array, used: Array, values: Array) -> Shares:
+    """The shares of what has a limit; or the values, where nothing has. Curves that look alike are one."""
+    limited = bool(np.isfinite(limits).any())
+    curves = np.abs(used if limited else values).T
+    difference = 0.01 * max(float(curves.max()), 1e-9)  # of the largest value: less cannot be seen
+    distinct = list[int]()
+    for index, curve in enumerate(curves):
+        if limited and np.isinf(limits[index]):
+            continue
+        if all(np.abs(curve - curves[other]).max() > difference for other in distinct):
+            distinct.append(index)
+    return Shares(title, "" if limited else unit, limited, tuple(names[index] for index in distinct), curves[distinct])
 
 
 def colour_of(use: float) -> str:
-    """Of a share of a limit."""
-    return GREEN if use < NEARLY else AMBER if use <= FULL else RED
+    """Of a share of a limit; rounding of a use of all of it is not red."""
+    if use < NEARLY:
+        return GREEN
+    return AMBER if use <= 1 + 1e-9 else RED
 
 
 def curves_card(motion: Trajectory, used: Sequence[Shares]) -> str:
-    """The curves, each in the colours of how near it is to its limit; above them, of a jump, what stands when."""
-    plots = "".join(_plot(each, motion.duration) for each in used)
+    """The curves, each in the colours of how near it is to its limit; above them, of a jump, its contacts."""
+    plots = "".join(_plot(shares, motion.duration) for shares in used)
     bands = _bands(motion) if isinstance(motion, JumpMotion) else ""
     axis = f'<div class="time"><span>0</span><span>{motion.duration:.3g} s</span></div>'
     return (
@@ -103,29 +107,30 @@ def instant_mark(share: float) -> str:
 
 
 def _plot(used: Shares, duration: float) -> str:
-    peak, count = used.peak, used.values.shape[1]
-    top = ROOM * max(peak, 1.0 if used.limited else 1e-9)
+    peak = used.peak
+    count = used.values.shape[1]
+    top = 1.15 * max(peak, 1.0 if used.limited else 1e-9)  # a little above the largest value or the limit
     across = np.linspace(0.0, 1000.0, count)
-    paths = "".join(
-        f'<path d="M{" ".join(f"{x:.0f},{y:.1f}" for x, y in zip(across, 100 - 100 * curve / top, strict=True))}"'
-        f' stroke="{f"url(#fp-{used.title})" if used.limited else BLUE}"><title>{escape(name)}</title></path>'
-        for name, curve in zip(used.names, used.values, strict=True)
-    )
+    stroke = f"url(#fp-{used.title})" if used.limited else BLUE
+    paths = ""
+    for name, curve in zip(used.names, used.values, strict=True):
+        points = " ".join(f"{x:.0f},{y:.1f}" for x, y in zip(across, 100 - 100 * curve / top, strict=True))
+        paths += f'<path d="M{points}" stroke="{stroke}"><title>{escape(name)}</title></path>'
     row, column = np.unravel_index(used.values.argmax(), used.values.shape) if used.values.size else (0, 0)
-    left, high = 100.0 * column / max(count - 1, 1), 100.0 * (1 - peak / top)
-    name, told = (
-        used.names[row] if used.names else "",
-        f"{peak:.0%}" if used.limited else f"{short(peak, 3)} {used.unit}",
-    )
-    side = f"right:{100 - left:.1f}%" if left > RIGHT else f"left:{left:.1f}%"
-    place = f"{side};top:min({high:.1f}%,100% - 1.3em)"
+    left = 100.0 * column / max(count - 1, 1)
+    high = 100.0 * (1 - peak / top)
+    name = used.names[row] if used.names else ""
+    value = f"{peak:.0%}" if used.limited else f"{short(peak, 3)} {used.unit}"
+    # on the right of a plot a label is on the left of its point
+    side = f"right:{100 - left:.1f}%" if left > 60.0 else f"left:{left:.1f}%"
+    position = f"{side};top:min({high:.1f}%,100% - 1.3em)"
     colour = colour_of(peak) if used.limited else BLUE
     title = f"{used.title} / limit" if used.limited else f"{used.title}, {used.unit}"
-    words = f"{title}: {told} at most, {name}, at {duration * left / 100:.2f} s"
+    words = f"{title}: {value} at most, {name}, at {duration * left / 100:.2f} s"
     return (
         f'<div class="plot" role="img" aria-label="{escape(words)}">'
         f'<svg viewBox="0 0 1000 100" preserveAspectRatio="none" aria-hidden="true">{_limit(used, top)}{paths}</svg>'
-        f'<span>{title}</span><b style="{place};color:{colour}">{told} {escape(name)}</b></div>'
+        f'<span>{title}</span><b style="{position};color:{colour}">{value} {escape(name)}</b></div>'
     )
 
 
@@ -144,35 +149,36 @@ def _limit(used: Shares, top: float) -> str:
 
 
 def phase_colours(jump: JumpMotion) -> list[list[str]]:
-    """Colours of what stands, of each phase of a jump; that of the flight has its own."""
+    """Colours of the contacts of each phase of a jump; the flight, which has none, has a colour of its own."""
     standing = footing(jump)
-    return [
-        [standing.colours[name] for name, contact in standing.contacts.items() if contact.names[0] in phase.contacts]
-        or [FLYING]
-        for phase in jump.phases
-    ]
+    result = []
+    for phase in jump.phases:
+        names = [name for name, contact in standing.contacts.items() if contact.names[0] in phase.contacts]
+        result.append([standing.colours[name] for name in names] or ["#c9d8ee"])
+    return result
 
 
 def _bands(jump: JumpMotion) -> str:
-    """The phases of a jump, each in the colours of what stands, one above the other."""
-    bands, words = list[str](), list[str]()
+    """The phases of a jump, each in the colours of its contacts, one above the other."""
+    bands = list[str]()
+    words = list[str]()
     for phase, colours in zip(jump.phases, phase_colours(jump), strict=True):
         lasts = phase.end - phase.begin
         stands = ", ".join(phase.contacts) or "flight"
         words.append(f"{lasts:.3f} s: {stands}")
-        place = f"left:{100 * phase.begin / jump.duration:.2f}%;width:{100 * lasts / jump.duration:.2f}%"
+        position = f"left:{100 * phase.begin / jump.duration:.2f}%;width:{100 * lasts / jump.duration:.2f}%"
         ink = "" if phase.contacts else ";color:#1d2126;text-shadow:none"
-        look = f"{place};background:{stripes(colours)}{ink}"
-        told = f"<span>{lasts:.2f} s</span><span>{escape(stands)}</span>"  # what does not fit is left out
-        bands.append(f'<div style="{look}" title="{escape(words[-1])}">{told}</div>')
+        look = f"{position};background:{stripes(colours)}{ink}"
+        label = f"<span>{lasts:.2f} s</span><span>{escape(stands)}</span>"  # CSS cuts off what is too wide
+        bands.append(f'<div style="{look}" title="{escape(words[-1])}">{label}</div>')
     return f'<div class="phases" role="img" aria-label="Phases: {escape("; ".join(words))}">{"".join(bands)}</div>'
 
 
 def stripes(colours: Sequence[str]) -> str:
     """CSS of colours one above the other."""
     height = 100 / len(colours)
-    stops = (f"{each} {height * row:.0f}% {height * (row + 1):.0f}%" for row, each in enumerate(colours))
-    return f"linear-gradient({','.join(stops)})"
+    stops = ",".join(f"{colour} {height * row:.0f}% {height * (row + 1):.0f}%" for row, colour in enumerate(colours))
+    return f"linear-gradient({stops})"
 
 
 def bar_style(colours: Sequence[Sequence[str]], ends: Sequence[float]) -> str:

@@ -12,10 +12,10 @@ from floatplan.problem.parts import JointState, Obstacle
 from floatplan.tables import LimitKey
 
 Edit: TypeAlias = Callable[[fp.Problem], fp.Problem]
-Part: TypeAlias = Literal["duration", "angular_momentum", "start", "goal"]
+FlightKey: TypeAlias = Literal["duration", "angular_momentum", "start", "goal"]
 
 BY_HAND = "by hand"
-AMPLE = 1.2  # [-] of what the present motion needs: limits by hand begin there
+AMPLE = 1.2  # [-] limits by hand begin at so many times the peaks of the present motion
 
 
 def end_state(problem: fp.Problem, end: str) -> JointState:
@@ -33,7 +33,7 @@ def numbers(values: Mapping[str, float]) -> Edit:
 
 
 def number_at(problem: fp.Problem, path: str) -> float:
-    """Return the number at a path, SI units and radians; NaN where a word is in its place."""
+    """Return the number at a path, SI units and radians; NaN where a word stands instead."""
     head, *keys = path.split(".")
     if head == "limits":
         return limit_of(problem, keys[0], keys[1])  # type: ignore[arg-type]
@@ -48,51 +48,55 @@ def number_at(problem: fp.Problem, path: str) -> float:
     return math.nan if isinstance(value, str) else float(value)
 
 
-def change(part: Literal["flight", "motion", "jump"], **changes: Any) -> Edit:
+def change(table: Literal["flight", "motion", "jump"], **changes: Any) -> Edit:
     """Change fields of the flight, the motion or the jump, such as ``angular_momentum="free"``."""
-    return lambda problem: replace(problem, **{part: replace(getattr(problem, part), **changes)})
+    return lambda problem: replace(problem, **{table: replace(getattr(problem, table), **changes)})
 
 
 def phases(ends: Sequence[float] | None, flight: int = 0) -> Edit:
-    """Fix how long the phases of a jump last, the flight being one of them, by their ends, s; or leave it open."""
+    """Fix the durations of the phases of a jump, of which the flight is one, by their ends, s; None frees them."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
-        asked = problem.jump or fp.JumpRequest()
-        lasts = np.diff(ends or (), prepend=0.0).tolist()
-        pairs = [(each, each) for each in lasts]
-        before, after = (pairs[:flight], pairs[flight + 1 :]) if pairs else (None, None)
-        fixed = [each for each in asked.fixed if pairs or each != "duration"]
-        if "duration" not in fixed and pairs:
+        request = problem.jump or fp.JumpRequest()
+        if not ends:
+            others = [key for key in request.fixed if key != "duration"]
+            takeoff = replace(request.takeoff, durations=None)
+            landing = replace(request.landing, durations=None)
+            return replace(problem, jump=replace(request, takeoff=takeoff, landing=landing, fixed=others))
+        durations = np.diff(ends, prepend=0.0).tolist()
+        ranges = [(duration, duration) for duration in durations]
+        takeoff = replace(request.takeoff, durations=ranges[:flight])
+        landing = replace(request.landing, durations=ranges[flight + 1 :])
+        fixed = list(request.fixed)
+        if "duration" not in fixed:
             fixed.append("duration")
-        takeoff, landing = replace(asked.takeoff, durations=before), replace(asked.landing, durations=after)
-        lasting = replace(problem.flight, duration=lasts[flight]) if pairs else problem.flight
-        jump = replace(asked, takeoff=takeoff, landing=landing, fixed=fixed)
-        return replace(problem, flight=lasting, jump=jump)
+        jump = replace(request, takeoff=takeoff, landing=landing, fixed=fixed)
+        return replace(problem, flight=replace(problem.flight, duration=durations[flight]), jump=jump)
 
     return edit
 
 
-def keep(part: Part, found: fp.Plan | None) -> Edit:
-    """Let a jump keep a part of the flight that was found; None leaves it a guess."""
+def keep(key: FlightKey, plan: fp.Plan | None) -> Edit:
+    """Let a jump keep a value of its flight as the plan has it; without a plan it is a guess."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
-        asked = problem.jump or fp.JumpRequest()
-        others = [each for each in asked.fixed if each != part]
-        jump = replace(asked, fixed=others if found is None else [*others, part])
-        if found is None:
-            return replace(problem, jump=jump)
-        if part in ("start", "goal"):
-            state = end_state(found.problem, part)
-            kept: Any = {part: fp.Posture(state.orientation, state.positions)}
+        request = problem.jump or fp.JumpRequest()
+        fixed = [other for other in request.fixed if other != key]
+        if plan is None:
+            return replace(problem, jump=replace(request, fixed=fixed))
+        jump = replace(request, fixed=[*fixed, key])
+        if key in ("start", "goal"):
+            state = end_state(plan.problem, key)
+            value: Any = {key: fp.Posture(state.orientation, state.positions)}
         else:
-            kept = {"flight": replace(problem.flight, **{part: getattr(found, part)})}
-        return replace(problem, jump=jump, **kept)
+            value = {"flight": replace(problem.flight, **{key: getattr(plan, key)})}
+        return replace(problem, jump=jump, **value)
 
     return edit
 
 
 def phase_ends(problem: fp.Problem) -> tuple[float, ...] | None:
-    """When the phases of a jump end, s, where all that they last is fixed."""
+    """When the phases of a jump end, s, where all their durations are fixed."""
     jump = problem.jump
     if jump is None or not jump.takeoff.durations or not jump.landing.durations or "duration" not in jump.fixed:
         return None
@@ -101,18 +105,18 @@ def phase_ends(problem: fp.Problem) -> tuple[float, ...] | None:
     return tuple(np.cumsum(pairs[:, 0]).tolist()) if (pairs[:, 0] == pairs[:, 1]).all() else None
 
 
-def ground(wanted: bool) -> Edit:
-    """Ask for the ground, or no longer."""
-    return lambda problem: replace(problem, ground=wanted)
+def ground(is_on: bool) -> Edit:
+    """Require that links stay above the ground, or no longer."""
+    return lambda problem: replace(problem, ground=is_on)
 
 
-def limit(key: LimitKey, choice: str, needed: Mapping[str, float]) -> Edit:
-    """Choose where a limit comes from; by hand, it begins with a little more than is ``needed`` (motor -> value)."""
+def limit(key: LimitKey, choice: str, peaks: Mapping[str, float]) -> Edit:
+    """Choose where a limit comes from; by hand, it begins with a little more than the peaks (motor -> value)."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
         value: Any = choice
         if choice == BY_HAND:
-            value = {motor: AMPLE * max(need, 1e-3) for motor, need in needed.items()}
+            value = {motor: AMPLE * max(peak, 1e-3) for motor, peak in peaks.items()}
         motors = {} if key == "torque" else problem.limits.motor
         return replace(problem, limits=replace(problem.limits, **{key: value}, motor=motors))
 
@@ -125,7 +129,7 @@ def with_obstacle(obstacle: Obstacle) -> Edit:
 
 
 def put_obstacle(index: int, *put: Obstacle) -> Edit:
-    """Put an obstacle in the place of another, or take that away; where it is gone, nothing changes."""
+    """Replace an obstacle, or remove it; where there is none of that index, nothing changes."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
         obstacles = problem.obstacles
@@ -145,8 +149,8 @@ def moved(obstacle: Obstacle, by: complex) -> Obstacle:
 
 def limit_choice(problem: fp.Problem, key: LimitKey) -> str:
     """Where a limit comes from: "none", "urdf" or "by hand"."""
-    given = getattr(problem.limits, key)
-    return given if isinstance(given, str) else BY_HAND
+    choice = getattr(problem.limits, key)
+    return choice if isinstance(choice, str) else BY_HAND
 
 
 def limit_of(problem: fp.Problem, key: LimitKey, joint: str) -> float:

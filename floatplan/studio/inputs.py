@@ -1,4 +1,4 @@
-"""Inputs: sliders of numbers by their paths, choices of words and ticks; none fights with the user who holds it."""
+"""Inputs: sliders of numbers by their paths, choices of words and ticks; none changes while the user moves it."""
 
 import asyncio
 import math
@@ -17,12 +17,10 @@ from floatplan.studio.session import Session
 
 Result = TypeVar("Result")
 RELEASED = 0.7  # [s] after the user's last touch, before an input follows the session
-STEPS = 400  # [-] of a slider
-FINER = 2  # [-] decimals that are shown beyond those of a step
 
 
 def on(register: Any, action: Callable[[Any], object]) -> None:
-    """Register what is done at an event of viser; coroutines are called in the order of the events."""
+    """Register an action at an event of viser; coroutines are called in the order of the events."""
 
     async def call(event: Any) -> None:
         action(event)
@@ -50,7 +48,7 @@ def in_turn(server: Any, action: Callable[[], Result]) -> Result:
 
 @dataclass(eq=False)
 class Input:
-    """What a user sets, how to read from a problem what it shows, and when the user last touched it, s."""
+    """An input: its handle, how to read its value from a problem, and when the user last touched it, s."""
 
     handle: Any
     get: Callable[[fp.Problem], Any]
@@ -58,11 +56,14 @@ class Input:
 
 
 class Inputs:
-    """Sliders, choices and ticks of the ``problem`` that is drawn; each follows it unless the user holds it."""
+    """Sliders, choices and ticks of the shown ``problem``; each follows it unless the user moves it."""
 
     def __init__(self, gui: Any, session: Session, actions: Actions) -> None:
-        self._gui, self._session, self._actions, self.problem = gui, session, actions, session.view.problem
-        self.sliders: dict[str, Any] = {}  # by the path that each shows
+        self._gui = gui
+        self._session = session
+        self._actions = actions
+        self.problem = session.view.problem
+        self.sliders: dict[str, Any] = {}  # by the path that it shows
         self._shown: list[Input] = []
 
     def slider(
@@ -79,11 +80,13 @@ class Inputs:
 
         All ``paths`` of a problem file get its value, the first one's is shown, or what ``get`` reads from a problem.
         """
-        path, step = paths[0], _step((high - low) / unit)
+        path = paths[0]
+        step = _step((high - low) / unit)
         digits = max(0, -int(np.floor(np.log10(step))))
+        shown_digits = digits + 2  # a number that was typed may be finer than a step
 
         def shown(problem: fp.Problem) -> float:
-            return round((number_at(problem, path) if get is None else get(problem)) / unit, digits + FINER)
+            return round((number_at(problem, path) if get is None else get(problem)) / unit, shown_digits)
 
         def set_to(value: float) -> None:
             if math.isfinite(value):
@@ -92,7 +95,7 @@ class Inputs:
                 self._session.refuse(f"{path}: {value} is not a finite number")
 
         value = shown(self.problem)
-        value = value if math.isfinite(value) else round(low / unit, digits + FINER)
+        value = value if math.isfinite(value) else round(low / unit, shown_digits)
         least = min(round(math.ceil(low / unit / step) * step, digits), value)
         most = max(round(math.floor(high / unit / step) * step, digits), value)
         slider = self._gui.add_slider(label, min=least, max=most, step=step, initial_value=value, hint=hint)
@@ -119,10 +122,10 @@ class Inputs:
     ) -> None:
         """Add a tick."""
         tick = self._gui.add_checkbox(label, get(self.problem), hint=hint)
-        self.add(tick, get, label, lambda wanted: self._session.edit(edit(wanted)))
+        self.add(tick, get, label, lambda is_on: self._session.edit(edit(is_on)))
 
     def add(self, handle: Any, get: Callable[[fp.Problem], Any], about: str, act: Callable[[Any], object]) -> None:
-        """Add an input: how to read from a problem what it shows, and what is done where the user sets it."""
+        """Add an input: how to read its value from a problem, and the action where the user sets it."""
         shown = Input(handle, get)
 
         def touch(event: Any) -> None:
@@ -144,15 +147,18 @@ class Inputs:
         self.sliders = {path: slider for path, slider in self.sliders.items() if slider not in handles}
 
     def follow(self, problem: fp.Problem) -> bool:
-        """Show what a problem has; return whether the user still holds an input. In the thread of the user's events."""
-        now, busy = time.monotonic(), False
+        """Show what a problem has; return whether the user still moves an input. In the thread of the user's events."""
+        now = time.monotonic()
+        busy = False
         for shown in self._shown:
-            handle, value = shown.handle, shown.get(problem)
+            handle = shown.handle
+            value = shown.get(problem)
             if now - shown.touched < RELEASED:
                 busy = True
-            elif value != handle.value and value == value:  # a number that is not known is NaN
+            elif value != handle.value and value == value:  # a number that the problem does not have is NaN
                 if isinstance(value, float):
-                    handle.min, handle.max = min(handle.min, value), max(handle.max, value)
+                    handle.min = min(handle.min, value)
+                    handle.max = max(handle.max, value)
                 handle.value = value
         return busy
 
@@ -164,15 +170,18 @@ def is_alike(value: Any, shown: Any) -> bool:
     if isinstance(shown, int | float):
         return isinstance(value, int | float) and not isinstance(value, bool)
     if isinstance(shown, tuple | list):
-        return (
-            isinstance(value, tuple | list)
-            and len(value) == len(shown)
-            and all(is_alike(each, other) and math.isfinite(each) for each, other in zip(value, shown, strict=True))
-        )
+        if not isinstance(value, tuple | list) or len(value) != len(shown):
+            return False
+        pairs = zip(value, shown, strict=True)
+        return all(is_alike(item, other) and math.isfinite(item) for item, other in pairs)
     return isinstance(value, str)
 
 
 def _step(width: float) -> float:
-    """A round step, about so fine that a slider has :data:`STEPS`."""
-    power = 10.0 ** np.floor(np.log10(max(width, 1e-9) / STEPS))
-    return float(power * next(each for each in (1, 2, 5, 10) if each * power >= width / STEPS))
+    """A round step, about so fine that a slider has 400."""
+    least = max(width, 1e-9) / 400
+    power = 10.0 ** np.floor(np.log10(least))
+    for factor in (1, 2, 5):
+        if factor * power >= width / 400:
+            return float(factor * power)
+    return float(10 * power)

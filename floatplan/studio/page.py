@@ -21,11 +21,8 @@ from floatplan.studio.session import Session
 from floatplan.studio.stage import Player, Stage
 from floatplan.view.scene.scene import headed, silence
 
-HOST = "127.0.0.1"  # of this machine alone
-THIS_MACHINE = frozenset({"localhost", HOST, "::1"})
-PATIENCE = 60.0  # [s] for the first answer
-AGAIN = 0.3  # [s] until what the user held is drawn again
-CLOCK = 0.1  # [s] between two changes of the time that is shown
+HOST = "127.0.0.1"  # of this machine and no other
+PATIENCE = 60.0  # [s] for the first result
 
 
 class Studio:
@@ -53,11 +50,11 @@ class Studio:
             raise
 
     def _open(self, viser: Any, folder: str, port: int) -> None:
-        self.session.wait(lambda view: view.answer is not None or bool(view.fault), PATIENCE)
-        first = self.session.view.answer
+        self.session.wait(lambda view: view.result is not None or bool(view.fault), PATIENCE)
+        first = self.session.view.result
         if first is None:
             raise fp.InputError(self.session.view.fault or "no answer came", element="studio")
-        with silence(), own_page_alone(f"floatplan: {self.session.view.problem.name}"):
+        with silence(), only_own_page(f"floatplan: {self.session.view.problem.name}"):
             self.server = unshared(viser)(host=HOST, port=port, label="floatplan studio", verbose=False)
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large", brand_color=(31, 95, 191))
@@ -68,7 +65,7 @@ class Studio:
         self.player = Player(self.server, self._tick)
         self.panel = Controls(self.server, self.session, self.actions, self.stage, self.player, folder)
         self._ticked = 0.0
-        self._again = threading.Timer(AGAIN, self._repaint)
+        self._again = threading.Timer(0.0, self._repaint)  # the next call of it, where there is one
         self.painter = Actions("painter")
         self.session.listen(self._repaint)
         self._repaint()
@@ -96,13 +93,13 @@ class Studio:
         self.player.show(self.stage.shows(view))
         self.server.flush()
         if self.panel.draw(view) and not self._again.is_alive():
-            self._again = threading.Timer(AGAIN, self._repaint)
+            self._again = threading.Timer(0.3, self._repaint)  # [s] until an input that the user moves is shown again
             self._again.daemon = True
             self._again.start()
 
     def _tick(self, instant: float) -> None:
         self.stage.at(instant)
-        if abs(instant - self._ticked) > CLOCK:
+        if abs(instant - self._ticked) > 0.1:  # [s] the clock of the panel changes no more often
             self._ticked = instant
             self.panel.at(instant)
 
@@ -118,7 +115,7 @@ def is_own_page(origin: str | None, host: str | None) -> bool:
     """
     try:
         page = urlsplit(origin or "")
-        return page.hostname in THIS_MACHINE and page.netloc == host
+        return page.hostname in ("localhost", HOST, "::1") and page.netloc == host
     except ValueError:
         return False
 
@@ -126,9 +123,9 @@ def is_own_page(origin: str | None, host: str | None) -> bool:
 def titled(response: Any, title: str) -> Any:
     """Give viser's page a title and the studio's style; return any other response as it is."""
     if response is not None and response.headers.get("Content-Type", "").startswith("text/html"):
-        style, script = (
-            files("floatplan.studio").joinpath(name).read_text("utf-8") for name in ("page.css", "page.js")
-        )
+        folder = files("floatplan.studio")
+        style = folder.joinpath("page.css").read_text("utf-8")
+        script = folder.joinpath("page.js").read_text("utf-8")
         response.body = headed(response.body.decode(), title, style, script).encode()
         del response.headers["Content-Length"]
         response.headers["Content-Length"] = str(len(response.body))
@@ -144,7 +141,7 @@ def unshared(viser: Any) -> Any:
     Raises
     ------
     InputError
-        viser has no method ``request_share_url``, so that nobody knows how its clients are kept from that.
+        viser has no method ``request_share_url``, so that nobody can tell how to prevent that.
     """
     if not callable(getattr(viser.ViserServer, "request_share_url", None)):
         raise unknown_viser("gives out public addresses")
@@ -157,7 +154,7 @@ def unshared(viser: Any) -> Any:
 
 
 def unknown_viser(what: str) -> fp.InputError:
-    """The refusal of a version of viser whose server cannot be kept to this machine."""
+    """The refusal of a version of viser whose server other machines might reach."""
     reason = f"this version of viser {what} in a way that is not known, and is not started"
     return fp.InputError(reason, element="studio", advice="install viser 1.1.1")
 
@@ -177,8 +174,8 @@ class FaultsOfClients(logging.Filter):
 
 
 @contextmanager
-def own_page_alone(title: str) -> Iterator[None]:
-    """Let a viser server that is started meanwhile refuse the websockets of other pages, and give its own a title.
+def only_own_page(title: str) -> Iterator[None]:
+    """Let a viser server that is started meanwhile refuse the websockets of other pages, and title its own.
 
     viser does not ask where a page comes from, and any web page can open a websocket to this machine. It hands over a
     function that answers requests, ``process_request``, when it calls ``websockets.asyncio.server.serve``: the question
@@ -191,7 +188,8 @@ def own_page_alone(title: str) -> Iterator[None]:
     """
     from websockets.asyncio import server
 
-    serve, calls = server.serve, []
+    serve = server.serve
+    calls = []
     log = logging.getLogger("floatplan.studio.server")
     log.addFilter(FaultsOfClients())
 

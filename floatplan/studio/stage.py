@@ -11,41 +11,36 @@ from typing import Any
 import numpy as np
 
 import floatplan as fp
-from floatplan.motion.flight import flight_of
 from floatplan.problem.parts import Obstacle
-from floatplan.studio.answers import ShownPlan, pose_times
 from floatplan.studio.edits import end_state, moved, put_obstacle
 from floatplan.studio.inputs import on
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session, View
+from floatplan.studio.tasks import ShownPlan, pose_times
 from floatplan.view import outlines
 from floatplan.view.scene import scene
 from floatplan.view.scene.meshes import bends
 from floatplan.view.style import TRAILS, rgb_bytes
 
 LOG = logging.getLogger(__name__)
-RATE = 40.0  # [Hz] of poses: the flight loops, they are sent as often as the page draws them
-REST = 0.5  # [s] at landing, before it begins again
 Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
-START, GOAL, KEPT = (0, 130, 130), (213, 94, 0), (150, 90, 200)
-ASTRAY = (192, 24, 43)  # the same of a motion that is no plan
-BEND = 0.05  # [rad] of a path, after which it has another point
-GHOST = 0.28  # [-] opacity
+ASTRAY = (192, 24, 43)  # of the paths of a motion that is no plan
 
 
 def end_poses(view: View, end: str) -> outlines.Poses:
-    """The bodies of the posture at "start" or "goal", its centre of mass where the flight, or a jump, has it then."""
+    """Poses of the bodies at "start" or "goal", with the centre of mass as the flight, or a jump, has it then."""
     problem = view.problem
-    flown = problem if view.answer is None or view.answer.found_jump is None else view.answer.plan.problem
-    state, time = end_state(problem, end), 0.0 if end == "start" else flown.flight.duration
-    path = flight_of(flown).ballistics.positions(np.array([time]))
+    solved = problem if view.result is None or view.result.solved_jump is None else view.result.plan.problem
+    state = end_state(problem, end)
+    time = 0.0 if end == "start" else solved.flight.duration
+    path = solved.path.positions(np.array([time]))
     com = path[:, 0] + 1j * path[:, 1]
     return outlines.body_poses(problem.robot, np.array([state.orientation]), state.positions[None], com)
 
 
 @dataclass
-class Grabbed:
-    """What is dragged: where it began, and what it was then."""
+class Drag:
+    """A drag of a segment: its pivot, the pointer's last position, the angle so far, and the value at the beginning."""
 
     pivot: complex
     last: complex
@@ -57,15 +52,19 @@ class Stage:
     """Everything in the scene; :meth:`draw` follows the session's view, what the user does changes the session."""
 
     def __init__(self, server: Any, session: Session, actions: Actions, first: ShownPlan) -> None:
-        self._server, self._session, self._actions = server, session, actions
-        problem, plan = session.view.problem, first.plan
-        self._robot, self._plane = problem.robot, problem.robot.plane
+        self._server = server
+        self._session = session
+        self._actions = actions
+        problem = session.view.problem
+        plan = first.plan
+        self._robot = problem.robot
+        self._plane = problem.robot.plane
         self._size = outlines.robot_size(plan)
         placed = outlines.postures(plan, outlines.snapshot_times(plan))
         self._box = outlines.picture_box(plan, placed)
         self._plan = plan
         self._shapes = outlines.posture_at(plan, plan.problem.initial, 0.0)
-        self._drawn: View | None = None
+        self._shown: View | None = None
         self._forces: tuple[scene.ForceNodes, ...] = ()
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
@@ -73,57 +72,58 @@ class Stage:
         self.flier = scene.RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_solids()
-        self.kept = scene.RobotNodes(server, "/kept", self._robot)
-        self.kept.add_solids(KEPT, 0.4)
-        self.kept.root.visible = False
+        self.compared = scene.RobotNodes(server, "/kept", self._robot)
+        self.compared.add_solids((150, 90, 200), 0.4)  # violet, as the card of comparison says
+        self.compared.root.visible = False
         self.grips: dict[str, dict[int, Any]] = {}
-        self.ghosts = {"start": self._ghost("start", START), "goal": self._ghost("goal", GOAL)}
+        self.ghosts = {"start": self._ghost("start", (0, 130, 130)), "goal": self._ghost("goal", (213, 94, 0))}
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **scene.LINES)
         self._obstacles: list[Any] = []
-        self._grabbed: dict[str, Grabbed] = {}
-        self._carried: dict[int, tuple[complex, Obstacle]] = {}
+        self._drags: dict[str, Drag] = {}
+        self._carries: dict[int, tuple[complex, Obstacle]] = {}
 
     def draw(self, view: View) -> None:
         """Draw what has changed."""
-        before = self._drawn
+        before = self._shown
         with self._lock, self._server.atomic():
             if before is None or before.problem is not view.problem:
                 self._draw_problem(view.problem)
             for end, ghost in self.ghosts.items():
                 ghost.put(end_poses(view, end), 0)
-            if view.answer is not None and (before is None or before.answer is not view.answer):
-                self._draw_paths(view.answer)
-                self._draw_forces(view.answer)
-            if before is None or before.kept is not view.kept:
-                self.kept.root.visible = view.kept is not None
-            self._drawn = view
+            if view.result is not None and (before is None or before.result is not view.result):
+                self._draw_paths(view.result)
+                self._draw_forces(view.result)
+            if before is None or before.compared is not view.compared:
+                self.compared.root.visible = view.compared is not None
+            self._shown = view
 
     def shows(self, view: View) -> list[Show]:
-        """What flies."""
-        flying = ((self.flier, self._forces, view.answer), (self.kept, (), view.kept))
-        return [(bodies, forces, shown) for bodies, forces, shown in flying if shown is not None]
+        """Return the nodes of all motions to play."""
+        candidates = ((self.flier, self._forces, view.result), (self.compared, (), view.compared))
+        return [(bodies, forces, shown) for bodies, forces, shown in candidates if shown is not None]
 
     def at(self, instant: float) -> None:
         """Move obstacles that move to where they are at an instant of the motion, s."""
         with self._lock:
-            obstacles = self._drawn.problem.obstacles if self._drawn else ()
-            jump = self._drawn.answer.found_jump if self._drawn and self._drawn.answer else None
+            obstacles = self._shown.problem.obstacles if self._shown else ()
+            jump = self._shown.result.solved_jump if self._shown and self._shown.result else None
             instant -= jump.takeoff_time if jump else 0.0  # their clock begins with the flight
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
                 scene.move_obstacle(node, self._plane, obstacle, instant)
 
     def _look(self) -> None:
         scene.look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
-        self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as all the rest
+        self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as everything else
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
-        ghost, jump = scene.RobotNodes(self._server, f"/{end}", self._robot), self._session.view.problem.jump
-        ghost.root.visible = jump is None or end in jump.fixed  # else a guess
-        parts = ghost.add_solids(colour, GHOST)
+        ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
+        jump = self._session.view.problem.jump
+        ghost.root.visible = jump is None or end in jump.fixed  # else it is a guess
+        segments = ghost.add_solids(colour, 0.28)  # transparent: the flight shows through
         grips = ghost.add_grips(self._shapes, self._size, colour)
-        for part, node in [*parts, *grips.items()]:
-            self._on_drag(node, f"{end} {part}", partial(self.turn, end, part))
+        for segment, node in [*segments, *grips.items()]:
+            self._on_drag(node, f"{end} {segment}", partial(self.rotate, end, segment))
         self.grips[end] = grips
         return ghost
 
@@ -131,53 +131,61 @@ class Stage:
         """Call ``move`` with where the pointer is in the plane, and whether the drag begins there."""
 
         def drag(event: Any) -> None:
-            eye, pointer, begins = event.client.camera.position, event.end_position, event.phase == "start"
-            place = scene.in_plane(self._plane, np.asarray(eye), np.asarray(pointer))
-            if place is not None:
-                self._actions.do(f"{begins} {about}", lambda: move(place, begins))
+            eye = event.client.camera.position
+            pointer = event.end_position
+            begins = event.phase == "start"
+            position = scene.plane_position(self._plane, np.asarray(eye), np.asarray(pointer))
+            if position is not None:
+                self._actions.do(f"{begins} {about}", lambda: move(position, begins))
 
         on(node.on_drag("left"), drag)
 
-    def turn(self, end: str, part: int, place: complex, begins: bool) -> None:
-        """Turn a part of the posture at an end towards a place of the plane: the base is part 0, joint i is i + 1."""
-        view, key = self._session.view, f"{end} {part}"
-        if begins or key not in self._grabbed:
-            pivot, value = self.pivot(view, end, part)
-            self._grabbed[key] = Grabbed(pivot, place, 0.0, value)
+    def rotate(self, end: str, segment: int, position: complex, begins: bool) -> None:
+        """Rotate a segment, 0 for the base and i + 1 of joint i, of the posture at an end towards a position."""
+        view = self._session.view
+        key = f"{end} {segment}"
+        if begins or key not in self._drags:
+            pivot, value = self.pivot(view, end, segment)
+            self._drags[key] = Drag(pivot, position, 0.0, value)
             return
-        held = self._grabbed[key]
-        if abs(place - held.pivot) < 1e-9 or abs(held.last - held.pivot) < 1e-9:
+        drag = self._drags[key]
+        if abs(position - drag.pivot) < 1e-9 or abs(drag.last - drag.pivot) < 1e-9:
             return
-        held.angle += float(np.angle((place - held.pivot) / (held.last - held.pivot)))
-        held.last = place
-        turn = held.angle * self._robot.tree.turn
-        if part == 0:
-            self._session.set(f"{end}.orientation", held.value + turn)
+        drag.angle += float(np.angle((position - drag.pivot) / (drag.last - drag.pivot)))
+        drag.last = position
+        tree = self._robot.tree
+        angle = drag.angle * tree.turn
+        if segment == 0:
+            self._session.set(f"{end}.orientation", drag.value + angle)
             return
-        joint = part - 1
-        body, tree = self._body(part), self._robot.tree
-        share = float(tree.turns[body, joint] - tree.turns[tree.parent[body], joint])
+        joint = segment - 1
+        body = self._body(segment)
+        ratio = float(tree.turns[body, joint] - tree.turns[tree.parent[body], joint])
         low, high = view.problem.position_limits[joint]
-        value = float(np.clip(held.value + turn / share, low, high))
+        value = float(np.clip(drag.value + angle / ratio, low, high))
         self._session.set(f"{end}.positions.{self._robot.joints[joint]}", value)
 
-    def _body(self, part: int) -> int:
-        """The first body of a part."""
-        shapes = zip(outlines.drawn_shapes(self._robot), self._shapes.part.tolist(), strict=True)
-        return min((shape.body for shape, of in shapes if of == part), default=0)
+    def _body(self, segment: int) -> int:
+        """The first body of a segment."""
+        capsules = outlines.rendered_capsules(self._robot)
+        owners = self._shapes.segment.tolist()
+        bodies = [capsule.body for capsule, owner in zip(capsules, owners, strict=True) if owner == segment]
+        return min(bodies, default=0)
 
-    def pivot(self, view: View, end: str, part: int) -> tuple[complex, float]:
-        """Where a part of the posture at an end turns, and its angle, rad: the base about the centre of mass."""
-        poses, state, tree = end_poses(view, end), end_state(view.problem, end), self._robot.tree
-        if part:
-            return complex(poses.places[0, self._body(part)]), float(state.positions[part - 1])
+    def pivot(self, view: View, end: str, segment: int) -> tuple[complex, float]:
+        """Pivot of a segment of the posture at an end, m, and its angle, rad: the base's is the centre of mass."""
+        poses = end_poses(view, end)
+        state = end_state(view.problem, end)
+        tree = self._robot.tree
+        if segment:
+            return complex(poses.places[0, self._body(segment)]), float(state.positions[segment - 1])
         centers = poses.points(range(len(tree.mass)), tree.center)[0]
         return complex(tree.mass @ centers / tree.mass.sum()), float(state.orientation)
 
     def _draw_problem(self, problem: fp.Problem) -> None:
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
-        before = self._drawn.problem.obstacles if self._drawn else ()
+        before = self._shown.problem.obstacles if self._shown else ()
         for index, obstacle in enumerate(problem.obstacles):
             slab = scene.obstacle_slab(self._plan, obstacle, *self._box)
             if index < len(self._obstacles) and before[index].kind == obstacle.kind:
@@ -187,34 +195,36 @@ class Stage:
             self._on_drag(node, f"obstacle {index}", partial(self.carry, index))
             self._obstacles[index : index + 1] = [node]
 
-    def carry(self, index: int, place: complex, begins: bool) -> None:
-        """Carry an obstacle to a place of the plane."""
+    def carry(self, index: int, position: complex, begins: bool) -> None:
+        """Move an obstacle as the pointer moves, which is at a position in the plane."""
         obstacles = self._session.view.problem.obstacles
         if index >= len(obstacles):
             return
-        if begins or index not in self._carried:
-            self._carried[index] = place, obstacles[index]
+        if begins or index not in self._carries:
+            self._carries[index] = position, obstacles[index]
             return
-        first, obstacle = self._carried[index]
-        self._session.edit(put_obstacle(index, moved(obstacle, place - first)), f"carry {index}")
+        first, obstacle = self._carries[index]
+        self._session.edit(put_obstacle(index, moved(obstacle, position - first)), f"carry {index}")
 
     def _draw_paths(self, shown: ShownPlan) -> None:
-        pairs, colours = [], []
-        for places, colour in zip(shown.paths, TRAILS, strict=True):
-            pairs.append(scene.segments(self._plane, places[bends(places, BEND)]))
+        pairs = []
+        colours = []
+        for path, colour in zip(shown.paths, TRAILS, strict=True):
+            corners = path[bends(path, 0.05)]  # [rad] a polygon of such angles looks smooth
+            pairs.append(scene.segments(self._plane, corners))
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 
     def _draw_forces(self, shown: ShownPlan) -> None:
-        """Arrows of the forces on the feet of a jump, in the place of those of the one before."""
+        """Draw the forces on the feet of a jump as arrows, and remove those of the one before."""
         if self._forces:
             self._server.scene.remove_by_name("/forces")
-        jump = shown.found_jump
+        jump = shown.solved_jump
         self._forces = () if jump is None else (scene.ForceNodes(self._server, jump, pose_times(jump.duration)),)
 
-    def free_place(self) -> tuple[complex, float]:
-        """A place beside the flight for something new, and the robot's size, m."""
+    def free_position(self) -> tuple[complex, float]:
+        """A free position above the flight for a new obstacle, and the robot's size, m."""
         low, high = self._box
         return complex((low.real + high.real) / 2, high.imag + 0.2 * self._size), self._size
 
@@ -223,7 +233,8 @@ class Player:
     """Moves robots along their flights, all from the same instant on."""
 
     def __init__(self, server: Any, on_time: Callable[[float], None]) -> None:
-        self._server, self._on_time = server, on_time
+        self._server = server
+        self._on_time = on_time
         self._shows: list[Show] = []
         self._lock = threading.Lock()
         self._time = 0.0  # [s] of the flight
@@ -238,12 +249,15 @@ class Player:
     def show(self, shows: list[Show]) -> None:
         """Fly these from now on."""
         with self._lock:
-            self._shows, self._dirty = shows, True
+            self._shows = shows
+            self._dirty = True
 
     def seek(self, instant: float) -> None:
         """Go to an instant, s, and stay there."""
         with self._lock:
-            self._time, self.playing, self._dirty = instant, False, True
+            self._time = instant
+            self.playing = False
+            self._dirty = True
 
     def close(self) -> None:
         """End."""
@@ -254,13 +268,15 @@ class Player:
         last = due = time.monotonic()
         while not self._closed.wait(max(due - time.monotonic(), 0.0)):
             now = time.monotonic()
-            due = max(due + 1 / RATE, now)
+            due = max(due + 1 / 40.0, now)  # [Hz] poses are sent about as often as a page can draw them
             with self._lock:
                 if self.playing:
                     self._time += (now - last) * self.speed
-                shows, instant, moving = self._shows, self._time, self.playing or self._dirty
+                shows = self._shows
+                instant = self._time
+                moving = self.playing or self._dirty
                 longest = max((shown.motion.duration for *_, shown in shows), default=0.0)
-                if self.playing and instant > longest + REST * self.speed:
+                if self.playing and instant > longest + 0.5 * self.speed:  # [s] of pause at landing
                     self._time = 0.0
                 self._dirty = False
             last = now
@@ -276,7 +292,7 @@ class Player:
                 count = len(shown.poses.places)
                 index = round(min(instant / shown.motion.duration, 1.0) * (count - 1))
                 bodies.put(shown.poses, index)
-                for each in forces:
-                    each.put(index)
+                for arrows in forces:
+                    arrows.put(index)
         self.frames += 1
         self._on_time(instant)

@@ -1,4 +1,4 @@
-"""What is drawn over time, in figures and in the report: curves with their limits, proved peaks and ends."""
+"""Charts over time, in figures and in the report: curves with their limits, proved peaks and ends."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -17,10 +17,7 @@ from floatplan.view.outlines import robot_size
 from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
 from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
 
-ALIKE = 0.01  # [-] of a leader's peak: followers whose torques differ by less are not drawn
-MOMENTS = ("least", "middle", "largest")
-INTERVAL = "h without turning back"  # what (9) holds
-NEAR = 2.5  # [-] a limit is drawn if it is at most this many times the largest value
+INTERVAL = "h without turning back"  # name of the interval (9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +28,7 @@ class Curve:
     ----------
     name, colour : of the curve
     key : of its column in :class:`SampledPlan`
-    part : 0 for the base, i + 1 for what joint i moves, None for neither
+    segment : 0 for the base, i + 1 for what joint i moves, None for neither
     limit : (N,) or one, on both sides; infinite where there is none, None of what has no limits
     proved : largest magnitude that is proved; of clearances the least value; infinite where none is
     ends : where the problem has it start and end
@@ -41,7 +38,7 @@ class Curve:
     name: str
     key: str
     colour: Any
-    part: int | None = None
+    segment: int | None = None
     limit: Array | float | None = None
     proved: float = np.inf
     ends: tuple[float, float] | None = None
@@ -50,12 +47,12 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceLine:
-    """What curves are held against: its name, colour, value, () or samples (N,), and the part that it is about."""
+    """A line that curves are compared with: name, colour, value, () or samples (N,), and the segment it is about."""
 
     name: str
     colour: Any
     value: Array
-    part: int | None = None
+    segment: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +62,9 @@ class Panel:
     Attributes
     ----------
     label : in front of the unit
-    interval : of its quantity that is marked: (9)
-    range : ends of the axis of distances, where what is far away is cut off
-    fixed : margins, and other lines that are drawn however far away they are
+    interval : (9), shaded
+    range : ends of the axis of distances; what is further away is cut off
+    fixed : margins, and other lines that are shown however far away they are
     """
 
     label: str
@@ -79,22 +76,29 @@ class Panel:
     def lines(self, peak: float) -> tuple[list[ReferenceLine], list[ReferenceLine]]:
         """Return margins, limits and interval, and those of them that are left out: they would flatten the curves.
 
-        The largest magnitude drawn is ``peak``. One limit for several curves is one line, of no part.
+        The largest magnitude shown is ``peak``. One limit for several curves is one line, of no segment.
         """
-        known = [np.atleast_1d(np.inf if curve.limit is None else curve.limit) for curve in self.curves]
-        curves, limits = list(self.curves), np.array(np.broadcast_arrays(*known))
+        farthest = 2.5 * peak  # [-] a line farther away than this makes the curves too flat to read
+        curves = list(self.curves)
+        limits = np.array(np.broadcast_arrays(*map(_limit_of, curves)))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
-            curves, limits = [Curve("", "", INK)], limits[:1]
-        drawn = [*self.fixed]
-        left: list[ReferenceLine] = []
+            curves = [Curve("", "", INK)]
+            limits = limits[:1]
+        shown = [*self.fixed]
+        omitted: list[ReferenceLine] = []
         for curve, limit in zip(curves, limits, strict=True):
             if np.isfinite(limit.min()):
-                lines = [ReferenceLine("limit", curve.colour, side * limit, curve.part) for side in (1.0, -1.0)]
-                (drawn if limit.min() <= NEAR * peak else left).extend(lines)
+                lines = shown if limit.min() <= farthest else omitted
+                lines.append(ReferenceLine("limit", curve.colour, limit, curve.segment))
+                lines.append(ReferenceLine("limit", curve.colour, -limit, curve.segment))
         if self.interval is not None:
-            near = max(map(abs, self.interval)) <= NEAR * peak
-            (drawn if near else left).extend(ReferenceLine(INTERVAL, INK, np.array(end)) for end in self.interval)
-        return drawn, left
+            lines = shown if max(map(abs, self.interval)) <= farthest else omitted
+            lines += [ReferenceLine(INTERVAL, INK, np.array(end)) for end in self.interval]
+        return shown, omitted
+
+
+def _limit_of(curve: Curve) -> Array:
+    return np.atleast_1d(np.inf if curve.limit is None else curve.limit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +111,7 @@ class Chart:
     title, unit : for a person; bands, which are there or not, have no unit
     panels : axes, the tallest first
     factor : from SI to ``unit``
-    of_each : whether each curve has a picture of its own where they are too many for one
+    of_each : whether a curve has a picture of its own where there are too many for one
     """
 
     name: str
@@ -124,68 +128,92 @@ class Chart:
 
 
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:
-    """Return a plan's charts: angles, what is limited of the joints, torques, momentum, inertia, clearance.
+    """Return a plan's charts: angles, limited quantities of the joints, torques, momentum, inertia, clearance.
 
-    Curves of another plan may be drawn beside them. In space shares of limits are told too. A jump has what stands,
-    forces, shares of limits and the height of the centre of mass in the place of momentum and inertia.
+    Another plan's curves may be compared with them. In space there are shares of limits, too. Of a jump contacts,
+    forces, shares of limits and the height of the centre of mass replace momentum and inertia.
     """
     plan = sampled.plan
-    joints, limits = range(len(plan.robot.joints)), plan.whole_problem.joint_limits
-    states, keys = (plan.whole_problem.initial, plan.whole_problem.final), [f"positions.{joint}" for joint in joints]
+    joints = range(len(plan.robot.joints))
+    limits = plan.whole_problem.joint_limits
+    problem = plan.whole_problem
+    keys = [f"positions.{joint}" for joint in joints]
+    starts = [*problem.initial.positions]
+    goals = [*problem.final.positions]
+    if not flies_in_space(plan):
+        keys.insert(0, "orientation")
+        starts.insert(0, problem.initial.orientation)
+        goals.insert(0, problem.final.orientation)
+    angles = _of_segments(plan, keys, ends=list(zip(starts, goals, strict=True)))
+    result = [Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi)]
+    limited = [row for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()]
+    result += [_limited(plan, row) for row in limited]
+    result.append(Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]))
     if flies_in_space(plan):
-        ends = [tuple(state.positions) for state in states]
-    else:
-        ends, keys = [(state.orientation, *state.positions) for state in states], ["orientation", *keys]
-    angles = _of_parts(plan, keys, ends=list(zip(*ends, strict=True)))
-    drawn = [
-        Chart("configuration", "Angles", "deg", [Panel("angle", angles)], factor=180 / np.pi),
-        *(_limited(plan, row) for row in JOINT_LIMITS if row.always or np.isfinite(limits[row.key]).any()),
-        Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]),
-    ]
-    if flies_in_space(plan):
-        drawn = [_attitude(plan), *drawn, *_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
+        result = [_attitude(plan), *result, *_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
     elif isinstance(plan, JumpMotion):
-        drawn = [*_of_jump(sampled, plan), *drawn]
+        result = [*_of_jump(sampled, plan), *result]
     elif isinstance(plan, Plan):
-        inertia = _of_parts(plan, [f"inertia.{part}" for part in range(len(joints) + 1)])
-        drawn += [_momentum(plan), Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)])]
-    return [*drawn, _clearance(sampled, other)] if plan.whole_problem.obstacles else drawn
+        inertia = _of_segments(plan, [f"inertia.{segment}" for segment in range(len(joints) + 1)])
+        result += [_momentum(plan), Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)])]
+    return [*result, _clearance(sampled, other)] if problem.obstacles else result
 
 
 def _of_jump(sampled: SampledPlan, jump: JumpMotion) -> list[Chart]:
-    """What stands, forces, what is used of friction and of limits, height."""
-    robot, problem, margin, held_by = jump.robot, jump.whole_problem, jump.request.margin, efforts(jump)
-    stands, forces, friction = (
-        [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(footing(jump).colours.items())]
-        for key in ("stands", "force_z", "friction")
-    )
-    limits, effort_limits = np.minimum(problem.motor_torque_limits, problem.motor_stall), np.array([*held_by.values()])
-    rates = _of_parts(jump, [f"velocities.{joint}" for joint in range(len(robot.joints))])
-    by_use = sorted(enumerate(held_by), key=lambda each: -largest(sampled.columns[f"held_use.{each[0]}"]))
-    held = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
+    """Contacts, forces, shares of friction and of limits, height."""
+    robot = jump.robot
+    problem = jump.whole_problem
+    margin = jump.request.margin
+    lock_limits = efforts(jump)
+    stands = _of_contacts(jump, "stands")
+    forces = _of_contacts(jump, "force_z")
+    friction = _of_contacts(jump, "friction")
+    limits = np.minimum(problem.motor_torque_limits, problem.motor_stall)
+    rates = _of_segments(jump, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    by_use = sorted(enumerate(lock_limits), key=lambda lock: -largest(sampled.columns[f"held_use.{lock[0]}"]))
+    locks = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
     cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", INK, np.array(1.0))])
-    drawn = [
+    height = Panel("height", [Curve("CM", "com_height", INK)])
+    result = [
         Chart("contacts", "On the ground", "", [Panel("", stands)], of_each=False),
         Chart("forces", "Vertical forces", "N", [Panel("vertical force", forces)], of_each=False),
         Chart("friction", "Friction used", "%", [cone], factor=100, of_each=False),
         _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits, margin["torque"]),
-        _shares("held_use", "Torque of held joints over effort", held, tuple(held_by), effort_limits),
+        _shares(
+            "held_use",
+            "Torque of held joints over effort",
+            locks,
+            tuple(lock_limits),
+            np.array([*lock_limits.values()]),
+        ),
         _shares("rate_use", "Rate over limit", rates, robot.joints, problem.velocity_limits, margin["velocity"]),
-        Chart("com_height", "Height of the centre of mass", "m", [Panel("height", [Curve("CM", "com_height", INK)])]),
+        Chart("com_height", "Height of the centre of mass", "m", [height]),
     ]
-    return [chart for chart in drawn if chart.curves]
+    return [chart for chart in result if chart.curves]
+
+
+def _of_contacts(jump: JumpMotion, key: str) -> list[Curve]:
+    """A curve for each contact of a jump."""
+    colours = footing(jump).colours
+    return [Curve(name, f"{key}.{index}", colour) for index, (name, colour) in enumerate(colours.items())]
 
 
 def _shares(
     name: str, title: str, curves: list[Curve], order: tuple[str, ...], limits: Array, margin: float = 1.0
 ) -> Chart:
-    """Shares of limits, of what has one; ``order`` is that of columns and limits, ``margin`` what stances may use."""
-    places = [(curve, order.index(curve.name)) for curve in curves]
-    limited = [(curve, index) for curve, index in places if np.isfinite(limits[index])]
-    shares = [replace(curve, key=f"{name}.{index}", limit=None, proved=np.inf) for curve, index in limited]
-    ends = {"limit": (INK, 1.0)} | ({"margin of stances": (ALARM, margin)} if margin < 1.0 else {})
-    signed = [(name, colour, side * end) for name, (colour, end) in ends.items() for side in (1.0, -1.0)]
-    lines = [ReferenceLine(name, colour, np.array(value)) for name, colour, value in signed]
+    """Shares of limits; ``order`` is that of columns and limits, ``margin`` the share that stances may use."""
+    shares = []
+    for curve in curves:
+        index = order.index(curve.name)
+        if np.isfinite(limits[index]):
+            shares.append(replace(curve, key=f"{name}.{index}", limit=None, proved=np.inf))
+    ends = {"limit": (INK, 1.0)}
+    if margin < 1.0:
+        ends["margin of stances"] = (ALARM, margin)
+    lines = []
+    for label, (colour, end) in ends.items():
+        lines.append(ReferenceLine(label, colour, np.array(end)))
+        lines.append(ReferenceLine(label, colour, np.array(-end)))
     return Chart(name, title, "%", [Panel(title.lower(), shares, fixed=lines)], factor=100)
 
 
@@ -193,23 +221,25 @@ def _attitude(plan: Plan) -> Chart:
     """Angles of the base, with whole turns; where the problem gives two quaternions yaw, pitch and roll."""
     axes, names = attitude_axes(plan.problem)
     states = (plan.problem.initial, plan.problem.final)
-    ends = np.array([np.zeros(3) if state.attitude is None else state.attitude.angles_about(axes) for state in states])
-    curves = [
-        Curve(f"{name} {axis}", f"orientation.{index}", OKABE_ITO[index], 0, ends=(float(start), float(goal)))
-        for index, (name, axis, start, goal) in enumerate(zip(names, axes, *ends, strict=True))
-    ]
+    ends = [np.zeros(3) if state.attitude is None else state.attitude.angles_about(axes) for state in states]
+    curves = []
+    for index, (name, axis, start, goal) in enumerate(zip(names, axes, *ends, strict=True)):
+        colour = OKABE_ITO[index]
+        ends_of_angle = (float(start), float(goal))
+        curves.append(Curve(f"{name} {axis}", f"orientation.{index}", colour, 0, ends=ends_of_angle))
     return Chart("orientation", "Orientation", "deg", [Panel("angle", curves)], 180 / np.pi, of_each=False)
 
 
 def _momentum_in_space(plan: Plan) -> list[Chart]:
-    """What base and joints have of h, along it, and how the robot's inertia changes."""
+    """The parts of h that base and joints have, along h, and how the robot's inertia changes."""
     curves = [
         Curve("base", "momentum_base", OKABE_ITO[0]),
         Curve("joints", "momentum_joints", OKABE_ITO[1]),
         Curve("h", "momentum", INK),
     ]
-    moments = [Curve(name, f"inertia.{index}", OKABE_ITO[index]) for index, name in enumerate(MOMENTS)]
-    panel, inertia = Panel("momentum", curves), Panel("inertia", moments)
+    panel = Panel("momentum", curves)
+    moments = ("least", "middle", "largest")
+    inertia = Panel("inertia", [Curve(name, f"inertia.{i}", OKABE_ITO[i]) for i, name in enumerate(moments)])
     return [
         Chart("momentum", "Angular momentum along h", "kg m²/s", [panel], of_each=False),
         Chart("inertia", "Principal moments of inertia", "kg m²", [inertia], of_each=False),
@@ -217,48 +247,52 @@ def _momentum_in_space(plan: Plan) -> list[Chart]:
 
 
 def _shares_in_space(sampled: SampledPlan, plan: Plan) -> list[Chart]:
-    """What is used of limits, asked for or the file's."""
-    limits, robot = limits_in_use(plan), plan.robot
-    rates = _of_parts(plan, [f"velocities.{joint}" for joint in range(len(robot.joints))])
-    drawn = [
+    """Shares of the limits of the problem or the file."""
+    limits = limits_in_use(plan)
+    robot = plan.robot
+    rates = _of_segments(plan, [f"velocities.{joint}" for joint in range(len(robot.joints))])
+    result = [
         _shares("torque_use", "Torque over limit", _motors(sampled), robot.motors, limits["torque"]),
         _shares("rate_use", "Rate over limit", rates, robot.motors, limits["velocity"]),
     ]
-    return [chart for chart in drawn if chart.curves]
+    return [chart for chart in result if chart.curves]
 
 
 def largest(values: Array) -> float:
-    """Largest magnitude of a sampled quantity (N,), of what is known of it."""
+    """Largest magnitude of a sampled quantity (N,); NaN does not count."""
     return float(np.fmax.reduce(np.abs(values)))
 
 
 def certificate_of(motion: Trajectory) -> Certificate | None:
-    """Return what was proved of all of a motion: nothing of a jump, whose flight alone has a certificate."""
+    """Return the certificate of a whole motion: none of a jump, since its flight is all that is proved."""
     return motion.certificate if isinstance(motion, Plan) else None
 
 
 def is_crowded(plan: Trajectory) -> bool:
-    """Whether a robot has more parts than there are hues that everyone can tell apart."""
+    """Whether a robot has more segments than there are hues that everyone can tell apart."""
     return len(plan.robot.joints) + 1 > len(OKABE_ITO)
 
 
-def _of_parts(plan: Trajectory, keys: Sequence[str], **more: Sequence[Any]) -> list[Curve]:
-    """Curves of the last of base and joints, with what more they have."""
+def _of_segments(plan: Trajectory, keys: Sequence[str], **fields: Sequence[Any]) -> list[Curve]:
+    """Curves of the last of base and joints, as many as there are keys; fields have a value for each."""
     first = len(plan.robot.joints) + 1 - len(keys)
-    names, colours = ("orientation", *plan.robot.joints), palette(len(plan.robot.joints) + 1)
-    return [
-        Curve(names[part], key, colours[part], part, **{name: values[part - first] for name, values in more.items()})
-        for part, key in enumerate(keys, first)
-    ]
+    names = ("orientation", *plan.robot.joints)
+    colours = palette(len(plan.robot.joints) + 1)
+    curves = []
+    for index, key in enumerate(keys):
+        segment = first + index
+        own = {name: values[index] for name, values in fields.items()}
+        curves.append(Curve(names[segment], key, colours[segment], segment, **own))
+    return curves
 
 
 def _limited(plan: Trajectory, row: LimitRow) -> Chart:
-    """What a row of the table limits: that of the joints, and of the base where it has one."""
+    """A limited quantity of a row of the table: that of the joints, and of the base where it has one."""
     keys = [f"{row.quantity}.{index}" for index in range(len(plan.robot.joints))]
     certificate = certificate_of(plan)
     peaks = None if certificate is None else getattr(certificate, f"{row.key}_peak", None)
     proved = np.full(len(keys), np.inf) if peaks is None else peaks
-    joints = _of_parts(plan, keys, limit=plan.whole_problem.joint_limits[row.key].tolist(), proved=proved.tolist())
+    joints = _of_segments(plan, keys, limit=plan.whole_problem.joint_limits[row.key].tolist(), proved=proved.tolist())
     panels = [Panel("joints", joints)]
     if row.base is not None:
         limit = getattr(plan.whole_problem.limits, row.base)
@@ -269,36 +303,43 @@ def _limited(plan: Trajectory, row: LimitRow) -> Chart:
 
 
 def _motors(sampled: SampledPlan) -> list[Curve]:
-    """The motors' own torques, in their leaders' colours; followers that do as their leaders do are left out."""
-    plan, motors = sampled.plan, sampled.plan.robot.motors
+    """The motors' own torques, in their leaders' colours; followers with the torque of their leader are left out."""
+    plan = sampled.plan
+    motors = sampled.plan.robot.motors
     leaders: IntArray = np.abs(plan.robot.motor_ratios).argmax(axis=1)
-    colours, joints = palette(len(plan.robot.joints) + 1)[1:], len(plan.robot.joints)
-    problem, certificate = plan.whole_problem, certificate_of(plan)
+    colours = palette(len(plan.robot.joints) + 1)[1:]
+    joints = len(plan.robot.joints)
+    problem = plan.whole_problem
+    certificate = certificate_of(plan)
     rates = np.abs(sampled.state.velocities @ plan.robot.motor_ratios.T)
     available = problem.motor_stall - problem.motor_slope * rates
     limits = np.minimum(problem.motor_torque_limits, available)
     proved = {} if certificate is None else certificate.motor_torque_peak
     torques = sampled.state.motor_torques
-    followed = torques[:, leaders]
-    apart = np.minimum(np.abs(torques - followed).max(axis=0), np.abs(torques + followed).max(axis=0))
-    differ = apart > ALIKE * np.abs(followed).max(axis=0)
-    return [
-        Curve(
+    of_leader = torques[:, leaders]
+    apart = np.minimum(np.abs(torques - of_leader).max(axis=0), np.abs(torques + of_leader).max(axis=0))
+    # 1 % of the leader's peak: two curves that differ by less look like one
+    differ = apart > 0.01 * np.abs(of_leader).max(axis=0)
+    curves = []
+    for motor, name in enumerate(motors):
+        is_follower = motor >= joints
+        if is_follower and not differ[motor]:
+            continue
+        curve = Curve(
             name=name,
             key=f"motor_torques.{motor}",
             colour=colours[leaders[motor]],
-            part=int(leaders[motor]) + 1,
+            segment=int(leaders[motor]) + 1,
             limit=limits[:, motor],
             proved=proved.get(name, np.inf),
-            linestyle=":" if motor >= joints else "-",
+            linestyle=":" if is_follower else "-",
         )
-        for motor, name in enumerate(motors)
-        if motor < joints or differ[motor]
-    ]
+        curves.append(curve)
+    return curves
 
 
 def _momentum(plan: Plan) -> Chart:
-    """What base and joints have of h, and the interval (9) that holds h of joints which do not turn back."""
+    """The parts of h that base and joints have, and the interval (9) of h in which joints need not reverse."""
     curves = [
         Curve("base", "momentum_base", OKABE_ITO[0]),
         Curve("joints", "momentum_joints", OKABE_ITO[1] if is_crowded(plan) else GREY),
@@ -309,30 +350,32 @@ def _momentum(plan: Plan) -> Chart:
 
 
 def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
-    """Distances from obstacles; what is far away is cut off, the picture is of the passage."""
+    """Distances from obstacles; what is far away is cut off, so that the passage fills the picture."""
     plan = sampled.plan
-    obstacles, certificate = plan.whole_problem.obstacles, certificate_of(plan)
+    obstacles = plan.whole_problem.obstacles
+    certificate = certificate_of(plan)
     kinds = [obstacle.kind for obstacle in obstacles]
-    findings = () if certificate is None else certificate.findings
-    proved = {
-        finding.subject: finding.bound
-        for finding in findings
-        if finding.kind == "obstacle" and finding.verdict == "proved" and finding.bound is not None
-    }
-    curves = [
-        Curve(
+    proved = {}
+    for finding in () if certificate is None else certificate.findings:
+        if finding.kind == "obstacle" and finding.verdict == "proved" and finding.bound is not None:
+            proved[finding.subject] = finding.bound
+    curves = []
+    values = []
+    for index, kind in enumerate(kinds):
+        curve = Curve(
             name=kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}",
             key=f"clearance.{index}",
             colour=OBSTACLES[index % len(OBSTACLES)],
             proved=proved.get((index, kind), np.inf),
         )
-        for index, kind in enumerate(kinds)
-    ]
-    plans = [sampled] if other is None else [sampled, other]
-    values = np.array([each.columns[curve.key] for each in plans for curve in curves])
+        curves.append(curve)
+        values.append(sampled.columns[curve.key])
+        if other is not None:
+            values.append(other.columns[curve.key])
     margins = np.unique([obstacle.margin for obstacle in obstacles])
     fixed = [ReferenceLine("margin", ALARM, margin) for margin in margins]
-    farthest = values.max(where=np.isfinite(values), initial=0.0)
+    distances = np.array(values)
+    farthest = distances.max(where=np.isfinite(distances), initial=0.0)
     top = min(1.05 * farthest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0
-    panel = Panel("clearance", curves, range=(min(1.1 * values.min(), -0.06 * top), top), fixed=fixed)
+    panel = Panel("clearance", curves, range=(min(1.1 * distances.min(), -0.06 * top), top), fixed=fixed)
     return Chart("clearance", "Clearance", "m", [panel], of_each=False)

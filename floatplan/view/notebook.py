@@ -1,4 +1,4 @@
-"""A robot as notebooks show it: a table, and a drawing of its solids at rest, seen from one side."""
+"""A robot as notebooks show it: a table, and a drawing of its solids, joints at zero, seen from one side."""
 
 from __future__ import annotations
 
@@ -15,12 +15,8 @@ from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
 from floatplan.view.outlines import box_around, pairs
-from floatplan.view.solids import CAMERA, drawn_solids
+from floatplan.view.solids import CAMERA, rendered_solids
 from floatplan.view.style import palette
-
-SIZE = 220  # [pixels] of the drawing's longer side
-MARGIN = 0.04  # [-] around the robot, in sizes of it
-MOST_NAMES = 12  # [-] of joints in a row: more are counted
 
 
 def robot_html(robot: Robot) -> str:
@@ -42,45 +38,48 @@ def robot_html(robot: Robot) -> str:
 
 
 def _names(joints: Collection[str]) -> str:
-    """Names in a row, so many at most."""
-    more = len(joints) - MOST_NAMES
-    return ", ".join([*islice(joints, MOST_NAMES), *([f"{more} more"] if more > 0 else [])])
+    """Names in a row; more than 12 are counted."""
+    shown = list(islice(joints, 12))
+    if len(joints) > len(shown):
+        shown.append(f"{len(joints) - len(shown)} more")
+    return ", ".join(shown)
 
 
 def robot_svg(robot: Robot) -> str:
-    """Draw a robot with the base level and its joints at rest: an outline for each solid, a colour for each joint.
+    """Draw a robot with the base level and its joints at zero: an outline for each solid, a colour for each joint.
 
     Raises
     ------
     InputError
         The geometry of a link is wrong.
     """
-    polygons = _outlines(robot)
-    low, high = box_around(np.concatenate([outline for _, outline in polygons]), MARGIN)
-    width, height = (high - low).real, (high - low).imag
-    scale = SIZE / max(width, height)
+    outlines = _outlines(robot)
+    low, high = box_around(np.concatenate([outline for _, outline in outlines]), 0.04)
+    width = (high - low).real
+    height = (high - low).imag
+    scale = 220 / max(width, height)  # [px/m] the longer side has 220 pixels
     colours = palette(1 + len(robot.joints))
-    drawn = []
-    for part, outline in polygons:
+    polygons = []
+    for segment, outline in outlines:
         corners = pairs(outline - complex(low.real, high.imag)) * [scale, -scale]  # y points down in a drawing
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
-        drawn.append(f'<polygon points="{points}" fill="{to_hex(colours[part])}"/>')
+        polygons.append(f'<polygon points="{points}" fill="{to_hex(colours[segment])}"/>')
     size = f'width="{scale * width:.0f}" height="{scale * height:.0f}"'
     look = 'style="flex: none" stroke="#222" stroke-width="0.7" fill-opacity="0.85"'
-    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {look}>{"".join(drawn)}</svg>'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {look}>{"".join(polygons)}</svg>'
 
 
 def _outlines(robot: Robot) -> list[tuple[int, ComplexArray]]:
-    """The part and the outline of each solid as the camera sees it, the farthest first."""
+    """Segment and outline of each solid as the camera sees it, the farthest first."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.resting_configuration)
     placed = []
-    for solid in drawn_solids(robot):
+    for solid in rendered_solids(robot):
         joint = data.oMi[solid.body]
-        placed.append((solid.part, solid.points @ joint.rotation.T + joint.translation))
+        placed.append((solid.segment, solid.points @ joint.rotation.T + joint.translation))
     placed.sort(key=lambda solid: float((solid[1] @ CAMERA.toward).mean()))
     outlines = []
-    for part, points in placed:
+    for segment, points in placed:
         seen = CAMERA(points)
-        outlines.append((part, seen[ConvexHull(pairs(seen)).vertices]))
+        outlines.append((segment, seen[ConvexHull(pairs(seen)).vertices]))
     return outlines

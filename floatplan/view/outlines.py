@@ -1,6 +1,6 @@
-"""Where the robot, ground and obstacles of a flight or a jump are, as outlines that pictures and pages draw.
+"""Outlines of the robot, the ground and the obstacles of a flight or a jump, for pictures and pages.
 
-Places in the plane are complex, horizontal + i vertical, m; of flights in space, as a camera sees them.
+Positions in the plane are complex, horizontal + i vertical, m; of flights in space, as a camera sees them.
 """
 
 from __future__ import annotations
@@ -18,28 +18,22 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.problem.spatial_obstacles import HalfSpace, SpatialObstacle
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
 from floatplan.view.jumps import moments
-from floatplan.view.solids import CAMERA, drawn_solids, face_normals
+from floatplan.view.sampled import flies_in_space
+from floatplan.view.solids import CAMERA, face_normals, obstacle_corners, rendered_solids
 from floatplan.view.style import round_below
 
 if TYPE_CHECKING:
     from floatplan.motion.spatial.bodies import BodyPoses
 
-ARC, FINE_ARC = 12, 48  # [-] corners of a half circle, of a link or bar and of a circle
-REACH_RADIUS = 0.02  # [-] the same over the reach of the robot from its centre of mass; the larger one counts
-MARGIN_RADIUS = 0.8  # [-] the same over an obstacle's margin, at most
-LEAST_RADIUS = 0.4  # [-] of the former
-STEP = 0.45  # [-] path of the centre of mass from snapshot to snapshot, in sizes of the robot
-FEWEST_SNAPSHOTS, MOST_SNAPSHOTS = 7, 11  # [-] along the path
+ARC = 12  # [-] corners of the half circle at an end of a link or bar
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
-SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper is drawn without ground
-FLOOR_SAMPLES = 33
-WIDE = 1e3  # [m] half-planes end outside every picture
-LIGHT = np.array([-0.35, 0.75, 0.56])  # where it comes from: to the right, upwards, towards who looks
-PAD = 0.04  # [-] room around what a picture must hold, in sizes of its box
+SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper has no ground in its picture
+LIGHT = np.array([-0.35, 0.75, 0.56])  # unit vector to the light: from the left, from above, from the viewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,15 +45,15 @@ class Postures:
     times : (K,) s
     com : (K,) complex, m
     corners : (K, S, k) complex, m
-        Of the links' shapes, convex and grown by a radius: both ends of capsules; the last as often as it takes.
+        Of the links' shapes, convex and grown by a radius: both ends of capsules; the last repeated to fill the row.
     radius : (S,) m
-        As drawn: a link that has none gets one.
-    part : (S,) int
-        Colour of each shape: 0 for the base, i + 1 for what joint i moves.
+        In the picture: a link of no thickness gets one.
+    segment : (S,) int
+        Colour of a shape: 0 for the base, i + 1 for what joint i moves.
     takeoff, landing : (K,) complex, m
-        Places of the frames that take off and land.
+        Positions of the frames that take off and land.
     depth : (K, S, k) m, optional
-        Of the corners, towards who looks.
+        Of the corners, towards the viewer.
     faces : for each shape its triangles (f, 3), corners by their numbers
     """
 
@@ -67,27 +61,29 @@ class Postures:
     com: ComplexArray
     corners: ComplexArray
     radius: Array
-    part: IntArray
+    segment: IntArray
     takeoff: ComplexArray
     landing: ComplexArray
     depth: Array | None = None
     faces: Sequence[IntArray] = ()
 
     def painted(self, index: int) -> list[tuple[int, list[tuple[ComplexArray, float]]]]:
-        """Shapes at an instant in the order in which they are painted, what is behind first, each with its seen faces.
+        """Return the shapes at an instant in the order of painting, from back to front, each with its visible faces.
 
-        Faces are their corners (3,), m, and how much light falls on them, 0 to 1.
+        A face is its corners (3,), m, and how much light falls on it, 0 to 1.
         """
         if self.depth is None:
             return [(shape, []) for shape in range(len(self.radius))]
-        corners, found = self.corners[index], []
-        places = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
+        corners = self.corners[index]
+        positions = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
+        painted = []
         for shape in np.argsort(self.depth[index].mean(axis=1), kind="stable").tolist():
-            normals = face_normals(places[shape], self.faces[shape])
-            seen = normals[:, 2] > 0
-            lights = np.clip(normals[seen] @ LIGHT, 0.0, 1.0).tolist()
-            found.append((shape, list(zip(corners[shape][self.faces[shape][seen]], lights, strict=True))))
-        return found
+            normals = face_normals(positions[shape], self.faces[shape])
+            visible = normals[:, 2] > 0
+            lights = np.clip(normals[visible] @ LIGHT, 0.0, 1.0).tolist()
+            faces = corners[shape][self.faces[shape][visible]]
+            painted.append((shape, list(zip(faces, lights, strict=True))))
+        return painted
 
     @property
     def low(self) -> ComplexArray:
@@ -100,8 +96,9 @@ class Postures:
         return self._corner(np.maximum, 1.0)
 
     def _corner(self, extreme: np.ufunc, side: float) -> ComplexArray:
-        grown = side * self.radius[:, None]
-        across, up = (extreme.reduce(each + grown, axis=(1, 2)) for each in (self.corners.real, self.corners.imag))
+        growth = side * self.radius[:, None]
+        across = extreme.reduce(self.corners.real + growth, axis=(1, 2))
+        up = extreme.reduce(self.corners.imag + growth, axis=(1, 2))
         return np.asarray(across + 1j * up)
 
     def outlines(self, index: int) -> list[ComplexArray]:
@@ -114,70 +111,84 @@ class Postures:
 
 def postures(plan: Trajectory, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
-    if isinstance(plan, Plan) and plan.robot.in_plane is None:
-        return seen_robot(plan.problem, times, bodies(plan, times), com_path(plan, times))
+    if flies_in_space(plan):
+        frames = (plan.problem.takeoff.frame, plan.problem.landing.frame)
+        return seen_robot(plan.robot, times, bodies(plan, times), com_path(plan, times), frames)
     return placed_robot(plan.whole_problem, times, *coordinates(plan, times))
 
 
 def coordinates(plan: Trajectory, times: Array) -> tuple[Array, Array, ComplexArray]:
     """Return orientation (K,) and positions (K, n) rad, and centre of mass (K,) m, at times (K,), s."""
-    if isinstance(plan, Plan):  # without its torques, which take longer than all the rest
+    if isinstance(plan, Plan):  # its state would compute torques as well, which takes longer
         return plan.orientation(times), plan.joint_motion(times)[0], com_path(plan, times)
     state = plan.state(times)
     return state.orientation, state.positions, np.asarray(state.com_position @ [1, 1j])
 
 
 def posture_at(plan: Trajectory, state: JointState, time: float) -> Postures:
-    """Return the robot in a given posture, its centre of mass where the motion has it at ``time``."""
+    """Return the robot in a posture of its own, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
-    if isinstance(plan, Plan) and plan.robot.in_plane is None:
+    if flies_in_space(plan):
         whole: Any = plan.whole
-        return seen_robot(plan.problem, times, whole.posture(state, time), com_path(plan, times))
-    orientation, com = np.array([state.orientation]), com_path(plan, times)
+        frames = (plan.problem.takeoff.frame, plan.problem.landing.frame)
+        return seen_robot(plan.robot, times, whole.posture(state, time), com_path(plan, times), frames)
+    orientation = np.array([state.orientation])
+    com = com_path(plan, times)
     return placed_robot(plan.whole_problem, times, orientation, state.positions[None], com)
 
 
 def placed_robot(problem: Problem, times: Array, orientation: Array, positions: Array, com: ComplexArray) -> Postures:
     """Return a problem's robot at times (K,) s: orientation (K,), positions (K, n) rad, centre of mass (K,) m."""
     robot = problem.robot
-    poses, shapes = body_poses(robot, orientation, positions, com), drawn_shapes(robot)
-    ends = [(frame.body, frame.local) for frame in (problem.takeoff_frame, problem.landing_frame)]
-    takeoff, landing = poses.points(*map(list, zip(*ends, strict=True))).T
-    bodies = [shape.body for shape in shapes]
-    sides = [poses.points(bodies, [getattr(shape, end) for shape in shapes]) for end in ("start", "end")]
+    poses = body_poses(robot, orientation, positions, com)
+    capsules = rendered_capsules(robot)
+    takeoff, landing = poses.points(
+        [problem.takeoff_frame.body, problem.landing_frame.body],
+        [problem.takeoff_frame.local, problem.landing_frame.local],
+    ).T
+    bodies = [capsule.body for capsule in capsules]
+    starts = poses.points(bodies, [capsule.start for capsule in capsules])
+    ends = poses.points(bodies, [capsule.end for capsule in capsules])
     return Postures(
         times=times,
         com=com,
-        corners=np.stack(sides, axis=2),
-        radius=drawn_radius(problem),
-        part=drawn_part(robot),
+        corners=np.stack((starts, ends), axis=2),
+        radius=rendered_radii(problem),
+        segment=capsule_segments(robot),
         takeoff=takeoff,
         landing=landing,
     )
 
 
 def bodies(plan: Plan, times: Array) -> BodyPoses:
-    """Where the bodies of a robot in space are at times (K,), s."""
+    """Poses of the bodies of a robot in space at times (K,), s."""
     whole: Any = plan.whole
     poses: BodyPoses = whole.bodies(times)
     return poses
 
 
-def seen_robot(problem: Problem, times: Array, poses: BodyPoses, com: ComplexArray) -> Postures:
-    """Return a problem's robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m."""
-    robot, solids = problem.robot, drawn_solids(problem.robot)
-    most = max(len(solid.points) for solid in solids)
-    points = [np.pad(solid.points, ((0, most - len(solid.points)), (0, 0)), "edge") for solid in solids]
-    placed = np.stack([poses.points(solid.body, local) for solid, local in zip(solids, points, strict=True)], axis=1)
-    takeoff, landing = (CAMERA(poses.frame(robot, end.frame)) for end in (problem.takeoff, problem.landing))
+def seen_robot(
+    robot: Robot, times: Array, poses: BodyPoses, com: ComplexArray, frames: tuple[str, str] | None = None
+) -> Postures:
+    """Return a robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m.
+
+    ``frames`` take off and land; without any the centre of mass is marked in their place.
+    """
+    solids = rendered_solids(robot)
+    corners = max(len(solid.points) for solid in solids)
+    positions = []
+    for solid in solids:
+        points = np.pad(solid.points, ((0, corners - len(solid.points)), (0, 0)), "edge")
+        positions.append(poses.points(solid.body, points))
+    placed = np.stack(positions, axis=1)
     return Postures(
         times=times,
         com=com,
         corners=CAMERA(placed),
         radius=np.zeros(len(solids)),
-        part=np.array([solid.part for solid in solids]),
-        takeoff=takeoff,
-        landing=landing,
+        segment=np.array([solid.segment for solid in solids]),
+        takeoff=com if frames is None else CAMERA(poses.frame(robot, frames[0])),
+        landing=com if frames is None else CAMERA(poses.frame(robot, frames[1])),
         depth=placed @ CAMERA.toward,
         faces=[solid.faces for solid in solids],
     )
@@ -199,7 +210,7 @@ class Poses:
     rotations: ComplexArray
 
     def points(self, bodies: Sequence[int], local: Sequence[complex] | ComplexArray) -> ComplexArray:
-        """Places (K, P) of points of some bodies, m, from those in the bodies' own axes."""
+        """Positions (K, P) of points of some bodies, m, from those in the bodies' own axes."""
         return np.asarray(self.places[:, bodies] + self.rotations[:, bodies] * np.asarray(local))
 
 
@@ -214,8 +225,8 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
 
 
 def turns(plan: Plan, times: Array) -> Array:
-    """Angles (K - 1, m), rad, by which the bodies turn from one of the times (K,), s, to the next."""
-    if plan.robot.in_plane is None:
+    """Angles (K - 1, m), rad, between the attitudes of the bodies at one of the times (K,), s, and at the next."""
+    if flies_in_space(plan):
         rotations = bodies(plan, times).rotations
         traces = np.einsum("kmab,kmab->km", rotations[1:], rotations[:-1])
         return np.asarray(np.arccos(np.clip((traces - 1) / 2, -1.0, 1.0)))
@@ -223,37 +234,77 @@ def turns(plan: Plan, times: Array) -> Array:
 
 
 def ball(plan: Plan) -> tuple[Array, float]:
-    """Return a place (3,) and a radius, m, that hold a flight in space."""
-    state = plan.at(np.linspace(0.0, plan.duration, FLOOR_SAMPLES))
+    """Return centre (3,) and radius, m, of a ball that contains a flight in space, and its bounded obstacles."""
+    state = plan.at(np.linspace(0.0, plan.duration, 33))
     size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
-    low, high = state.com_position.min(axis=0) - size, state.com_position.max(axis=0) + size
+    low = state.com_position.min(axis=0) - size
+    high = state.com_position.max(axis=0) + size
+    for obstacle in plan.problem.obstacles:
+        for time in obstacle_times(obstacle, plan.duration) if obstacle.bounded else ():
+            corners = obstacle_corners(obstacle) + time * np.array(obstacle.velocity)
+            low = np.minimum(low, corners.min(axis=0))
+            high = np.maximum(high, corners.max(axis=0))
     return (low + high) / 2, float((high - low).max()) / 2
+
+
+def grids(plan: Plan) -> list[Array]:
+    """Lines (2, 3), m, of grids on the ground of a flight in space, and on its half-spaces at takeoff."""
+    lines = floor(plan)
+    for obstacle in plan.problem.obstacles:
+        if isinstance(obstacle, HalfSpace):
+            lines += _wall(plan, obstacle)
+    return lines
+
+
+def _wall(plan: Plan, obstacle: HalfSpace) -> list[Array]:
+    """Lines (2, 3), m, of a grid on a half-space, nearest to the flight."""
+    centre, radius = ball(plan)
+    normal = np.array(obstacle.unit_normal)
+    middle = centre - normal * ((centre - obstacle.point) @ normal)
+    along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    along /= np.linalg.norm(along)
+    across = np.cross(normal, along)
+    step = round_below(radius / 3)
+    lines = []
+    for position in step * np.arange(-np.floor(radius / step), np.floor(radius / step) + 1):
+        for one, other in ((along, across), (across, along)):
+            lines.append(middle + position * one + np.outer((-radius, radius), other))
+    return lines
 
 
 def floor(plan: Plan) -> list[Array]:
     """Lines (2, 3), m, of a grid on the ground that a flight in space leaves, where it stands on it at takeoff."""
-    poses, solids = bodies(plan, np.linspace(0.0, plan.duration, FLOOR_SAMPLES)), drawn_solids(plan.robot)
-    placed = np.concatenate([poses.points(solid.body, solid.points) for solid in solids], axis=1)
-    low, high, level = placed.min(axis=(0, 1)), placed.max(axis=(0, 1)), float(placed[0, :, 2].min())
+    poses = bodies(plan, np.linspace(0.0, plan.duration, 33))
+    placed = np.concatenate([poses.points(solid.body, solid.points) for solid in rendered_solids(plan.robot)], axis=1)
+    low = placed.min(axis=(0, 1))
+    high = placed.max(axis=(0, 1))
+    level = float(placed[0, :, 2].min())
     size = float((high - low).max())
     stands = poses.frame(plan.robot, plan.problem.takeoff.frame)[0, 2] <= level + 2 * STANDING * size
     if plan.ballistics.gravity == 0 or not stands or low[2] < level - SINKING * size:
         return []
-    step = round_below(size / 4)
-    low, high = step * (np.floor(low / step) - 0.5), step * (np.ceil(high / step) + 0.5)
+    return floor_lines(low, high, level)
+
+
+def floor_lines(low: Array, high: Array, level: float) -> list[Array]:
+    """Lines (2, 3), m, of a grid at a height under what reaches from ``low`` to ``high`` (3,)."""
+    step = round_below(float((high - low).max()) / 4)
+    low = step * (np.floor(low / step) - 0.5)
+    high = step * (np.ceil(high / step) + 0.5)
     lines = []
     for along, across in ((0, 1), (1, 0)):
-        for place in np.arange(low[across] + step / 2, high[across], step):
+        for position in np.arange(low[across] + step / 2, high[across], step):
             ends = np.full((2, 3), level)
-            ends[:, across], ends[:, along] = place, (low[along], high[along])
+            ends[:, across] = position
+            ends[:, along] = (low[along], high[along])
             lines.append(ends)
     return lines
 
 
 def com_path(plan: Trajectory, times: Array) -> ComplexArray:
-    """Places (K,) of the centre of mass at times (K,), m."""
-    places = plan.ballistics.positions(times) if isinstance(plan, Plan) else plan.state(times).com_position
-    return CAMERA(places) if plan.robot.in_plane is None else np.asarray(places @ [1, 1j])
+    """Positions (K,) of the centre of mass at times (K,), m."""
+    positions = plan.ballistics.positions(times) if isinstance(plan, Plan) else plan.state(times).com_position
+    return CAMERA(positions) if flies_in_space(plan) else np.asarray(positions @ [1, 1j])
 
 
 def robot_size(plan: Trajectory) -> float:
@@ -267,14 +318,15 @@ def snapshot_times(plan: Trajectory) -> Array:
     if isinstance(plan, JumpMotion):
         return moments(plan)
     path = float(np.abs(np.diff(com_path(plan, np.linspace(0, plan.duration, 65)))).sum())
-    count = int(np.clip(round(path / (STEP * robot_size(plan))) + 1, FEWEST_SNAPSHOTS, MOST_SNAPSHOTS))
+    # the centre of mass moves by 0.45 sizes of the robot from one to the next: neighbours overlap a little
+    count = int(np.clip(round(path / (0.45 * robot_size(plan))) + 1, 7, 11))
     return np.linspace(0, plan.duration, count)
 
 
-def pairs(places: ComplexArray | complex) -> Array:
-    """Complex numbers (...) as pairs (..., 2) of their parts."""
-    places = np.asarray(places)
-    return np.stack((places.real, places.imag), axis=-1)
+def pairs(positions: ComplexArray | complex) -> Array:
+    """Complex numbers (...) as pairs (..., 2) of real and imaginary component."""
+    positions = np.asarray(positions)
+    return np.stack((positions.real, positions.imag), axis=-1)
 
 
 def stadium(start: complex, end: complex, radius: float, arc: int = ARC) -> ComplexArray:
@@ -285,54 +337,60 @@ def stadium(start: complex, end: complex, radius: float, arc: int = ARC) -> Comp
 
 
 @lru_cache(maxsize=8)
-def drawn_shapes(robot: Robot) -> tuple[LinkCapsule, ...]:
-    """A robot's capsules as they are drawn: balls of one link, such as heel and toe of a sole, are a bar of its length.
+def rendered_capsules(robot: Robot) -> tuple[LinkCapsule, ...]:
+    """A robot's capsules in pictures: balls of one link, such as heel and toe of a sole, are a bar of its length.
 
-    It is as thick as half of the way from there to the link's joint.
+    Its thickness is half of its distance from the link's joint.
     """
-    shapes = list[LinkCapsule]()
-    for shape in robot.shapes:
-        last = shapes[-1] if shapes else shape
-        way = shape.end - last.start
-        if last.link != shape.link or last.start != last.end or shape.start != shape.end or not way:
-            shapes.append(shape)
+    capsules = list[LinkCapsule]()
+    for capsule in robot.shapes:
+        last = capsules[-1] if capsules else capsule
+        direction = capsule.end - last.start
+        two_balls = last.start == last.end and capsule.start == capsule.end and direction
+        if last.link != capsule.link or not two_balls:
+            capsules.append(capsule)
             continue
-        way /= abs(way)
-        above = -(last.start * np.conj(way)).imag
-        more = max(abs(above) / 4 - shape.radius, 0.0)
-        up = more * 1j * way * np.sign(above)
-        bar = {"start": last.start + more * way + up, "end": shape.end - more * way + up}
-        shapes[-1] = replace(shape, **bar, radius=shape.radius + more)
-    return tuple(shapes)
+        direction /= abs(direction)
+        above = -(last.start * np.conj(direction)).imag  # height of the joint above the bar
+        growth = max(abs(above) / 4 - capsule.radius, 0.0)
+        up = growth * 1j * direction * np.sign(above)
+        start = last.start + growth * direction + up
+        end = capsule.end - growth * direction + up
+        capsules[-1] = replace(capsule, start=start, end=end, radius=capsule.radius + growth)
+    return tuple(capsules)
 
 
-def drawn_radius(problem: Problem) -> Array:
-    """Return the radii (S,) of the capsules as drawn, m.
+def rendered_radii(problem: Problem) -> Array:
+    """Return the radii (S,) of the capsules in pictures, m.
 
     Where there is none: a fraction of the links' usual length or of the robot's reach; less where that would fill the
     margin of an obstacle that the link keeps clear of.
     """
-    robot, shapes = problem.robot, drawn_shapes(problem.robot)
-    radius = np.array([shape.radius for shape in shapes])
-    lengths = np.array([abs(shape.end - shape.start) for shape in shapes])
+    robot = problem.robot
+    capsules = rendered_capsules(robot)
+    radius = np.array([capsule.radius for capsule in capsules])
+    ends = np.array([capsule.end for capsule in capsules])
+    lengths = np.abs(ends - [capsule.start for capsule in capsules])
     usual = float(np.median(lengths[lengths > 0])) if (lengths > 0).any() else 0.0
-    ends, bodies = np.array([shape.end for shape in shapes]), np.array([shape.body for shape in shapes])
-    reach = float(np.abs(robot.tree.point_weights(bodies, ends)).sum(axis=1).max())
-    drawn = max(LINE_RADIUS * usual, REACH_RADIUS * reach)
+    reach = float(
+        np.abs(robot.tree.point_weights(np.array([capsule.body for capsule in capsules]), ends)).sum(axis=1).max()
+    )
+    thickness = max(LINE_RADIUS * usual, 0.02 * reach)  # of a robot of short links 2 % of its reach is still visible
     margins = [obstacle.margin for obstacle in problem.obstacles if obstacle.margin > 0]
-    if margins:
-        drawn = max(min(drawn, MARGIN_RADIUS * min(margins)), LEAST_RADIUS * drawn)
-    return np.where(radius > 0, radius, drawn)
+    if margins:  # 0.8 of a margin leaves a gap to see, but links do not get thinner than 0.4 of what they were
+        thickness = max(min(thickness, 0.8 * min(margins)), 0.4 * thickness)
+    return np.where(radius > 0, radius, thickness)
 
 
-def drawn_part(robot: Robot) -> IntArray:
+def capsule_segments(robot: Robot) -> IntArray:
     """Return which joint moves the body of each capsule (S,) against its parent: i + 1 for joint i, 0 for the base."""
     tree = robot.tree
-    part = np.zeros(len(tree.parent), dtype=np.int64)
-    for body in range(1, len(part)):
-        turn = np.abs(tree.turns[body] - tree.turns[tree.parent[body]])
-        part[body] = 1 + int(turn.argmax()) if turn.any() else part[tree.parent[body]]
-    return part[[shape.body for shape in drawn_shapes(robot)]]
+    segments = np.zeros(len(tree.parent), dtype=np.int64)
+    for body in range(1, len(segments)):
+        parent = tree.parent[body]
+        ratios = np.abs(tree.turns[body] - tree.turns[parent])
+        segments[body] = 1 + int(ratios.argmax()) if ratios.any() else segments[parent]
+    return segments[[capsule.body for capsule in rendered_capsules(robot)]]
 
 
 def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
@@ -344,24 +402,26 @@ def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
     Returns
     -------
     list of (height, low, high)
-        m; the ground is drawn below the box between the corners.
+        m; the ground is below the box between the corners.
     """
     if placed.depth is not None:
         return []
-    low, high = placed.low, placed.high
+    low = placed.low
+    high = placed.high
     size = float(np.abs(high - low).max())
     slack = STANDING * size + float(placed.radius.min())
     heights = float(placed.takeoff[0].imag), float(placed.landing[-1].imag)
-    stands = [
-        low[end].imag >= height - slack and low.imag.min() >= height - SINKING * size
-        for end, height in zip((0, -1), heights, strict=True)
-    ]
-    if abs(heights[0] - heights[1]) <= STANDING * size:
-        level = float(min(low[0].imag, low[-1].imag))
-        corners = complex(low.real.min(), level), complex(high.real.max(), level)
-        return [(level, *corners)] if all(stands) else []
-    ends = zip(stands, (0, -1), strict=True)
-    return [(float(low[end].imag), complex(low[end]), complex(high[end])) for stand, end in ends if stand]
+    is_level = abs(heights[0] - heights[1]) <= STANDING * size
+    lines = []
+    for end, height in zip((0, -1), heights, strict=True):
+        if low[end].imag >= height - slack and low.imag.min() >= height - SINKING * size:
+            lines.append((float(low[end].imag), complex(low[end]), complex(high[end])))
+    if not is_level:
+        return lines
+    if len(lines) < len(heights):
+        return []
+    level = min(height for height, _, _ in lines)
+    return [(level, complex(low.real.min(), level), complex(high.real.max(), level))]
 
 
 def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
@@ -373,12 +433,16 @@ def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
 
 
 def obstacle_outlines(obstacle: Obstacle, time: float, margin: float) -> list[ComplexArray]:
-    """Outlines (points,) of an obstacle's pieces grown by a margin, at a time, m."""
+    """Outlines (points,) of an obstacle's pieces grown by a margin, at a time, m; in space as the camera sees it."""
+    if isinstance(obstacle, SpatialObstacle):
+        corners = obstacle_corners(obstacle, margin) + time * np.array(obstacle.velocity)
+        return [convex_hull(CAMERA(corners))] if len(corners) else []
     shift = complex(*obstacle.velocity) * time
-    return [
-        shift + stadium(start, end, radius + margin, FINE_ARC if start == end else ARC)
-        for start, end, radius in obstacle_capsules(obstacle)
-    ]
+    outlines = []
+    for start, end, radius in obstacle_capsules(obstacle):
+        arc = 48 if start == end else ARC  # a circle is larger in a picture than the end of a bar
+        outlines.append(shift + stadium(start, end, radius + margin, arc))
+    return outlines
 
 
 def obstacle_capsules(obstacle: Obstacle) -> list[tuple[complex, complex, float]]:
@@ -387,9 +451,11 @@ def obstacle_capsules(obstacle: Obstacle) -> list[tuple[complex, complex, float]
 
 
 def _half_plane(wall: HalfPlane) -> tuple[complex, complex, float]:
-    """One so large that its side is the edge."""
-    down = -WIDE * complex(*wall.normal) / abs(complex(*wall.normal))
-    return complex(*wall.point) + down * (1 + 1j), complex(*wall.point) + down * (1 - 1j), WIDE
+    """A capsule so large that its side is the edge of the half-plane: its ends are outside every picture."""
+    radius = 1e3  # [m]
+    point = complex(*wall.point)
+    down = -radius * complex(*wall.normal) / abs(complex(*wall.normal))
+    return point + down * (1 + 1j), point + down * (1 - 1j), radius
 
 
 OUTLINES: dict[str, Callable[[Any], tuple[complex, complex, float]]] = {
@@ -400,20 +466,19 @@ OUTLINES: dict[str, Callable[[Any], tuple[complex, complex, float]]] = {
 
 
 def picture_box(plan: Trajectory, placed: Postures) -> tuple[complex, complex]:
-    """Corners of what a picture must hold, m: postures, goal, and obstacles with bounds wherever they are drawn."""
+    """Corners of the box that a picture shows, m: around postures, goal, and bounded obstacles wherever they are."""
     goal = posture_at(plan, plan.whole_problem.final, plan.duration)
-    outlines = [
-        outline
-        for obstacle in plan.whole_problem.obstacles
-        if obstacle.bounded
-        for time in obstacle_times(obstacle, plan.duration)
-        for outline in obstacle_outlines(obstacle, time, obstacle.margin)
-    ]
-    return box_around(np.concatenate((placed.low, placed.high, goal.low, goal.high, *outlines)), PAD)
+    points = [placed.low, placed.high, goal.low, goal.high]
+    for obstacle in plan.whole_problem.obstacles:
+        if obstacle.bounded:
+            for time in obstacle_times(obstacle, plan.duration):
+                points += obstacle_outlines(obstacle, time, obstacle.margin)
+    return box_around(np.concatenate(points), 0.04)
 
 
-def box_around(points: ComplexArray, room: float) -> tuple[complex, complex]:
-    """Corners of the box around points (N,), m, with room around it, in its longer sides."""
-    low, high = pairs(points).min(axis=0), pairs(points).max(axis=0)
-    pad = room * float(np.max(high - low))
+def box_around(points: ComplexArray, margin: float) -> tuple[complex, complex]:
+    """Corners of the box around points (N,), m, with a margin around it, in its longer sides."""
+    low = pairs(points).min(axis=0)
+    high = pairs(points).max(axis=0)
+    pad = margin * float(np.max(high - low))
     return complex(*(low - pad)), complex(*(high + pad))

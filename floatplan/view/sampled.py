@@ -1,4 +1,4 @@
-"""What curves are drawn from: a plan's quantities at the instants of a grid, in a plane and in space."""
+"""The samples of curves: a plan's quantities at the instants of a grid, in a plane and in space."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.problem import Problem
 from floatplan.tables import JOINT_LIMITS
-from floatplan.view.jumps import jump_columns
-
-LEAST_MOMENTUM = 1e-12  # [-] of what the base has: below it h counts as none
+from floatplan.view.jumps import add_columns, jump_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +31,19 @@ class SampledPlan:
     columns: dict[str, Array]
 
     @classmethod
-    def of(cls, plan: Trajectory, times: Array, beside: Trajectory | None = None) -> SampledPlan:
-        """Sample a plan at times (N,), s; with the obstacles and in the order of motors of a plan ``beside``."""
-        state, beside = plan.state(times), beside or plan
+    def of(cls, plan: Trajectory, times: Array, reference: Trajectory | None = None) -> SampledPlan:
+        """Sample a plan at times (N,), s; with the obstacles and the order of motors of a ``reference`` or its own."""
+        state = plan.state(times)
+        reference = reference or plan
         columns = _columns_in_space(plan, state) if flies_in_space(plan) else _columns_in_plane(plan, state)
-        for name in ("positions", *(row.quantity for row in JOINT_LIMITS)):
-            columns |= {f"{name}.{index}": column for index, column in enumerate(getattr(state, name).T)}
+        add_columns(columns, "positions", state.positions)
+        for row in JOINT_LIMITS:
+            add_columns(columns, row.quantity, getattr(state, row.quantity))
         torques = dict(zip(plan.robot.motors, state.motor_torques.T, strict=True))
-        motors = enumerate(beside.robot.motors)
-        columns |= {f"motor_torques.{index}": torques[name] for index, name in motors if name in torques}
-        for index, obstacle in enumerate(beside.whole_problem.obstacles):
+        for index, name in enumerate(reference.robot.motors):
+            if name in torques:
+                columns[f"motor_torques.{index}"] = torques[name]
+        for index, obstacle in enumerate(reference.whole_problem.obstacles):
             columns[f"clearance.{index}"] = plan.clearances(times, [obstacle])
         if isinstance(plan, JumpMotion):
             columns |= jump_columns(plan, state)
@@ -57,16 +58,19 @@ class SampledPlan:
 def _columns_in_plane(plan: Trajectory, state: FlightState) -> dict[str, Array]:
     inertia = plan.dynamics.momentum_map(state.positions)
     of_base = inertia[:, 0] * state.orientation_rate
-    columns = {
-        "orientation": state.orientation,
-        **{row.base: getattr(state, row.base) for row in JOINT_LIMITS if row.base},
+    columns = {"orientation": state.orientation}
+    for row in JOINT_LIMITS:
+        if row.base:
+            columns[row.base] = getattr(state, row.base)
+    columns |= {
         "com_x": state.com_position[:, 0],
         "com_y": state.com_position[:, 1],
         "momentum_base": of_base,
         "momentum_joints": state.angular_momentum - of_base,
         "angular_momentum": state.angular_momentum,
     }
-    return columns | {f"inertia.{index}": column for index, column in enumerate(inertia.T)}
+    add_columns(columns, "inertia", inertia)
+    return columns
 
 
 def flies_in_space(plan: Trajectory) -> TypeGuard[Plan]:
@@ -75,7 +79,7 @@ def flies_in_space(plan: Trajectory) -> TypeGuard[Plan]:
 
 
 def attitude_axes(problem: Problem) -> tuple[str, tuple[str, str, str]]:
-    """Axes about which the base's angles are told, those of the goal or the start, and names of turns about them."""
+    """Axes of the base's angles, those of the goal or the start, and names of the rotations about them."""
     for state in (problem.final, problem.initial):
         if state.attitude is not None and state.attitude.axes is not None:
             return state.attitude.axes, ("somersault", "tilt", "twist")
@@ -83,27 +87,29 @@ def attitude_axes(problem: Problem) -> tuple[str, tuple[str, str, str]]:
 
 
 def limits_in_use(plan: Plan) -> dict[str, Array]:
-    """Limits (m,) of the motors' torques and rates, asked for or the file's; infinite where there are none."""
-    rows, found = {use.joint: use for use in plan.utilisation}, {}
+    """Limits (m,) of the motors' torques and rates, of the problem or the file; infinite where there are none."""
+    rows = {use.joint: use for use in plan.utilisation}
+    result = {}
     for key in ("torque", "velocity"):
         limits = [getattr(rows[name], f"{key}_limit") for name in plan.robot.motors]
-        found[key] = np.array([np.inf if limit is None else limit for limit in limits])
-    return found
+        result[key] = np.array(limits, dtype=np.float64)  # None becomes NaN
+        result[key][np.isnan(result[key])] = np.inf
+    return result
 
 
 def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
-    """Places and vectors end in x, y, z; moments of inertia rise."""
+    """Columns of positions and vectors end in x, y, z; moments of inertia rise."""
     inertia, _ = plan.dynamics.momentum_maps(state.positions)
-    turned = Rotation.from_quat(state.orientation)
-    of_base = turned.apply(np.einsum("kab,kb->ka", inertia, state.orientation_rate))
+    rotation = Rotation.from_quat(state.orientation)
+    of_base = rotation.apply(np.einsum("kab,kb->ka", inertia, state.orientation_rate))
     h = np.asarray(plan.angular_momentum)
-    if (
-        np.linalg.norm(h) <= LEAST_MOMENTUM * np.linalg.norm(of_base, axis=1).max()
-    ):  # then along what the base turns about
-        h = (turned[-1] * turned[0].inv()).as_rotvec()
+    if np.linalg.norm(h) <= 1e-12 * np.linalg.norm(of_base, axis=1).max():  # h is 0 but for rounding
+        h = (rotation[-1] * rotation[0].inv()).as_rotvec()  # the axis of the base's whole rotation takes its role
     along = h / (np.linalg.norm(h) or 1.0)
-    axes, whole = attitude_axes(plan.problem)[0], cast("Any", plan.whole)
-    limits, rates = limits_in_use(plan), state.velocities @ plan.robot.motor_ratios.T
+    axes = attitude_axes(plan.problem)[0]
+    whole = cast("Any", plan.whole)
+    limits = limits_in_use(plan)
+    rates = state.velocities @ plan.robot.motor_ratios.T
     columns = {
         "orientation_rate": np.linalg.norm(state.orientation_rate, axis=1),
         "momentum_base": of_base @ along,
@@ -116,7 +122,8 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
         "angular_momentum_": state.angular_momentum,
     }
     for name, values in vectors.items():
-        columns |= {f"{name}{axis}": column for axis, column in zip("xyz", values.T, strict=True)}
+        for axis, column in zip("xyz", values.T, strict=True):
+            columns[name + axis] = column
     rows = {
         "orientation": whole.angles_at(axes, state.times),
         "quaternion": state.orientation,
@@ -124,4 +131,6 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
         "torque_use": state.motor_torques / limits["torque"],
         "rate_use": rates / limits["velocity"],
     }
-    return columns | {f"{name}.{index}": column for name, of in rows.items() for index, column in enumerate(of.T)}
+    for name, table in rows.items():
+        add_columns(columns, name, table)
+    return columns

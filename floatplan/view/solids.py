@@ -1,4 +1,4 @@
-"""Robots in space as pictures draw them: convex polyhedra, seen from one side without perspective."""
+"""Robots and obstacles in space in pictures: convex polyhedra, seen from one side without perspective."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ import numpy as np
 import trimesh
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.problem.parts import Obstacle
+from floatplan.problem.spatial_obstacles import Box, Capsule, Sphere
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.collisions import CUBE
 from floatplan.robot.shapes.links import LINE_RADIUS
 from floatplan.robot.shapes.solids import evenly
 
-DIRECTIONS = 40  # [-] in which a solid that is round is as large as it is
-AZIMUTH, ELEVATION = math.radians(-62.0), math.radians(18.0)  # from where pictures look: +x is to the right
+AZIMUTH = math.radians(-62.0)  # [rad] of the viewer about the vertical, from +x, which is then to the right
+ELEVATION = math.radians(18.0)  # [rad] of the viewer: the ground is seen from above
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Directions (3,) in the world: to the right, upwards, and towards who looks."""
+    """Directions (3,) in the world: to the right, upwards, and towards the viewer."""
 
     right: Array
     up: Array
@@ -29,11 +32,14 @@ class Camera:
     @classmethod
     def at(cls, azimuth: float, elevation: float) -> Camera:
         """Look from an azimuth about the vertical, from +x, and an elevation, rad."""
-        (c, s), (low, high) = (math.cos(azimuth), math.sin(azimuth)), (math.cos(elevation), math.sin(elevation))
+        c = math.cos(azimuth)
+        s = math.sin(azimuth)
+        low = math.cos(elevation)
+        high = math.sin(elevation)
         return cls(np.array([-s, c, 0.0]), np.array([-c * high, -s * high, low]), np.array([c * low, s * low, high]))
 
     def __call__(self, points: Array) -> ComplexArray:
-        """Places (...) in the picture of points (..., 3)."""
+        """Positions (...) in the picture of points (..., 3)."""
         return np.asarray(points @ self.right + 1j * (points @ self.up))
 
 
@@ -41,43 +47,71 @@ CAMERA = Camera.at(AZIMUTH, ELEVATION)
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnSolid:
-    """A polyhedron: its link, the joint of the model that carries it, its part, corners (k, 3), m, triangles (f, 3).
+class RenderedSolid:
+    """A polyhedron of a link.
 
-    ``part`` is 0 of the base, i + 1 of what joint i moves; corners go around triangles against the clock.
+    Attributes
+    ----------
+    link : its name
+    body : joint of the model that carries it
+    segment : 0 of the base, i + 1 of what joint i moves
+    points : (k, 3) m, corners
+    faces : (f, 3) triangles, their corners anticlockwise
     """
 
     link: str
     body: int
-    part: int
+    segment: int
     points: Array
     faces: IntArray
 
 
 @lru_cache(maxsize=8)
-def drawn_solids(robot: Robot) -> tuple[DrawnSolid, ...]:
-    """Return a robot's links as they are drawn; errors as of :attr:`Robot.solids`."""
-    part = np.zeros(robot.model.njoints, dtype=np.int64)
-    for joint in range(1, len(part)):
-        row = np.abs(robot.selection[robot.model.idx_vs[joint]])
-        part[joint] = 1 + int(row.argmax()) if row.any() else part[robot.model.parents[joint]]
+def rendered_solids(robot: Robot) -> tuple[RenderedSolid, ...]:
+    """Return a robot's links as polyhedra; errors as of :attr:`Robot.solids`."""
+    model = robot.model
+    segments = np.zeros(model.njoints, dtype=np.int64)
+    for joint in range(1, len(segments)):
+        ratios = np.abs(robot.selection[model.idx_vs[joint]])
+        segments[joint] = 1 + int(ratios.argmax()) if ratios.any() else segments[model.parents[joint]]
     sizes = [float(np.ptp(solid.points, axis=0).max() + np.abs(solid.axes).max()) for solid in robot.solids]
     thickness = LINE_RADIUS * float(np.median([size for size in sizes if size > 0] or [1.0]))
-    directions, drawn = evenly(DIRECTIONS), []
+    directions = evenly(40)  # so many corners make a round solid look round
+    rendered = []
     for solid, size in zip(robot.solids, sizes, strict=True):
         if size == 0 and any(sizes):
             continue  # a link of no extent, such as a rotor
-        flat = not solid.axes.any() and np.linalg.matrix_rank(solid.points - solid.points[0]) < 3
-        axes = thickness * np.eye(3) if flat else solid.axes
-        around = evenly(DIRECTIONS) @ axes.T if axes.any() else np.zeros((1, 3))
+        is_flat = not solid.axes.any() and np.linalg.matrix_rank(solid.points - solid.points[0]) < 3
+        axes = thickness * np.eye(3) if is_flat else solid.axes
+        around = directions @ axes.T if axes.any() else np.zeros((1, 3))
         points = (solid.points[:, None] + around).reshape(-1, 3)
-        if len(points) > DIRECTIONS:
+        if len(points) > len(directions):  # the farthest in each direction are enough
             points = points[np.unique((directions @ points.T).argmax(axis=1))]
         hull = trimesh.convex.convex_hull(points)
-        drawn.append(
-            DrawnSolid(solid.link, solid.body, int(part[solid.body]), np.array(hull.vertices), np.array(hull.faces))
-        )
-    return tuple(drawn)
+        segment = int(segments[solid.body])
+        rendered.append(RenderedSolid(solid.link, solid.body, segment, np.array(hull.vertices), np.array(hull.faces)))
+    return tuple(rendered)
+
+
+def obstacle_corners(obstacle: Obstacle, margin: float = 0.0) -> Array:
+    """Corners (k, 3), m, of a polyhedron that is drawn for an obstacle at takeoff, grown by a margin.
+
+    None of a half-space, which has no end.
+    """
+    if isinstance(obstacle, Sphere):
+        return np.asarray(obstacle.center + (obstacle.radius + margin) * evenly(200))
+    if isinstance(obstacle, Capsule):
+        around = (obstacle.radius + margin) * evenly(200)
+        return np.concatenate((obstacle.start + around, obstacle.end + around))
+    if isinstance(obstacle, Box):
+        return np.asarray(obstacle.center + CUBE * (np.array(obstacle.size) + 2 * margin))
+    return np.empty((0, 3))
+
+
+def obstacle_solid(obstacle: Obstacle) -> tuple[Array, IntArray]:
+    """Corners (k, 3), m, and triangles (f, 3) of a bounded obstacle at takeoff."""
+    hull = trimesh.convex.convex_hull(obstacle_corners(obstacle))
+    return np.array(hull.vertices), np.array(hull.faces)
 
 
 def face_normals(points: Array, faces: IntArray) -> Array:

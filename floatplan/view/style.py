@@ -17,10 +17,6 @@ from matplotlib.legend_handler import HandlerTuple
 from floatplan.arrays import Array
 
 COLUMN = 3.35  # [in] one column of a two-column paper, 8.5 cm
-LETTERS = 17.5  # [1/in] of a legend's text
-ROW = 0.14  # [in] a line of a legend
-HANDLE = 6  # [letters] width of a legend's handle
-DPI = 300  # [1/in]
 INK = "#222222"
 GREY = "#8a8a8a"
 PALE = "#c9c9c9"
@@ -30,10 +26,6 @@ OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  
 CONTACTS = ("#8b5e00", "#6a3d9a", "#00787a", "#a4243b")  # of the points that a robot stands on
 TRAILS = (GREY, *CONTACTS[:2])  # of the centre of mass, and of the frames that take off and land
 SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
-BASE_GREY = "#555555"  # of the base beside it
-SEQUENCE_END = 0.9  # [-] its last tenth is too light for white paper
-
-TICKS = {"color": INK, "labelsize": 7, "major.width": 0.6, "major.size": 2.5}
 RC: dict[str, Any] = {
     "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
     "font.size": 7.5,
@@ -49,7 +41,14 @@ RC: dict[str, Any] = {
     "axes.axisbelow": True,
     "grid.color": "#ebebeb",
     "grid.linewidth": 0.5,
-    **{f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()},
+    "xtick.color": INK,
+    "xtick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.color": INK,
+    "ytick.labelsize": 7,
+    "ytick.major.width": 0.6,
+    "ytick.major.size": 2.5,
     "legend.fontsize": 7,
     "legend.frameon": False,
     "legend.handlelength": 1.5,
@@ -64,14 +63,12 @@ RC: dict[str, Any] = {
     "svg.fonttype": "path",
     "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
 }
-COMPRESSION = 4  # [-] level of PNG files: higher ones take much longer
 METADATA: dict[str, dict[str, Any]] = {
     "png": {"Software": "floatplan"},
     "svg": {"Creator": "floatplan", "Date": None},
     "pdf": {"Creator": "floatplan", "CreationDate": None},
 }
 _MATPLOTLIB_LOCK = threading.RLock()  # matplotlib's settings are one set for all threads
-SIDE_BY_SIDE = {tuple: HandlerTuple(ndivide=None, pad=0)}  # legend handles made of several
 
 
 @contextmanager
@@ -93,20 +90,21 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def rendered(figure: Figure, form: str, dpi: float = DPI) -> bytes:
-    """Return the file's content. The layout is found once; matplotlib would find it twice per file."""
+def rendered(figure: Figure, form: str, dpi: float = 300) -> bytes:
+    """Return the file's content. The layout is computed once; matplotlib would compute it twice per file."""
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
         figure.set_layout_engine(None)
     stream = io.BytesIO()
-    options: dict[str, Any] = {"pil_kwargs": {"compress_level": COMPRESSION}} if form == "png" else {}
+    # level 4: higher ones take much longer, and save little
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": 4}} if form == "png" else {}
     figure.savefig(stream, format=form, dpi=dpi, metadata=METADATA[form], **options)
     return stream.getvalue()
 
 
 def picture(form: str, draw: Callable[..., Figure], *about: Any) -> bytes:
-    """Return the content of a file with the figure that a function draws, in this style."""
+    """Return the content of a file with a figure in this style; a function draws it."""
     with styled():
         return rendered(draw(*about), form)
 
@@ -114,9 +112,10 @@ def picture(form: str, draw: Callable[..., Figure], *about: Any) -> bytes:
 def palette(count: int) -> list[Array]:
     """Return colours (3,) for the base and the joints: hues while they last, then grey and steps of one sequence."""
     if count <= len(OKABE_ITO):
-        return [rgb(colour) for colour in OKABE_ITO[:count]]
-    sequence = matplotlib.colormaps[SEQUENCE](np.linspace(0, SEQUENCE_END, count - 1))
-    return [rgb(colour) for colour in (BASE_GREY, *sequence)]
+        return list(map(rgb, OKABE_ITO[:count]))
+    # the last tenth of the sequence is too light for white paper
+    sequence = matplotlib.colormaps[SEQUENCE](np.linspace(0, 0.9, count - 1))
+    return [rgb("#555555"), *map(rgb, sequence)]
 
 
 def rgb(colour: Any) -> Array:
@@ -126,8 +125,8 @@ def rgb(colour: Any) -> Array:
 
 def rgb_bytes(colour: Any) -> tuple[int, int, int]:
     """Red, green and blue, from 0 to 255."""
-    red, green, blue = (int(255 * part) for part in to_rgb(colour))
-    return red, green, blue
+    red, green, blue = to_rgb(colour)
+    return int(255 * red), int(255 * green), int(255 * blue)
 
 
 def faded(colour: Any, strength: float) -> Array:
@@ -141,13 +140,20 @@ def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]]) -> None:
 
     def letters(rows: int) -> int:
         """Width of a legend that is filled column by column, its handles included."""
-        return sum(HANDLE + max(map(len, names[first : first + rows])) for first in range(0, len(names), rows))
+        width = 0
+        for first in range(0, len(names), rows):
+            width += 6 + max(map(len, names[first : first + rows]))  # a handle is as wide as 6 letters
+        return width
 
     width, height = figure.get_size_inches()
-    rows = next((rows for rows in range(1, len(names)) if letters(rows) <= width * LETTERS), len(names))
-    figure.set_size_inches(width, height + ROW * (rows - 1))
-    handles, columns = [handle for handle, _ in entries], -(-len(names) // rows)
-    figure.legend(handles, names, loc="outside upper center", ncols=columns, handler_map=SIDE_BY_SIDE)
+    rows = 1
+    while rows < len(names) and letters(rows) > width * 17.5:  # [1/in] letters of a legend's text
+        rows += 1
+    figure.set_size_inches(width, height + 0.14 * (rows - 1))  # [in] a line of a legend
+    columns = -(-len(names) // rows)
+    side_by_side = {tuple: HandlerTuple(ndivide=None, pad=0)}  # handles made of several
+    handles = [handle for handle, _ in entries]
+    figure.legend(handles, names, loc="outside upper center", ncols=columns, handler_map=side_by_side)
 
 
 def round_below(value: float) -> float:

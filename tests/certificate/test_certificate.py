@@ -11,9 +11,7 @@ import pytest
 from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan, unlimited
 from proof_records import certify_record
 
-from floatplan.arrays import read_only
 from floatplan.certificate.certificate import shapes_of
-from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import urdf_path
@@ -74,6 +72,7 @@ def test_to_dict_holds_the_documented_keys(plan_b):
         "findings",
         "subintervals",
         "seconds",
+        "attitude_bound",
     }
     json.dumps(values, allow_nan=False)
     assert {"label", "verdict", "bound", "instant"} <= set(values["findings"][0])
@@ -171,27 +170,6 @@ def test_motor_limit(plan_a):
     assert finding(certify_record(with_limits(plan_a, motor=motor(0.9999))), "motor q2").verdict == "refuted"
 
 
-def test_ranges_that_the_amplitude_exceeds_are_judged_by_the_motion(plan_a):
-    dense = reference.evaluate(Robot.from_urdf(plan_a.robot.urdf), plan_a, np.linspace(0.0, 1.1, 8001))
-    low, high = dense.positions.min(0), dense.positions.max(0)
-    wide = [[float(a - 1e-5), float(b + 1e-5)] for a, b in zip(low, high, strict=True)]
-    narrow = [wide[0], [wide[1][0], float(high[1] - 1e-6)]]
-    assert certify_record(with_limits(plan_a, position=wide)).verdict == "proved"
-    refuted = certify_record(with_limits(plan_a, position=narrow))
-    assert finding(refuted, "position q1").verdict == "proved"
-    assert finding(refuted, "position q2").verdict == "refuted"
-
-
-def test_margins_are_decided_to_a_hundredth_of_a_millimetre(plan_b):
-    clear = (
-        plan_b.clearance_min if plan_b.clearance_min > 1e-6 else finding(certify_record(plan_b), "obstacles[1]").bound
-    )
-    assert certify_record(with_obstacles(plan_b, CIRCLE | {"margin": clear - 1e-5})).verdict == "proved"
-    refuted = finding(certify_record(with_obstacles(plan_b, CIRCLE | {"margin": clear + 1e-5})), "obstacles[0]")
-    assert refuted.verdict == "refuted"
-    assert 0.0 < refuted.instant < plan_b.duration
-
-
 def test_an_obstacle_counts_only_in_its_window(plan_b):
     hit = CIRCLE | {"center": [1.35, 3.0]}
     robot = Robot.from_urdf(plan_b.robot.urdf)
@@ -220,15 +198,6 @@ def test_a_moving_obstacle_is_met_where_it_is(plan_b):
     assert certify_record(with_obstacles(plan_b, chaser | {"velocity": [5.0, 0.0]})).verdict == "proved"
 
 
-def test_bars(plan_b):
-    bar = {"kind": "capsule", "start": [3.4, 0.0], "end": [3.4, 4.0], "radius": 0.05, "margin": 0.0}
-    clear = with_obstacles(plan_b, bar)
-    certificate = certify_record(clear)
-    assert certificate.verdict == "proved"
-    assert certificate.clearance_min == pytest.approx(clear.clearance_min, abs=2e-5)
-    assert certify_record(with_obstacles(plan_b, bar | {"start": [1.0, 0.0], "end": [1.0, 4.0]})).verdict == "refuted"
-
-
 @pytest.mark.parametrize("window", [None, [0.0, 0.2]])
 def test_a_thin_bar_across_a_link_from_the_start_is_refuted(plan_b, window):
     """No end of either segment is near the other: only their crossing tells."""
@@ -238,11 +207,6 @@ def test_a_thin_bar_across_a_link_from_the_start_is_refuted(plan_b, window):
     bar = {"kind": "capsule", "start": [start.real, start.imag], "end": [end.real, end.imag], "radius": 0.0}
     bar |= {"velocity": list(plan_b.com["velocity0"]), "window": window}
     assert finding(certify_record(with_obstacles(plan_b, bar)), "obstacles[0]").verdict == "refuted"
-
-
-def test_a_thin_bar_that_links_sweep_over_is_not_proved(plan_b):
-    bar = {"kind": "capsule", "start": [1.0, 0.0], "end": [1.0, 4.0], "radius": 0.0, "margin": 0.0}
-    assert certify_record(with_obstacles(plan_b, bar)).verdict != "proved"
 
 
 def test_self_clearance():
@@ -259,13 +223,6 @@ def test_self_clearance():
         certificate = certify_record(replace(record, problem=problem))
         assert finding(certificate, "self_clearance").verdict == verdict
         assert certificate.clearance_min is None
-
-
-def test_given_shapes_replace_the_segments(plan_b):
-    bare = certify_record(with_obstacles(plan_b, CIRCLE))
-    shapes = [(link, (0, 0), (length, 0), 0.001) for link, length in (("body0", 0.4), ("body1", 0.4), ("body2", 0.3))]
-    clothed = certify_record(with_obstacles(plan_b, CIRCLE), shapes=shapes)
-    assert clothed.clearance_min == pytest.approx(bare.clearance_min - 0.001, abs=1e-6)
 
 
 def test_a_robot_with_collision_elements_needs_shapes(plan_b, tmp_path):
@@ -318,42 +275,6 @@ def test_capsules_of_a_quadruped():
     assert (np.abs(certificate.torque_peak / record.torque_peak - 1.0) < 1e-3).all()
 
 
-def tampered(record, where):
-    """The record with one number changed by little."""
-    problem, flight = record.problem, record.problem["flight"]
-    changes = {
-        "coefficient": {
-            "coefficients": read_only(record.coefficients * (1 + np.eye(2, record.coefficients.shape[1]) * 1e-6))
-        },
-        "h": {"angular_momentum": record.angular_momentum + 1e-6},
-        "duration": {"problem": problem | {"flight": flight | {"duration": record.duration * (1 + 1e-6)}}},
-        "gravity": {"problem": problem | {"flight": flight | {"gravity": 9.80665}}},
-        "speed": {"problem": problem | {"flight": flight | {"horizontal_velocity": 2.5}}},
-        "takeoff": {"com": record.com | {"position0": [record.com["position0"][0] + 1e-7, record.com["position0"][1]]}},
-        "landing": {"com": record.com | {"velocity0": [record.com["velocity0"][0], record.com["velocity0"][1] - 1e-7]}},
-        "start": {"orientation": record.orientation | {"start": record.orientation["start"] + 1e-7}},
-        "end": {"orientation": record.orientation | {"end": record.orientation["end"] + 1e-7}},
-        "goal": {"problem": problem | {"goal": problem["goal"] | {"orientation": record.orientation["end"] + 1e-7}}},
-        "rest": {"problem": problem | {"goal": problem["goal"] | {"velocities": [0.0, 1e-6]}}},
-        "torque claim": {"torque_peak": read_only(record.torque_peak * 0.99)},
-        "velocity claim": {"velocity_peak": read_only(record.velocity_peak * 1.01)},
-        "clearance claim": {"clearance_min": 0.1},
-        "no clearance claim": {"clearance_min": None},
-    }
-    return replace(record, **changes[where])
-
-
-@pytest.mark.parametrize(
-    "where",
-    [
-        *("coefficient", "h", "duration", "gravity", "speed", "takeoff", "landing", "start", "end", "goal", "rest"),
-        *("torque claim", "velocity claim", "clearance claim", "no clearance claim"),
-    ],
-)
-def test_tampered_plans_are_refuted(plan_b, where):
-    assert certify_record(tampered(plan_b, where)).verdict == "refuted"
-
-
 def test_a_spent_budget_leaves_the_proof_undecided():
     robot = Robot.from_urdf(URDF / "gymnast.urdf")
     record = make_plan(robot, draw_coefficients(np.random.default_rng(1), 2, 1.1, 1.5), obstacles=[CIRCLE])
@@ -367,44 +288,6 @@ def test_a_spent_budget_leaves_the_proof_undecided():
     assert certify_record(record).verdict == "proved"
 
 
-@pytest.mark.parametrize("key", ["limits", "goal", "flight"])
-def test_an_incomplete_problem_is_bad_input(plan_a, key):
-    problem = {name: value for name, value in plan_a.problem.items() if name != key}
-    if key == "flight":
-        problem["flight"] = {"duration": plan_a.duration}
-    with pytest.raises(InputError):
-        certify_record(replace(plan_a, problem=problem))
-
-
-@pytest.mark.parametrize("limits", [{"torque": [float("nan"), 1.0]}, {"velocity": [1.0]}, {"position": [[0, 1]]}])
-def test_limits_that_are_none_are_bad_input(plan_a, limits):
-    with pytest.raises(InputError):
-        certify_record(with_limits(plan_a, **limits))
-
-
-@pytest.mark.parametrize(
-    "change",
-    [{"radius": -0.1}, {"window": [0.5, 0.1]}, {"window": [float("nan"), 1.0]}, {"kind": "cube"}, {"center": [1.0]}],
-)
-def test_obstacles_that_are_none_are_bad_input(plan_b, change):
-    problem = plan_b.problem | {"obstacles": [CIRCLE | change]}
-    with pytest.raises(InputError):
-        certify_record(replace(plan_b, problem=problem))
-
-
-def test_what_is_not_a_number_proves_nothing(plan_b):
-    nan = float("nan")
-    problem = plan_b.problem | {"obstacles": [CIRCLE | {"margin": nan}]}
-    with pytest.raises(InputError):
-        certify_record(replace(plan_b, problem=problem))
-    problem = plan_b.problem | {"obstacles": [CIRCLE | {"center": [nan, 3.0]}]}
-    with pytest.raises(InputError, match="finite"):
-        certify_record(replace(plan_b, problem=problem))
-    for change in ({"angular_momentum": nan}, {"coefficients": read_only(plan_b.coefficients * nan)}):
-        with pytest.raises(InputError, match="finite"):
-            certify_record(replace(plan_b, **change))
-
-
 def test_another_urdf_is_refused(plan_a, tmp_path):
     path = tmp_path / "other.urdf"
     path.write_text(Path(plan_a.robot.urdf).read_text() + "\n")
@@ -412,46 +295,3 @@ def test_another_urdf_is_refused(plan_a, tmp_path):
         certify_record(plan_a, path)
     with pytest.raises(InputError, match="no such file"):
         certify_record(plan_a, tmp_path / "none.urdf")
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "<!DOCTYPE robot [<!ENTITY a 'b'>]><robot/>",
-        "<robot",
-        "<robot/>",
-        "<robot><link name='a'/><link name='a'/></robot>",
-        "<robot><link name='a'/><link name='b'/></robot>",
-        "<robot><link name='a'><inertial><mass value='nan'/></inertial></link></robot>",
-        "<robot><link name='a'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1'/></inertial></link></robot>",
-    ],
-)
-def test_what_is_no_urdf_is_refused(plan_a, tmp_path, text):
-    path = tmp_path / "bad.urdf"
-    path.write_text(text)
-    robot = replace(plan_a.robot, sha256=hashlib.sha256(text.encode()).hexdigest())
-    with pytest.raises(InputError):
-        certify_record(replace(plan_a, robot=robot), path)
-
-
-def test_a_link_without_an_inertia_is_a_point_mass():
-    text = b"<robot><link name='a'><inertial><origin xyz='1 0 0'/><mass value='2'/></inertial></link></robot>"
-    link = read_urdf(text, Path("point.urdf")).links["a"]
-    assert link.mass == 2
-    assert all(moment == 0 for moment in link.inertia.entries())
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"joints": ("q1", "none")},
-        {"plane": "xx"},
-        {"plane": "xy"},
-        {"joints": ("q1",)},
-        {"coupled": {"q2": {"leader": "none"}}, "joints": ("q1",)},
-        {"locked": {"q1": 0.0}},
-    ],
-)
-def test_a_record_that_does_not_fit_the_robot_is_refused(plan_a, change):
-    with pytest.raises(InputError):
-        certify_record(replace(plan_a, robot=replace(plan_a.robot, **change)))

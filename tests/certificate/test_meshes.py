@@ -56,18 +56,6 @@ def test_the_hash_of_the_mesh_is_in_the_plan(tmp_path):
     assert load_plan(path).robot.meshes == load_record(path).robot.meshes
 
 
-@pytest.mark.parametrize("end", ["takeoff", "landing"])
-@pytest.mark.parametrize("frame", ["toe", "", "a ", 3])
-def test_a_frame_that_the_robot_has_not_is_refused_by_its_key(end, frame, tmp_path):
-    path = clear_plan(tmp_path)
-    content = json.loads(path.read_text())
-    content["problem"]["flight"][end]["frame"] = frame
-    path.write_text(json.dumps(content))
-    with pytest.raises(InputError) as raised:
-        fp.certify(path)
-    assert raised.value.element == f"problem.flight.{end}.frame"
-
-
 def test_a_mesh_that_grew_is_refused(tmp_path):
     path = clear_plan(tmp_path)
     write_mesh(tmp_path, 2.0)
@@ -94,33 +82,6 @@ def test_a_mesh_without_a_hash_leaves_clearance_undecided(tmp_path):
     open_questions = {label for label, verdict in verdicts.items() if verdict == "undecided"}
     assert open_questions == {f"hash of mesh {MESH}", "obstacles[0] circle", "recorded clearance_min"}
     assert json.loads(json.dumps(certificate.to_dict()))["verdict"] == "undecided"
-
-
-def test_self_clearance_needs_the_hash_too(tmp_path):
-    pair = {"links": ["a", "b"], "margin": 0.0}
-    path = clear_plan(tmp_path, obstacles=[], self_clearance=[pair])
-    before = fp.certify(path).verdict
-    assert before == "proved"
-    assert fp.certify(without_hashes(path)).verdict == "undecided"
-
-
-def test_where_no_distance_is_asked_a_mesh_does_not_matter(tmp_path):
-    path = clear_plan(tmp_path, obstacles=[])
-    write_mesh(tmp_path, 2.0)
-    assert fp.certify(path).proved
-    assert load_plan(path).duration == 0.6
-    assert fp.certify(without_hashes(path)).proved
-
-
-@pytest.mark.parametrize("meshes", [[], "x", {MESH: 3}, None])
-def test_hashes_that_are_none_are_refused(tmp_path, meshes):
-    path = clear_plan(tmp_path)
-    content = json.loads(path.read_text())
-    content["robot"]["meshes"] = meshes
-    path.write_text(json.dumps(content))
-    with pytest.raises(InputError) as caught:
-        fp.certify(path)
-    assert caught.value.element.startswith("robot.meshes")
 
 
 def test_a_mesh_that_changes_between_two_looks_is_noticed(tmp_path):

@@ -10,7 +10,6 @@ from proof_plans import URDF, draw_coefficients, example_b, make_plan
 from proof_records import certify_record
 
 from floatplan.arrays import read_only
-from floatplan.errors import InputError
 from floatplan.robot.robot import Coupling, Robot
 
 GROUND = {"kind": "half-plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "margin": 0.0}
@@ -85,35 +84,6 @@ REFUTED = {
         r, problem=r.problem | {"obstacles": [GROUND | {"normal": [0, -1]}, CIRCLE]}
     ),
 }
-REFUSED = {
-    "unknown constraint": lambda r: replace(r, problem=r.problem | {"contacts": []}),
-    "misspelt obstacles": lambda r: replace(
-        r, problem={("obstacle" if k == "obstacles" else k): v for k, v in r.problem.items()}
-    ),
-    "unknown limit": lambda r: changed(r, "limits", jerk=[1.0, 1.0]),
-    "unknown key of the flight": lambda r: changed(r, "flight", wind=3.0),
-    "unknown key of a landing": lambda r: changed(r, "flight.landing", width=3.0),
-    "unknown key of an obstacle": lambda r: replace(r, problem=r.problem | {"obstacles": [CIRCLE | {"spin": 1.0}]}),
-    "a circle's key in a half-plane": lambda r: replace(r, problem=r.problem | {"obstacles": [GROUND | {"radius": 1}]}),
-    "unknown key of a pair": lambda r: replace(
-        r, problem=r.problem | {"self_clearance": [{"links": ["body0", "body2"], "margins": 0.1}]}
-    ),
-    "unknown key of a motor": lambda r: changed(r, "limits", motor={"q1": {"stall": 9.0, "slope": 0.1, "knee": 1.0}}),
-    "motor of no joint": lambda r: changed(r, "limits", motor={"q9": {"stall": 9.0, "slope": 0.1}}),
-    "too few velocity limits": lambda r: changed(r, "limits", velocity=[9.0]),
-    "too many torque limits": lambda r: changed(r, "limits", torque=[9.0, 9.0, 1e-9]),
-    "limits by word": lambda r: changed(r, "limits", torque="no"),
-    "limits that are null": lambda r: changed(r, "limits", velocity=None),
-    "momentum in words": lambda r: changed(r, "flight", angular_momentum="0.13"),
-    "no duration": lambda r: changed(r, "flight", duration=0.0),
-    "negative duration": lambda r: changed(r, "flight", duration=-1.4),
-    "negative margin": lambda r: replace(r, problem=r.problem | {"obstacles": [CIRCLE | {"margin": -9.0}]}),
-    "negative radius": lambda r: replace(r, problem=r.problem | {"obstacles": [CIRCLE | {"radius": -0.1}]}),
-    "window upside down": lambda r: replace(r, problem=r.problem | {"obstacles": [CIRCLE | {"window": [1.0, 0.5]}]}),
-    "frame that is none": lambda r: changed(r, "flight.takeoff", frame="toe"),
-    "plane that is none": lambda r: with_robot(r, plane="xy"),
-    "joint given away": lambda r: with_robot(r, joints=("q1",), locked={"q2": 0.0}),
-}
 
 
 @pytest.mark.parametrize("name", REFUTED)
@@ -121,40 +91,9 @@ def test_is_refuted(honest, name):
     assert certify_record(REFUTED[name](honest)).verdict == "refuted"
 
 
-@pytest.mark.parametrize("name", REFUSED)
-def test_is_refused(honest, name):
-    with pytest.raises(InputError):
-        certify_record(REFUSED[name](honest))
-
-
-@pytest.mark.parametrize("window", [None, [0.0, 1.4], [0.0, 9.0]])
-def test_a_window_that_spans_the_flight_is_none(honest, window):
-    hit = CIRCLE | {"center": [1.35, 3.0], "window": window}
-    assert certify_record(replace(honest, problem=honest.problem | {"obstacles": [hit]})).verdict == "refuted"
-
-
-def test_a_window_after_the_flight_needs_no_claim(honest):
-    hit = CIRCLE | {"center": [1.35, 3.0], "window": [2.0, 3.0]}
-    record = replace(honest, problem=honest.problem | {"obstacles": [hit]})
-    assert certify_record(replace(record, clearance_min=None)).proved
-    assert certify_record(record).verdict == "refuted"
-
-
 @pytest.mark.parametrize("value", ["2.50001", "2.49999"])
 def test_another_mass_with_its_hash(honest, tmp_path, value):
     assert certify_record(with_urdf(honest, tmp_path, 'mass value="2.5"', f'mass value="{value}"')).verdict == "refuted"
-
-
-def test_another_length_with_its_hash(honest, tmp_path):
-    text = Path(honest.robot.urdf).read_text()
-    origin = text.split("<joint", 1)[1].split('xyz="', 1)[1].split('"', 1)[0]
-    moved = " ".join(repr(float(part) * 1.00001) for part in origin.split())
-    assert certify_record(with_urdf(honest, tmp_path, f'xyz="{origin}"', f'xyz="{moved}"')).verdict == "refuted"
-
-
-def test_numbers_that_only_python_reads_are_refused(honest, tmp_path):
-    with pytest.raises(InputError, match="finite number"):
-        certify_record(with_urdf(honest, tmp_path, 'mass value="2.5"', 'mass value="0_2.5"'))
 
 
 @pytest.fixture(scope="module")
@@ -173,19 +112,3 @@ def coupled():
 def test_another_coupling_is_refuted(coupled, change):
     table = {"q5": {**coupled.robot.coupled["q5"], **change}}
     assert certify_record(with_robot(coupled, coupled=table)).verdict == "refuted"
-
-
-def test_a_coupling_with_a_misspelt_key_is_refused(coupled):
-    table = {"q5": {"leader": "q1", "factor": -0.7, "offset": 0.2}}
-    with pytest.raises(InputError, match="factor"):
-        certify_record(with_robot(coupled, coupled=table))
-
-
-def test_another_locked_position_is_refuted(coupled):
-    locked = {**coupled.robot.locked, "q6": 0.60001}
-    assert certify_record(with_robot(coupled, locked=locked)).verdict == "refuted"
-
-
-def test_a_polynomial_without_coefficients_is_still(honest):
-    still = changed(replace(honest, coefficients=read_only(np.zeros((2, 1)))), "motion", degree=0)
-    assert certify_record(still).verdict == "refuted"

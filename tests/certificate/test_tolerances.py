@@ -16,7 +16,8 @@ import pytest
 import floatplan as fp
 from floatplan.certificate.certificate import certify
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import SearchedPlan, planned
+from floatplan.planning.planner import planned
+from floatplan.planning.result import SearchedPlan
 from floatplan.planning.search import Search
 from floatplan.planning.variables import Start
 from floatplan.tables import BOUNDARY, CLEARANCE, ORIENTATION, RELATIVE

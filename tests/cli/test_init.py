@@ -43,7 +43,7 @@ def afloat(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 UR5, SOLO12 = "ur_description/urdf/ur5_robot.urdf", "solo_description/robots/solo12.urdf"
-BAR = {name: f"{name}_description/urdf/{name}.urdf" for name in ("go2", "a1", "go1", "b1")}
+BAR = {name: f"{name}_description/urdf/{name}.urdf" for name in ("go2", "a1")}
 
 
 @needs_jumps
@@ -105,7 +105,7 @@ ASKED = {
 @needs_jumps
 @pytest.mark.parametrize("name", ASKED)
 def test_what_is_asked_plans_as_it_stands(floatplan: Command, root: Path, name: str) -> None:
-    """And jumps; its daily representative, in ``tests/initial/test_asked.py``, makes no jump of its own."""
+    """And jumps; its daily representative, in ``tests/initial/test_options.py``, makes no jump of its own."""
     options, turns = ASKED[name]
     assert floatplan("init", root / "urdf" / f"{name}.urdf", *options, "-q").code == 0
     problem = planned(floatplan, Path(f"{name}.toml")).problem
@@ -115,16 +115,6 @@ def test_what_is_asked_plans_as_it_stands(floatplan: Command, root: Path, name: 
     found = fp.load_jump("jump/jump.json")
     standing = jump_setup(found.problem, found.request).standing
     assert standing[1, 0] - standing[0, 0] == pytest.approx(turns * problem.robot.plane.turn * 2 * math.pi)
-
-
-@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
-@pytest.mark.usefixtures("afloat")
-def test_asked_turns_without_casadi_are_refused(floatplan: Command) -> None:
-    """They are no turn afloat, so that one is not written in their place."""
-    run = floatplan("init", PREFIX + SOLO12, "--turns", "1")
-    assert run.code == 2
-    assert "--turns: it is about a jump. No jump was looked for: CasADi is not installed" in run.stderr
-    assert not Path("solo12.toml").exists()
 
 
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
@@ -169,13 +159,6 @@ def test_an_arm_turns_its_base_afloat(floatplan: Command) -> None:
 
 
 @pytest.mark.usefixtures("afloat")
-def test_one_joint(floatplan: Command, root: Path) -> None:
-    """It can neither push off nor choose where it ends: what its swing makes of the base is the goal."""
-    assert floatplan("init", root / "urdf" / "acrobat.urdf").code == 0
-    planned(floatplan, Path("acrobat.toml"))
-
-
-@pytest.mark.usefixtures("afloat")
 def test_the_same_file_again(floatplan: Command, root: Path) -> None:
     for name in ("one.toml", "two.toml"):
         assert floatplan("init", root / "urdf" / "gymnast.urdf", "-o", name).code == 0
@@ -194,31 +177,13 @@ def test_files_are_kept_unless_forced(floatplan: Command, root: Path) -> None:
     assert json.dumps(tomllib.loads(Path("acrobat.toml").read_text())["angles"]) == '"deg"'
 
 
-@pytest.mark.parametrize(("robot", "output"), [("nowhere.urdf", "a.toml"), ("gymnast.urdf", "a.urdf")])
-def test_bad_input(floatplan: Command, root: Path, robot: str, output: str) -> None:
-    run = floatplan("init", root / "urdf" / robot, "-o", output)
-    assert run.code == 2
-    assert not Path(output).exists()
-
-
-@pytest.mark.usefixtures("afloat")
-def test_round_numbers(floatplan: Command, root: Path) -> None:
-    assert floatplan("init", root / "urdf" / "high_jumper.urdf").code == 0
-    content = tomllib.loads(Path("high_jumper.toml").read_text())
-    for table in ("start", "goal"):
-        angles = [content[table]["orientation"], *content[table]["positions"].values()]
-        assert all(isinstance(angle, int) for angle in angles)
-    assert np.isclose(content["flight"]["duration"], round(content["flight"]["duration"], 2))
-
-
 MESH = '<collision><geometry><mesh filename="package://nowhere/part.stl"/></geometry></collision>'
 
 
-@pytest.mark.parametrize("link", ["body", "fl_shank"])
-def test_a_missing_mesh_leaves_a_turn_afloat(floatplan: Command, link: str) -> None:
+def test_a_missing_mesh_leaves_a_turn_afloat(floatplan: Command) -> None:
     """Which needs no shapes; what is missing is said, and that no jump was looked for."""
     text = quadruped()
-    before = text.index("</inertial>", text.index(f'<link name="{link}">')) + len("</inertial>")
+    before = text.index("</inertial>", text.index('<link name="fl_shank">')) + len("</inertial>")
     Path("robot.urdf").write_text(text[:before] + MESH + text[before:])
     run = floatplan("init", "robot.urdf")
     assert run.code == 0, run
@@ -228,25 +193,6 @@ def test_a_missing_mesh_leaves_a_turn_afloat(floatplan: Command, link: str) -> N
     refused = floatplan("init", "robot.urdf", "--turns", "0", "-o", "other.toml")
     assert refused.code == 2
     assert "--turns: it is about a jump" in refused.stderr
-
-
-@needs_jumps
-def test_the_posture_is_in_the_file_by_which_a_jump_stands(floatplan: Command, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[fp.Problem] = []
-
-    def none(problem: fp.Problem, **_: Any) -> fp.Jump:
-        asked.append(problem)
-        return fp.Jump(problem, problem.jump or fp.JumpRequest(), explanation="Not looked for.")
-
-    monkeypatch.setattr(flight, "jump", none)
-    Path("robot.urdf").write_text(quadruped())
-    run = floatplan("init", "robot.urdf", "--degrees", "--posture", "fl_knee=-50", "--turns", "0")
-    assert run.code == 1
-    assert '--posture "fl_knee=-50"' in run.stderr
-    first = asked[0].jump
-    assert first is not None
-    assert isinstance(first.takeoff.from_, dict)
-    assert first.takeoff.from_["fl_knee"] == pytest.approx(math.radians(-50), abs=1e-4)
 
 
 @pytest.mark.parametrize(

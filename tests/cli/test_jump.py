@@ -77,21 +77,6 @@ def test_json(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
     assert [path.name for path in sorted(Path("runs/go2_backflip").iterdir())] == ["jump.json", "plan.json"]
 
 
-def test_an_older_plan_goes_with_what_was_made_of_it(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
-    floatplan("jump", go2, "-o", "results", "--quiet")
-    Path("results/report.html").write_text("of another jump")
-    assert "report.html" in floatplan("jump", go2, "-o", "results", "--no-report").stderr
-    assert not Path("results/report.html").exists()
-
-
-@pytest.mark.long
-def test_show_draws_pictures_of_a_jump(floatplan: Command, tmp_path: Path) -> None:
-    path = backflip().save(tmp_path / "jump.json")
-    assert floatplan("show", path, "--png", "--gif", "--speed", "9", "-o", "there").code == 0
-    assert {each.name for each in Path("there").iterdir()} == {"figures", "flight.gif"}
-    assert (Path("there") / "figures" / "moments.png").is_file()
-
-
 def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
     path = backflip().save(tmp_path / "jump.json")
     run = floatplan("show", path)
@@ -246,10 +231,6 @@ def test_launch(
     assert (asked[0][0].friction, asked[0][1]["end"]) == (0.4, "landing")
     facts = json.loads(floatplan("launch", path, "--json").stdout)
     assert (facts["ok"], facts["friction"]) == (answer.ok, 0.6)
-
-
-def test_launch_of_no_plan(floatplan: Command) -> None:
-    assert floatplan("launch", "nowhere.json").code == 2
 
 
 @pytest.mark.long

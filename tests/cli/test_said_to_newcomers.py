@@ -9,11 +9,8 @@ from typing import Any
 
 import pytest
 
-import floatplan as fp
 from floatplan.arguments import in_line, percent, short, shortened
-from floatplan.jumps.check import FIGURES, JumpCheck, judged
-from floatplan.keys import homes_of
-from floatplan.problem.file import ProblemFile
+from floatplan.jumps.check import FIGURES
 from floatplan.robot.urdf.tree import robots_folder
 
 Command = Callable[..., Any]
@@ -68,12 +65,6 @@ class TestMisplacedKeys:
         for part in ("asked.toml", "unknown key", *told):
             assert part in run.stderr
 
-    def test_every_key_of_problem_files_has_a_home(self) -> None:
-        """Whatever table it is sought from."""
-        assert homes_of("duration", ProblemFile) == ["in [flight]"]
-        assert "at the top of the file, before every table" in homes_of("ground", ProblemFile)
-        assert homes_of("no key", ProblemFile) == []
-
 
 class TestWrongFiles:
     @pytest.mark.parametrize("kind", ["urdf", "mjcf"])
@@ -124,11 +115,6 @@ class TestWrongFiles:
             assert run.code == 2
             assert f"example-robot-data:{meant}" in run.stderr
 
-    def test_a_name_that_no_robot_has(self, floatplan: Command) -> None:
-        run = floatplan("info", "not_a_robot_at_all")
-        assert run.code == 2
-        assert run.stderr.strip().endswith("no such file")
-
 
 class TestNumbers:
     @pytest.mark.parametrize("value", [-0.0, -1e-300, -4e-9])
@@ -138,21 +124,6 @@ class TestNumbers:
         words += [figure.sentence.format(-0.0) for figure in FIGURES.values()]
         assert not [word for word in words if NEGATIVE_ZERO.search(word)]
 
-    def test_none_in_the_tables_of_a_plan(self, floatplan: Command, root: Path) -> None:
-        run = floatplan("plan", written(root), "--no-figures", "-o", "made")
-        assert run.code == 0
-        assert not NEGATIVE_ZERO.search(run.stdout)
-
-    def test_what_has_no_limit_is_no_share_of_it(self) -> None:
-        figures = {"torque": 0.0, "velocity": 0.4, "held_torque": 0.0, "torque_step": 0.0}
-        broken, held = judged(fp.JumpRequest(), figures, {"torque", "held_torque", "torque_step"})
-        said = [sentence for sentence, _ in held]
-        assert not broken
-        assert "torques have no limit" in said
-        assert "rates take 40% of their limits" in said
-        assert not any("0% of" in sentence and "40%" not in sentence for sentence in said)
-        assert JumpCheck(True, figures, ()).unlimited == frozenset()
-
     def test_words_of_the_paper_are_not_in_tables(self, floatplan: Command, root: Path) -> None:
         """D_i, leak, monotonic: what they mean is said instead."""
         path = written(root)
@@ -161,14 +132,3 @@ class TestNumbers:
             assert run.code == 0
             for word in ("D_0", "D_1", "D_i", "leak", "monotonic"):
                 assert word not in run.stdout
-
-
-def test_a_frame_that_cannot_be_at_rest_does_not_meet_the_ground_at_rest(root: Path) -> None:
-    """Two links, stretched, whose foot no rates stop at an angular momentum of none."""
-    robot = fp.Robot.from_urdf(root / "urdf" / "gymnast.urdf")
-    start, goal = fp.Posture(1.3, [0.0, 0.0]), fp.Posture(-1.0, [0.0, 0.0])
-    flight = fp.Flight(1.1, angular_momentum=0.0, takeoff=fp.Takeoff("foot"), landing=fp.Landing("foot"))
-    contact = fp.takeoff(fp.Problem(robot, start, goal, flight))
-    assert contact.found is not None
-    assert not contact.found.exist
-    assert contact.brief == "foot cannot leave the ground at rest: no joint rates stop it"

@@ -6,17 +6,16 @@ import json
 import math
 import os
 import re
+import signal
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from warm_process import WarmProcess
+from own_process import started
 
 import floatplan as fp
-from floatplan.cli.commands import _without_obstacles
 from floatplan.planning import search
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -63,13 +62,13 @@ def interrupted(wanted: str, folder: Path, *arguments: str | Path) -> tuple[int,
     with os.fdopen(ours) as told:
         constants = {"floatplan.planning.search.ANNOUNCED_EVERY": 0.0, "floatplan.planning.search.ATTEMPTS": ENDLESS}
         words = ("plan", *arguments, "-o", folder, "--no-figures")
-        process = WarmProcess(*words, stdout=theirs, stderr=theirs, constants=constants)
+        process = started(*words, stdout=theirs, stderr=theirs, constants=constants)
         os.close(theirs)
         before = []
         for line in told:
             before.append(line)
             if wanted in line:
-                process.interrupt()
+                os.killpg(process.pid, signal.SIGINT)
                 break
         return process.wait(PATIENCE), "".join([*before, *told])
 
@@ -107,10 +106,6 @@ class TestBudget:
         assert "ran out of time" in content["explanation"]
         assert "violated by" in content["explanation"]
 
-    @pytest.mark.parametrize("option", ["--budget", "--starts"])
-    def test_nothing_is_no_amount(self, option: str, hopeless: Path, floatplan: Callable[..., Any]) -> None:
-        assert floatplan("plan", hopeless, option, "0").code == 2
-
 
 @pytest.mark.usefixtures("little_work")
 class TestProgress:
@@ -136,20 +131,3 @@ class TestProgress:
     def test_quiet(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
         run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--quiet")
         assert (run.code, run.stdout, run.stderr) == (1, "", "")
-
-
-@pytest.mark.long
-def test_pictures_show_the_plan_that_knows_no_obstacle(floatplan: Callable[..., Any]) -> None:
-    assert floatplan("plan", PROBLEMS / "obstacle.toml", "-o", "out", "--quiet", "--figures").code == 0
-    names = {path.stem for path in Path("out/figures").iterdir()}
-    assert {"snapshots", "comparison", "configuration", "rates", "torques", "clearance"} <= names
-    assert "without obstacle" in Path("out/figures/torques.svg").read_text(encoding="utf-8")
-
-
-def test_an_obstacle_that_changes_nothing_is_not_compared_with(tmp_path: Path) -> None:
-    far = (PROBLEMS / "obstacle.toml").read_text().replace("center = [1.485, 3.342]", "center = [1.485, 9.0]")
-    assert "9.0" in far
-    (tmp_path / "far.toml").write_text(far.replace("../urdf/", f"{PROBLEMS.parent}/urdf/"))
-    far_plan = fp.plan(tmp_path / "far.toml")
-    assert _without_obstacles(far_plan, 0) is None
-    assert _without_obstacles(replace(far_plan, problem=fp.load_problem(PROBLEMS / "obstacle.toml")), 0) is not None

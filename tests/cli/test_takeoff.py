@@ -61,34 +61,12 @@ class TestTakeoff:
         assert facts["landing"]["frame"] == "trunk"
         assert facts["no_common_momentum"] is None
 
-    def test_without_contact_or_limits(self, floatplan: Command, root: Path) -> None:
-        run = floatplan("takeoff", root / "problems" / "falling_cat.toml")
-        assert run.code == 0
-        assert run.stdout.count("No frame stands on the ground") == 2
-        run = floatplan("takeoff", root / "problems" / "somersault.toml")
-        assert run.code == 0
-        assert "817 rad/s" in " ".join(run.stdout.split())
-
-    def test_no_rates_at_all(self, floatplan: Command, root: Path) -> None:
-        run = floatplan("takeoff", root / "problems" / "handstand.toml", "--json")
-        assert run.code == 1
-        assert json.loads(run.stdout)["landing"]["rates"] is None
-
     def test_a_free_momentum_has_to_suit_both_ends(self, floatplan: Command, root: Path) -> None:
         if robots_folder() is None:
             pytest.skip("example-robot-data is not installed")
         run = floatplan("takeoff", root / "problems" / "gallery" / "go2.toml")
         assert run.code == 1
         assert "No angular momentum suits both ends" in run.stdout
-
-    @pytest.mark.parametrize("content", [None, "not toml", "[robot]\nurdf = 'nowhere.urdf'\n"])
-    def test_bad_input(self, floatplan: Command, tmp_path: Path, content: str | None) -> None:
-        path = tmp_path / "p.toml"
-        if content is not None:
-            path.write_text(content)
-        run = floatplan("takeoff", path, "--json")
-        assert (run.code, run.stdout) == (2, "")
-        assert "p.toml" in run.stderr or "nowhere" in run.stderr
 
 
 class TestBounds:
@@ -100,20 +78,6 @@ class TestBounds:
                 low, high = facts[f"{end}_{key}_bounds"]
                 assert low <= value <= high
             assert len(facts[f"{end}_polygon"]) == 6
-
-    def test_for_reading(self, floatplan: Command, jump: Path, root: Path) -> None:
-        text = floatplan("bounds", jump).stdout
-        assert "each alone, by joint rates" in text
-        assert "nothing" in text
-        without = floatplan("bounds", root / "problems" / "somersault.toml").stdout
-        assert "no limit" in without
-        assert "without velocity limits" in " ".join(without.split())
-        assert "no frame stands" in floatplan("bounds", root / "problems" / "falling_cat.toml").stdout
-
-    def test_nothing_known_is_null(self, floatplan: Command, root: Path) -> None:
-        facts = json.loads(floatplan("bounds", root / "problems" / "falling_cat.toml", "--json").stdout)
-        assert facts["takeoff_asked"] is None
-        assert facts["landing_polygon"] is None
 
     def test_picture(self, floatplan: Command, jump: Path) -> None:
         run = floatplan("bounds", jump, "--picture", "reached.png")

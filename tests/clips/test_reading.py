@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -85,20 +84,3 @@ def test_the_order_of_quaternions_is_told_by_the_feet(order: str, robot: fp.Robo
     np.testing.assert_allclose(found.base_quaternion, leaning.attitudes.as_quat(), rtol=0, atol=1e-5)
     given = fp.load_clip(path, model=robot, fps=FPS, quaternion=order)
     np.testing.assert_array_equal(given.base_quaternion, found.base_quaternion)
-
-
-def test_quaternions_may_change_their_sign(hop: samples.Sample, robot: fp.Robot, tmp_path: Path) -> None:
-    data = samples.gmr_data(hop)
-    signs = np.where(np.arange(hop.frames) % 3 == 0, -1.0, 1.0)
-    data["root_rot"] = hop.attitudes.as_quat() * signs[:, None]
-    (tmp_path / "clip.pkl").write_bytes(pickle.dumps(data))
-    clip = fp.load_clip(tmp_path / "clip.pkl", model=robot)
-    assert (np.sum(clip.base_quaternion[1:] * clip.base_quaternion[:-1], axis=1) > 0).all()
-
-
-def test_a_header_and_no_rate(hop: samples.Sample, robot: fp.Robot, tmp_path: Path) -> None:
-    path = samples.write_csv(hop, tmp_path / "clip.csv")
-    path.write_text("x,y,z,qx,qy,qz,qw,a,b,c,d\n" + path.read_text())
-    clip = fp.load_clip(path, model=robot)
-    assert clip.fps == 30.0
-    assert any("frames a second" in remark for remark in clip.remarks)

@@ -14,7 +14,6 @@ from scipy.spatial.transform import Rotation
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.export.formats import export, read_notes
-from floatplan.export.model_names import own_mjcf
 
 RATE = 1000.0
 FREE = '<freejoint name="root"/>'
@@ -199,19 +198,6 @@ def test_a_base_that_floats_by_joints_is_read_and_written_in_its_own_coordinates
         assert twist == pytest.approx([*spin, *free.base_velocity[row]], abs=1e-6)
     steps = np.abs(np.diff(content["qpos"], axis=0))
     assert steps.max() < 0.1  # no angle jumps, as from pi to -pi
-
-
-def test_loco_mujoco_s_file_has_the_joints_of_such_a_base(tmp_path):
-    path = model_file(tmp_path, base=BASES["slides and hinges"])
-    plan = plan_of(fp.Robot.from_mjcf(path))
-    model, names = mujoco.MjModel.from_xml_path(str(path)), ["tx", "ty", "tz", "r0", "r1", "r2"]
-    content = content_of(export(plan, "loco-mujoco", tmp_path / "file.npz", 100.0))
-    assert content["joint_names"].tolist()[:6] == names
-    assert content["jnt_type"].tolist() == [model.joint(name).type[0] for name in content["joint_names"].tolist()]
-    assert content["njnt"] == model.njnt
-    other = content_of(export(plan, "mujoco", tmp_path / "other.npz", 100.0))
-    assert content["qpos"][:, :6] == pytest.approx(other["qpos"][:, :6], abs=1e-9)
-    assert own_mjcf(plan.robot).floats_by_joints
 
 
 def test_a_motion_that_such_a_base_does_not_reach_is_refused(motion, tmp_path):

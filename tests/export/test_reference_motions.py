@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
-import os
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -147,14 +145,6 @@ def test_isaac_lab_reads_every_link_and_joint(plan: fp.Plan, tmp_path: Path) -> 
     check_bodies(plan, content, to_world(plan))
 
 
-def test_coupled_joints_are_in_the_order_of_the_file(pair: fp.Plan, tmp_path: Path) -> None:
-    content = read(export(pair, "isaac-amp", tmp_path / "file", rate=RATE))
-    assert content["dof_names"].tolist() == ["right_knee", "right_hip", "left_knee", "left_hip"]
-    assert content["body_names"].tolist()[:3] == ["body", "left_hip_link", "left_knee_link"]
-    check_joints(pair, content)
-    check_bodies(pair, content, np.eye(3))
-
-
 def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan: fp.Plan, tmp_path: Path) -> None:
     content = read(export(plan, "isaac-amp", tmp_path / "file", rate=2000))
     rotations, step = content["body_rotations"], 5e-4
@@ -167,22 +157,6 @@ def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan: fp.Plan, t
     dw, dvector = ((each[2:] - each[:-2]) / (2 * step) for each in (w, vector))
     turning = 2 * (w[1:-1] * dvector - dw * vector[1:-1] - np.cross(dvector, vector[1:-1]))
     near(turning, content["body_angular_velocities"][1:-1], 5e-4)
-
-
-def test_up_is_z(plan: fp.Plan, tmp_path: Path) -> None:
-    """The centre of mass of what MuJoCo is given falls along minus z."""
-    content = read(export(plan, "loco-mujoco", tmp_path / "file", rate=RATE))
-    model = in_mujoco(plan.robot)
-    data, order = mujoco.MjData(model), content["joint_names"].tolist()
-    joints = [model.joint(name).qposadr[0] for name in order[1:]]
-    places = []
-    for row in content["qpos"]:
-        data.qpos[:7], data.qpos[joints] = row[:7], row[7:]
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        places.append(data.subtree_com[0].copy())
-    falling = np.diff(places, 2, axis=0) * RATE**2
-    near(falling, np.broadcast_to([0, 0, -9.81], falling.shape), 1e-6)
 
 
 @pytest.mark.usefixtures("little_work")
@@ -239,21 +213,6 @@ def test_loco_mujoco_takes_each_key_and_integrates_qvel(plan: fp.Plan, tmp_path:
         near(abs(qpos[frame, 3:7] @ data.qpos[3:7]), 1.0)
         near(qpos[frame, 7:], data.qpos[7:])
         near(qvel[frame, :-1], data.qvel)
-
-
-@pytest.mark.long
-@pytest.mark.skipif(importlib.util.find_spec("loco_mujoco") is None, reason="LocoMuJoCo is not installed")
-def test_loco_mujoco_itself_reads_it(pair: fp.Plan, tmp_path: Path) -> None:
-    from loco_mujoco.trajectory.dataclasses import Trajectory
-    from loco_mujoco.trajectory.handler import TrajectoryHandler
-
-    path, model = export(pair, "loco-mujoco", tmp_path / "file.npz", rate=RATE), in_mujoco(pair.robot)
-    content = read(path)
-    found = Trajectory.load(str(path))
-    assert found.info.joint_names == content["joint_names"].tolist()
-    handled = TrajectoryHandler(model, traj_path=str(path), control_dt=1 / RATE).traj
-    assert handled.info.joint_names == [model.joint(index).name for index in range(model.njnt)]
-    near(np.array(handled.data.qpos[:, :7]), content["qpos"][:, :7], 1e-6)
 
 
 @pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
@@ -367,11 +326,6 @@ def test_a_model_that_does_not_fit_is_told(
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["plan.json"]
 
 
-def test_names_of_bodies_do_not_matter_where_there_are_none(pair: fp.Plan, model: Path, tmp_path: Path) -> None:
-    model.write_text(MODEL.replace("left_knee_link", "shank"))
-    export(pair, "motion-csv", tmp_path / "csv", model=model)
-
-
 def test_the_command_tells_of_another_order(
     floatplan: Callable[..., Any], pair: fp.Plan, model: Path, tmp_path: Path
 ) -> None:
@@ -438,15 +392,3 @@ def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path: Path) -> None:
     own = mujoco.MjModel.from_xml_path(str(path))
     assert loco["joint_names"].tolist() == [own.joint(number).name for number in range(own.njnt)]
     assert loco["qpos"].shape[1] == own.nq
-
-
-def test_a_model_is_read_whole_and_safely(pair: fp.Plan, tmp_path: Path) -> None:
-    """Included files are read, and those that are no regular files are not waited for."""
-    (tmp_path / "robot.xml").write_text(MODEL)
-    scene = tmp_path / "scene.xml"
-    scene.write_text('<mujoco><include file="robot.xml"/></mujoco>')
-    assert export(pair, "loco-mujoco", tmp_path / "file", model=scene).stat().st_size > 0
-    (tmp_path / "robot.xml").unlink()
-    os.mkfifo(tmp_path / "robot.xml")
-    with pytest.raises(InputError, match="is not a regular file"):
-        export(pair, "loco-mujoco", tmp_path / "file", model=scene)

@@ -6,7 +6,6 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import read_only
-from floatplan.motion.planar.closed_form import ballistics
 
 
 def drawn_plan(
@@ -23,7 +22,7 @@ def drawn_plan(
         coefficients=read_only(coefficients),
         angular_momentum=angular_momentum,
         angular_momentum_bounds=(angular_momentum, angular_momentum),
-        ballistics=ballistics(problem),
+        ballistics=problem.path,
         status="feasible",
         ok=True,
         explanation="",

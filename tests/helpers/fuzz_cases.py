@@ -11,9 +11,8 @@ from fuzz_meshes import prepare_robot
 from fuzz_mutations import ROOT, spoiled
 from fuzz_options import prepare_options
 from fuzz_sources import FORMATS, PROBLEMS, has_gallery, plan_of, robot_of
-from fuzz_studies import prepare_study
 
-WEIGHTS = {".toml": 8, ".urdf": 8, ".json": 8, "options": 4, "meshes": 4, "studies": 1}
+WEIGHTS = {".toml": 8, ".urdf": 8, ".json": 8, "options": 4, "meshes": 4}
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class Case:
 
     @property
     def kind(self) -> str:
-        """What is spoiled: a file by its suffix, the options, a robot of the gallery with its meshes, or a study."""
+        """What is spoiled: a file by its suffix, the options, or a robot of the gallery with its meshes."""
         rng = random.Random(f"kind {self.seed}")
         kinds = [kind for kind in WEIGHTS if kind != "meshes" or has_gallery()]
         return rng.choices(kinds, [WEIGHTS[kind] for kind in kinds])[0]
@@ -36,8 +35,6 @@ class Case:
             return prepare_options(rng, folder)
         if kind == "meshes":
             return prepare_robot(rng, folder)
-        if kind == "studies":
-            return prepare_study(rng, folder)
         name = rng.choice(PROBLEMS)
         robots = folder / "urdf"
         shutil.copytree(ROOT / "urdf", robots)
@@ -50,7 +47,7 @@ class Case:
             urdf = robots / robot_of(name)
             urdf.write_bytes(spoiled(rng, urdf))
             if rng.random() < 0.3:
-                return _with_robot(rng, urdf, folder)
+                return ["info", str(urdf), *rng.choice(([], ["--json"], ["--coupled", "mirror"]))]
         else:
             shutil.copy(plan_of(name), plan)
             plan.write_bytes(spoiled(rng, plan))
@@ -69,47 +66,6 @@ def _with_problem(rng: random.Random, problem: Path, folder: Path) -> list[str]:
     elif rng.random() < 0.5:
         arguments.append("--json")
     return arguments
-
-
-CHOICES = {  # options of a robot, right and wrong
-    "--coupled": (
-        "mirror",
-        "q2=q1",
-        "q2=-q1",
-        "q2=-0.5*q1",
-        "q1=q2,q2=q1",
-        "q2=1e999*q1",
-        "=",
-        "q2=*",
-        "q2=nan*q1",
-        "",
-    ),
-    "--locked": ("q1=0.1", "q2=-1e9", "q1=nan", "q1", "q1=0.1,q1=0.2", "toe=0", ","),
-    "--reference": ("standing", "", "\x1b[31m"),
-    "--plane": ("xz", "zx", "xx", "", "\u2028"),
-    "--shapes": ("--frames", "out.png", "out.jpg", ""),
-}
-
-
-def _with_robot(rng: random.Random, urdf: Path, folder: Path) -> list[str]:
-    options = rng.sample(sorted(CHOICES), rng.randint(1, 2))
-    chosen = [
-        word for option in options for word in (option, rng.choice(CHOICES[option]).replace("out", f"{folder}/out"))
-    ]
-    if "--shapes" not in chosen and rng.random() < 0.5:
-        motion = ["--start", "0,0,0", "--goal", "1,0,0", "--duration", "1"]
-        return [
-            "plan",
-            str(urdf),
-            *motion,
-            *chosen,
-            "--no-figures",
-            "--budget",
-            "1",
-            "-o",
-            str(folder / "out"),
-        ]
-    return ["info", str(urdf), *chosen]
 
 
 def _with_plan(rng: random.Random, plan: Path, folder: Path) -> list[str]:

@@ -30,7 +30,7 @@ from unittest import mock
 from fuzz_cases import Case
 from fuzz_mutations import ROOT
 from fuzz_sources import FORMATS, PROBLEMS, plan_of
-from warm_process import WarmProcess
+from own_process import started
 
 from floatplan.files import write_atomically
 
@@ -187,7 +187,7 @@ def run_process(seed: int, folder: Path) -> list[Finding]:
     return judge(seed, arguments, run.returncode, output, errors, seconds - (limit - limit_of(arguments)))
 
 
-LONGEST_LIFE = 0.8  # s, after which a process is killed at the latest
+LONGEST_LIFE = 2.0  # s, after which a process is killed at the latest
 
 
 def run_killed(seed: int, folder: Path) -> list[Finding]:
@@ -208,11 +208,12 @@ def run_killed(seed: int, folder: Path) -> list[Finding]:
         )
     )
     with open(os.devnull, "w") as nowhere:  # noqa: PTH123
-        process = WarmProcess(
+        process = started(
             *arguments, stdout=nowhere.fileno(), stderr=nowhere.fileno(), environment=_environment(folder)
         )
         time.sleep(rng.uniform(0, LONGEST_LIFE))
-        process.kill()
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
     kept = [path for path in (plan, *out.rglob("*")) if path.is_file()]  # not Matplotlib's cache of fonts, beside them
     half = [path for path in kept if not _is_left_over(path) and not _is_whole(path)]
     for place in (folder, *(path for path in folder.rglob("*") if path.is_dir())):

@@ -17,7 +17,7 @@ FOR_EVER = 3600.0  # [s]
 
 def run(path: str, folder: str, chunks: int, shard: str = "") -> None:
     """Run a study in this process, or a shard of it, until there are so many chunks."""
-    driver.FIRST_TOGETHER = driver.MOST_IN_CHUNK = ROWS
+    driver.FIRST_CHUNK = driver.MOST_IN_CHUNK = ROWS
 
     def wait(progress: driver.Progress) -> None:
         if progress.done >= chunks * ROWS:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,43 +11,10 @@ from browser import Browser
 
 from floatplan.studio.page import Studio
 from floatplan.studio.stage import end_poses
-from floatplan.view.scene.scene import in_space
+from floatplan.view.scene.scene import world_points
 
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"
-WATCH = """
-(() => {
-  const watch = window.floatplanWatch = {frames: 0, asked: null, lags: []};
-  let draws = 0, gl = null;
-  const context = HTMLCanvasElement.prototype.getContext;
-  HTMLCanvasElement.prototype.getContext = function(...what) {
-    const made = context.apply(this, what);
-    if (made && made.drawElements && !made.watched) {
-      made.watched = true;
-      for (const name of ['drawElements', 'drawArrays', 'drawElementsInstanced', 'drawArraysInstanced']) {
-        const draw = made[name];
-        made[name] = function(...how) { draws += 1; gl = made; return draw.apply(made, how); };
-      }
-    }
-    return made;
-  };
-  const card = () => document.querySelector('[data-verdict]')?.dataset;
-  addEventListener('keydown', () => { watch.asked = {time: performance.now(), number: +card().number}; }, true);
-  const frame = window.requestAnimationFrame;
-  window.requestAnimationFrame = work => frame.call(window, time => {
-    const before = draws, begin = performance.now();
-    const answered = watch.asked && +card().answers > watch.asked.number;
-    work(time);
-    if (draws === before) return;
-    watch.frames += 1;
-    if (!answered) return;
-    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));  // waits until it is drawn
-    const end = performance.now();
-    watch.lags.push([end - watch.asked.time, end - begin]);
-    watch.asked = null;
-  });
-})();
-"""
 OF_VISER = (
     "THREE.Clock",
     "GPU stall",
@@ -78,9 +44,7 @@ class Page:
         self.browser, self.studio = browser, studio
         browser.driver.get("about:blank")  # the page before asks for its server no more
         browser.driver.get_log("browser")
-        watching = browser.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": WATCH})
         browser.driver.get(studio.address)
-        browser.driver.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", watching)
         self.wait(lambda: self.text("floatplan-status"))
 
     def wait(self, done: Callable[[], Any]) -> None:
@@ -131,28 +95,6 @@ class Page:
 
         self.slider(label).send_keys(getattr(Keys, key))
 
-    def figures(self, label: str, times: int) -> str:
-        """How soon a key on a slider shows a plan, and how often the flight is drawn: of software, where it draws."""
-        for number in range(times):
-            self.wait_for("proved", after=0)
-            self.press(label, "ARROW_RIGHT" if number % 2 else "ARROW_LEFT")
-            self.wait(partial(self._has_lags, number + 1))
-        drawn, last = np.median(self.browser.run("return window.floatplanWatch.lags"), axis=0)
-        told = (
-            f"{self.studio.session.view.problem.name}: {drawn:.0f} ms from a key to the drawn plan,"
-            f" {last:.0f} of them the last frame"
-        )
-        if not self.studio.player.playing:
-            return told
-        read = "return [performance.now(), window.floatplanWatch.frames]"
-        begin, before = self.browser.run(read)
-        time.sleep(1.0)
-        end, after = self.browser.run(read)
-        return f"{told}; {1e3 * (after - before) / (end - begin):.0f} frames a second"
-
-    def _has_lags(self, count: int) -> bool:
-        return int(self.browser.run("return window.floatplanWatch.lags.length")) >= count
-
     def slider(self, label: str) -> Any:
         """The handle of a slider that can be seen."""
         self.wait(lambda: self._labelled(label, "[role=slider]"))
@@ -188,7 +130,7 @@ class Page:
 
         robot = self.studio.session.view.problem.robot
         places = grip_places(self.studio, end, part, np.linspace(0.0, turn, 6))
-        points = [self._pixel(each) for each in in_space(robot.plane, places)]
+        points = [self._pixel(each) for each in world_points(robot.plane, places)]
         canvas = self.browser.driver.find_elements("css selector", "canvas")[0]
         corner = canvas.rect
         middle = np.array([corner["width"] / 2, corner["height"] / 2])

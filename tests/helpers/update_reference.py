@@ -14,12 +14,12 @@ from floatplan.arrays import Array, IntArray
 from floatplan.inflight import estimate, update
 from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.remaining_motion import RemainingMotion
-from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.sine_polynomial import joint_motion
+from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.planning.kernel_input.rows import DistanceRows
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
 
@@ -120,7 +120,7 @@ class Present:
     def of(cls, replanner: fp.Replanner, now: float) -> Present:
         """As a replanner knows it, not before the last measurement."""
         known = replanner._estimate
-        path = Ballistics(*known.place(now), known.gravity)
+        path = Ballistics(*known.com_at(now), known.gravity)
         orientation = known.inertial.orientation + replanner._update.turned
         dynamics = estimate.adapted(replanner.plan.robot.tree, known.inertial.state[2:])
         return cls(now, orientation, known.inertial.angular_momentum, path, dynamics)
@@ -144,7 +144,15 @@ class Reference:
             change=goal - present.orientation,
         )
         values = views.functions.values(self._instants.s)
-        joints = joint_motion(motion.centre, motion.amplitude, motion.remaining, motion.coefficients, values)
+        width, joint_count = motion.coefficients[CONDITIONS:].shape
+        polynomials = SinePolynomials(
+            centre=motion.centre,
+            amplitude=motion.amplitude,
+            duration=motion.remaining,
+            boundary=motion.coefficients[:CONDITIONS].T,
+            free=(width,) * joint_count,
+        )
+        joints = polynomials.motion(motion.coefficients[CONDITIONS:].T, values)
         momentum = np.array([present.angular_momentum])
         self.flown = PlanarBaseMotion(self._flight, self._instants, joints, momentum)
         self.miss = float(self.flown.residual[0])

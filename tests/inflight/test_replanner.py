@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import math
-import pickle
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +11,6 @@ from flown_plans import Drifting, forward_plan
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.errors import InputError
-from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
@@ -141,39 +136,6 @@ def test_what_cannot_be_is_invalid_and_changes_nothing(plan: fp.Plan, replanner:
     assert replanner.update(**{**good, "t": 0.25, "now": 0.35}).status == "invalid"  # late
 
 
-def test_nothing_is_imported_or_gathered(plan: fp.Plan, replanner: fp.Replanner) -> None:
-    robot = Drifting(plan, 1.1 * plan.angular_momentum)
-    replanner.update(*robot.state(replanner))
-    modules = set(sys.modules)
-    for following in [*instants(plan, 110)[1:], plan.duration]:
-        robot.fly(replanner, following, 1)
-        replanner.update(*robot.state(replanner))
-        replanner.reference(following)
-    assert set(sys.modules) == modules
-    assert len(replanner._update.motions) <= CORRECTION_GAINS.memory
-
-
-def test_calls_between_corrections_only_measure(plan: fp.Plan) -> None:
-    replanner = fp.Replanner(plan, rate=50)
-    robot = Drifting(plan, 1.1 * plan.angular_momentum)
-    motions = set()
-    for following in (np.arange(1, 201) / 1000).tolist():
-        motions.add(id(replanner.update(*robot.state(replanner)).motion))
-        robot.fly(replanner, following, 1)
-    assert len(motions) == pytest.approx(10, abs=1)
-
-
-def test_measurements_may_come_late(plan: fp.Plan, replanner: fp.Replanner) -> None:
-    robot = Drifting(plan, 0.9 * plan.angular_momentum)
-    waiting = []
-    for following in [*instants(plan, 110)[1:], plan.duration]:
-        waiting.append(robot.state(replanner))
-        if len(waiting) > 3:
-            assert replanner.update(*waiting.pop(0), now=robot.time).status == "applied"
-        robot.fly(replanner, following)
-    assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.1)
-
-
 @pytest.mark.parametrize("speed", [0.95, 1.06])
 def test_landing_time_follows_the_centre_of_mass(plan: fp.Plan, replanner: fp.Replanner, speed: float) -> None:
     path = plan.ballistics
@@ -227,53 +189,3 @@ def test_every_problem_from_any_instant_and_after_a_failure(file: Path) -> None:
         np.testing.assert_allclose(
             replanner.reference(plan.duration).positions, plan.problem.final.positions, atol=1e-8
         )
-
-
-def test_wrong_arguments_are_told(plan: fp.Plan) -> None:
-    from dataclasses import replace
-
-    for wrong in ({"rate": 0.0}, {"rate": math.nan}, {"rate": 1e9}, {"sigma": -1.0}, {"acceleration": math.inf}):
-        with pytest.raises(InputError):
-            fp.Replanner(plan, **wrong)
-    with pytest.raises(InputError, match="does not reach"):
-        fp.Replanner(replace(plan, ok=False))
-
-
-def told(replanner: fp.Replanner, number: int) -> list[bytes]:
-    """What a replanner answers to the rest of a flight with noise, to the bit."""
-    plan = replanner.plan
-    robot = Drifting(plan, 1.1 * plan.angular_momentum)
-    rng, size = np.random.default_rng(number), len(plan.robot.joints)
-    robot.time, robot.orientation = 0.2, float(plan.orientation(np.array([0.2]))[0])
-    answers = []
-    for following in (0.2 + 0.02 * np.arange(1, 12)).tolist():
-        t, angle, rate, positions, velocities = robot.state(replanner)
-        noise = 0.002 * rng.standard_normal((2, size + 1))
-        correction = replanner.update(t, angle + noise[0, 0], rate, positions + noise[0, 1:], velocities + noise[1, 1:])
-        reference = replanner.reference(following)
-        answers += [np.array([correction.predicted_miss, correction.angular_momentum, correction.landing]).tobytes()]
-        answers += [correction.status.encode(), correction.motion.coefficients.tobytes()]
-        answers += [reference.motors.tobytes(), reference.positions.tobytes()]
-        robot.fly(replanner, following)
-    return answers
-
-
-COPIES = {"copy": copy.copy, "deepcopy": copy.deepcopy, "pickle": lambda whole: pickle.loads(pickle.dumps(whole))}
-
-
-@pytest.mark.parametrize("name", ["somersault", "obstacle"])
-@pytest.mark.parametrize("copied", COPIES)
-def test_a_copy_goes_on_alike_and_by_itself(name: str, copied: str) -> None:
-    original = fp.Replanner(forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.1))
-    robot = Drifting(original.plan, 1.1 * original.plan.angular_momentum)
-    for following in (0.04, 0.08, 0.12, 0.16):
-        original.update(*robot.state(original))
-        robot.fly(original, following)
-    others = [COPIES[copied](original) for _ in range(3)]
-    other_flight = told(others[0], 1)
-    expected = told(original, 0)
-    assert other_flight != expected
-    assert told(others[1], 0) == expected
-    others[2].reset()
-    original.reset()
-    assert told(others[2], 2) == told(original, 2)

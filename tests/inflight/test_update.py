@@ -22,16 +22,6 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
-FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
-DAILY = (
-    "falling_cat",
-    "handstand",
-    "high_jump",
-    "moving_hoop",
-    "somersault_motors",
-    "gallery/go2",
-)  # of every kind one
-LONG = {*FILES} - {PROBLEMS / f"{name}.toml" for name in DAILY}
 CHAINS = cases(range(8, 96, 14), range(36, 96, 14))
 
 
@@ -106,37 +96,12 @@ def flown(plan: fp.Plan, replanner: fp.Replanner, begin: float, seed: int) -> in
 
 
 @pytest.mark.parametrize("number", CHAINS)
-def test_chains_and_trees(number: int) -> None:
-    """Mirrored planes and coupled joints among them."""
-    plan = forward_plan(plain_problems(96)[number], seed=number)
-    assert assert_right(plan, fp.Replanner(plan), number) >= 10
-
-
-@pytest.mark.parametrize("number", CHAINS)
 def test_limits_that_are_met(number: int) -> None:
     problem = limited(plain_problems(96)[number], np.random.default_rng(number))
     plan = forward_plan(problem, seed=number)
     replanner = fp.Replanner(plan)
     assert len(replanner.views.rows) >= 4
     assert assert_right(plan, replanner, number) >= 10
-
-
-@pytest.mark.parametrize("watched", [41, 43])
-def test_any_number_of_instants(watched: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prediction, "LEAST_INSTANTS", watched)
-    plan = forward_plan(limited(plain_problems(96)[8], np.random.default_rng(8)), seed=8)
-    replanner = fp.Replanner(plan)
-    assert len(replanner.views.instants.s) - replanner.views.instants.nodes >= watched
-    assert assert_right(plan, replanner, 8) >= 10
-
-
-@pytest.mark.parametrize("file", cases(FILES, LONG), ids=lambda file: file.stem)
-def test_every_problem(file: Path) -> None:
-    if file.parent.name == "gallery" and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
-    plan = forward_plan(fp.load_problem(file), size=0.1)
-    replanner = fp.Replanner(plan)
-    assert assert_right(plan, replanner, 1) >= 10
 
 
 @pytest.mark.parametrize("seed", cases(range(2), [1]))
@@ -225,35 +190,3 @@ def test_a_step_is_that_of_finite_differences(name: str, landed: bool, monkeypat
     change = found.motion.coefficients[CONDITIONS:] - rest.motion.coefficients[CONDITIONS:]
     expected = replanner.views.whitening @ y / rest.motion.amplitude
     np.testing.assert_allclose(change, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
-
-
-@pytest.mark.long
-def test_what_is_not_needed_any_more_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of corrections for a momentum that was an error, after as many more; the landing stays where it is."""
-    plan = forward_plan(fp.load_problem(PROBLEMS / "somersault.toml"), size=0.3)
-    left = []
-    for taken_back in (0.0, CORRECTION_GAINS.taken_back):
-        monkeypatch.setattr(update, "CORRECTION_GAINS", replace(CORRECTION_GAINS, taken_back=taken_back))
-        replanner = fp.Replanner(plan)
-        replanner.reset()
-        now, momentum = replanner._update, plan.angular_momentum
-        for index, begin in enumerate(np.linspace(0.0, 0.5, 41) * plan.duration):
-            replanner._estimate.inertial.state[:2] = (
-                _turned(replanner, plan, begin),
-                momentum * (1.1 if index < 10 else 1),
-            )
-            found = now.corrected(float(begin), plan.duration, 4)
-        assert abs(found.miss) < 0.005
-        times = np.linspace(0.5, 1.0, 50) * plan.duration
-        left.append(float(np.abs(replanner.motion.at(times)[2] - plan.joint_motion(times)[2]).max()))
-    assert left[1] < 0.8 * left[0]
-
-
-def _turned(replanner: fp.Replanner, plan: fp.Plan, time: float) -> float:
-    """Orientation at a time of the robot that follows the motions so far, rad."""
-    times = np.linspace(0.0, time, 400)
-    motions = list(replanner._update.motions)
-    rows = [max((each for each in motions if each.begin <= t), key=lambda each: each.begin).at([t])[:2] for t in times]
-    positions, velocities = (np.concatenate(part) for part in zip(*rows, strict=True))
-    rates = replanner.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)
-    return float(plan.problem.initial.orientation + np.trapezoid(rates, times))

@@ -5,21 +5,16 @@ from __future__ import annotations
 import math
 
 import legged_samples
-import numpy as np
 import pytest
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.initial.afloat import turns_afloat
-from floatplan.initial.asked import Asked
 from floatplan.initial.feet import feet, standing_height, upright
 from floatplan.initial.flight import jump_problem
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import chosen_robot
-from floatplan.jumps.contacts import contact_at, ground_below
 from floatplan.jumps.setup import jump_setup
-from floatplan.robot.standing import corners, undersides
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
-from floatplan.robot.wheels import PLANNED, explain_wheels, wheels
 
 needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
@@ -43,15 +38,6 @@ def test_feet(urdf):
     sides = {"left": "right", "RL": "RR", "FL": "FR", "BL": "BR"}
     other = tuple(next((f.replace(a, b) for a, b in sides.items() if a in f), f) for f in FEET[urdf])
     assert all(frame in pair for frame, pair in zip(found, zip(FEET[urdf], other, strict=True), strict=True))
-
-
-@pytest.mark.long
-@needs_robots
-def test_fingers_stay_locked_and_legs_choose_the_plane():
-    chosen = chosen_robot(PREFIX + WITH_HANDS)
-    assert chosen.robot.plane.name == "xz"
-    assert {"left_hip_pitch_joint", "left_knee_joint", "left_ankle_pitch_joint"} <= set(chosen.robot.joints)
-    assert not [joint for joint in chosen.robot.joints if "hand" in joint]
 
 
 def test_a_chain_stands_up(root):
@@ -82,65 +68,12 @@ def written(folder, *parts):
     return path
 
 
-def test_legs_without_names_are_where_the_robot_would_stand(tmp_path):
-    """A diver's legs; of an arm that reaches as low, but beside the mass, nothing stands."""
-    trunk, arms = link("trunk", 30, 0.3, 0.1, 0.6), link("arms", 8, 0.3, 0.04, 0.6)
-    legs = link("legs", 20, -0.45, 0.02, 0.9)
-    diver = chosen_robot(written(tmp_path, trunk, arms, legs, joint("arms", 0.55), joint("legs", 0)))
-    assert diver.feet == ("legs",)
-    (tip,) = contact_at(diver.robot, "legs", np.zeros(3))
-    assert (tip.name, tip.depth) == ("legs.tip", pytest.approx(0.0))
-    assert tip.spots[0].place == pytest.approx(-0.9j)
-    aside = legs.replace("0 0 -0.45", "0.7 0 -0.45")
-    assert chosen_robot(written(tmp_path, trunk, arms, aside, joint("arms", 0.55), joint("legs", 0))).feet == ()
-
-
-def test_a_wheel_is_no_foot_and_may_turn_on(tmp_path):
-    trunk, wheel = link("trunk", 10, 0, 0.3, 0.2), link("wheel", 2, 0, 0.1, 0.02)
-    chosen = chosen_robot(written(tmp_path, trunk, wheel, joint("wheel", -0.1, "continuous")))
-    assert wheels(chosen.robot) == {"wheel_joint": "wheel"}
-    assert chosen.feet == ()
-    first = next(turns_afloat(chosen))
-    assert abs(first.final.positions[0]) > 4 * math.pi
-    (told,) = explain_wheels(chosen.robot)
-    assert told.endswith(PLANNED)
-    ranged = written(tmp_path, trunk, wheel, joint("wheel", -0.1))
-    assert wheels(chosen_robot(ranged).robot) == {}
-
-
 def test_legs_side_by_side_are_coupled(tmp_path):
     trunk, legs = link("trunk", 30, 0.3, 0.1, 0.6), [link(each, 9, -0.4, 0.02, 0.8) for each in ("one", "two")]
     chosen = chosen_robot(written(tmp_path, trunk, *legs, joint("one", 0), joint("two", 0)))
     assert {name: each.leader for name, each in chosen.robot.coupled.items()} == {"two_joint": "one_joint"}
     heavier = legs[1].replace('"9"', '"8"')
     assert not chosen_robot(written(tmp_path, trunk, legs[0], heavier, joint("one", 0), joint("two", 0))).robot.coupled
-
-
-def test_a_foot_is_the_child_with_the_shape(tmp_path):
-    """Shanks without geometry are lines to the feet's frames, which are below the feet: these touch nothing."""
-    thigh, shank = legged_samples.inertial(1.5, "0 0 -0.15"), legged_samples.inertial(0.8, "0 0 -0.15")
-    parts = []
-    for side, way in (("left", 0.1), ("right", -0.1)):
-        parts += [
-            legged_samples.hinge(f"{side}_hip", "body", f"{side}_thigh", f"0 {way} 0"),
-            f'<link name="{side}_thigh">{thigh}</link>',
-            legged_samples.hinge(f"{side}_knee", f"{side}_thigh", f"{side}_shank", "0 0 -0.3", (-2.4, -0.1)),
-            f'<link name="{side}_shank">{shank}</link>',
-            legged_samples.fixed(f"{side}_end", f"{side}_shank", f"{side}_foot", "0 0 -0.35"),
-            legged_samples.link(f"{side}_foot", 0.3, legged_samples.ball(0.05, "0 0 0.09")),
-        ]
-    path = tmp_path / "robot.urdf"
-    path.write_text(legged_samples.legged(*parts))
-    chosen = chosen_robot(path)
-    (foot,) = chosen.feet
-    assert foot in ("left_foot", "right_foot")
-    assert not [link for link in chosen.robot.touching_links if "shank" in link]
-    (contact,) = contact_at(chosen.robot, foot, np.append(0.0, chosen.posture))
-    assert contact.depth == pytest.approx(0.05), "it stands on the middle of its ball"
-    hulls = chosen.robot.hulls([foot])
-    lowest = undersides(chosen.robot, corners(hulls), np.append(0.0, chosen.posture)).min()
-    ground = ground_below(chosen.robot, contact, np.append(0.0, chosen.posture))
-    assert lowest == pytest.approx(ground, abs=1e-3)
 
 
 def humanoid(*, sideways: int) -> str:
@@ -194,66 +127,8 @@ def test_legs_on_wheels_stand_on_them(tmp_path, make, count):
     rolls = {name for name in chosen.robot.joint_tree.joint if name.endswith("roll")}
     assert rolls <= set(chosen.robot.locked)
     assert dict(chosen.choices["locked"]) == dict.fromkeys(rolls, 0.0)
-    problem = jump_problem(chosen, 0, Asked())
+    problem = jump_problem(chosen, 0, InitOptions())
     assert problem.jump is not None
     assert problem.jump.feet == "rolling"
     setup = jump_setup(problem, problem.jump)
     assert all(contact.radius == pytest.approx(0.06, abs=1e-3) for contact in setup.phases[0].contacts)
-
-
-def steered(radius: float) -> str:
-    """A biped whose wheels are steered about the vertical, with a light whip that turns in the plane of its legs."""
-    text = legged_samples.biped(foot="wheel").replace('radius="0.06"', f'radius="{radius}"')
-    more = [
-        legged_samples.hinge("whip", "body", "whip_link", "0 0 0.1"),
-        legged_samples.link("whip_link", 0.02, center="0 0 0.05"),
-    ]
-    for side in ("left", "right"):
-        text = text.replace(
-            f'<parent link="{side}_shank"/><child link="{side}_wheel"/>',
-            f'<parent link="{side}_fork"/><child link="{side}_wheel"/>',
-        )
-        text = text.replace('xyz="0 0 -0.2" rpy="0 0.0 0"', 'xyz="0 0 0" rpy="0 0.0 0"')
-        more += [
-            legged_samples.hinge(f"{side}_steer", f"{side}_shank", f"{side}_fork", "0 0 -0.2", (-1.5, 1.5), "0 0 1"),
-            legged_samples.link(f"{side}_fork", 0.1),
-            legged_samples.fixed(f"{side}_end", f"{side}_fork", f"{side}_contact", f"0 0 -{radius}"),
-            f'<link name="{side}_contact"/>',
-        ]
-    return text.replace("</robot>", "".join(more) + "</robot>")
-
-
-@pytest.mark.parametrize("radius", [0.05, 0.17])
-def test_steered_wheels_of_any_size_are_held_upright(tmp_path, radius):
-    """The file's posture would steer them out of the plane, and something else is left locked for being light."""
-    (tmp_path / "robot.urdf").write_text(steered(radius))
-    bent = {"hip": -0.5, "knee": 1.0, "steer": 0.6}
-    states = "".join(
-        f'<joint name="{side}_{key}" value="{at}"/>' for side in ("left", "right") for key, at in bent.items()
-    )
-    (tmp_path / "robot.srdf").write_text(
-        f'<robot name="legged"><group_state name="standing" group="all">{states}</group_state></robot>'
-    )
-    chosen = chosen_robot(tmp_path / "robot.urdf")
-    assert chosen.on_wheels
-    assert len(chosen.feet) == 1
-    assert "joints" in chosen.choices
-    assert {chosen.robot.locked[name] for name in ("left_roll", "right_roll", "left_steer", "right_steer")} == {0.0}
-    problem = jump_problem(chosen, 0, Asked())
-    assert problem.jump is not None
-    setup = jump_setup(problem, problem.jump)
-    assert [contact.radius for contact in setup.phases[0].contacts] == pytest.approx([radius], abs=1e-3)
-    untouched = chosen_robot(tmp_path / "robot.urdf", {"joints": ["left_hip", "left_knee", "left_roll"]})
-    assert not untouched.on_wheels
-
-
-def test_a_cart_on_wheels_has_no_feet(tmp_path):
-    body, wheels_of_cart = legged_samples.legged(), []
-    for number, at in enumerate((-0.1, 0.1)):
-        wheels_of_cart += [
-            legged_samples.hinge(f"roll{number}", "body", f"wheel{number}", f"{at} 0 -0.05", None),
-            legged_samples.link(f"wheel{number}", 0.3, legged_samples.wheel(0.06, 0.03)),
-        ]
-    path = tmp_path / "robot.urdf"
-    path.write_text(body.replace("</robot>", "".join(wheels_of_cart) + "</robot>"))
-    assert chosen_robot(path).feet == ()

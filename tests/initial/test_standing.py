@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +12,12 @@ from legged_samples import biped, quadruped
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.initial.asked import Asked
 from floatplan.initial.flight import jump_problem
 from floatplan.initial.legs import Leg
+from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.jumps.contacts import BENT, contact_at
-from floatplan.jumps.setup import jump_setup
 from floatplan.robot.standing import heights_over_com, undersides
-from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
 FLAT = math.pi / 2
 ROBOTS = {  # whose zero postures do not stand, or not so that legs could push
@@ -69,7 +66,7 @@ def test_where_the_zero_posture_does_not_stand_one_that_does_is_found(chosen: Lo
     robot = chosen(ROBOTS[name])
     assert robot.feet
     assert robot.stance is not None
-    assert robot.stance.sought
+    assert robot.stance.fault
     check_stands(robot)
 
 
@@ -79,30 +76,7 @@ def test_a_posture_that_stands_is_kept(chosen: Load) -> None:
     assert stands.stance is not None
     assert not stands.stance.own
     np.testing.assert_array_equal(stands.posture, stands.robot.resting)
-    assert jump_problem(stands, 0, Asked()).jump == fp.JumpRequest()
-
-
-def test_the_jump_begins_in_the_posture_that_was_found(chosen: Load) -> None:
-    robot = chosen(ROBOTS["folded flat"])
-    problem = jump_problem(robot, 0, Asked())
-    assert problem.jump is not None
-    setup = jump_setup(problem, problem.jump)
-    np.testing.assert_allclose(setup.standing[:, 1:], [robot.posture, robot.posture], atol=1e-3)
-
-
-@pytest.mark.parametrize("from_", [None, {"left_hip": -0.75, "left_knee": 1.43}])
-def test_on_one_point_it_stands_as_balanced_as_numbers_are(chosen: Load, from_: dict[str, float] | None) -> None:
-    """From round numbers: what is off there is a moment about the point, at rest, which nothing takes up."""
-    robot = chosen(biped(knee=(0.0, 2.4)))
-    problem = jump_problem(robot, 0, Asked())
-    assert problem.jump is not None
-    if from_ is not None:
-        problem = replace(problem, jump=replace(problem.jump, takeoff=fp.JumpTakeoff(from_=from_)))
-    setup = jump_setup(problem, problem.jump)
-    (contact,) = setup.phases[0].contacts
-    for y in setup.standing:
-        assert abs(heights_over_com(robot.robot, contact.spots[:1], y)[0].real) < 1e-12
-        assert y[0] == 0.0
+    assert jump_problem(stands, 0, InitOptions()).jump == fp.JumpRequest()
 
 
 def test_what_is_asked_of_the_posture_is_kept_and_the_rest_is_found(chosen: Load) -> None:
@@ -126,19 +100,6 @@ def test_a_posture_that_cannot_be_is_refused(chosen: Load, posture: dict[str, fl
         chosen(quadruped(), posture=posture)
 
 
-@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
-def test_a_foot_on_which_nothing_stands_is_a_reason_and_no_error() -> None:
-    """The end of a finger's link is lower than the frame that carries its shape."""
-    finger = chosen_robot(f"{PREFIX}finger_edu_description/robots/finger_edu.urdf")
-    assert finger.stance is not None
-    assert "is a point 169 mm above the lowest of its link" in finger.stance.sought
-
-
-def test_a_locked_joint_is_refused_with_its_option(chosen: Load) -> None:
-    with pytest.raises(InputError, match="'fl_knee' is not a planned joint: it is locked; give --locked"):
-        chosen(quadruped(), given={"locked": {"fl_knee": 0.5, "fr_knee": 0.5}}, posture={"fl_knee": 0.4})
-
-
 def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path: Path) -> None:
     """Where the likely one does not stand, another that does."""
     joints = {"hip": -0.5, "knee": 1.05}
@@ -159,26 +120,11 @@ def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path
     assert robot.choices["reference"] == "ready to jump"
     assert robot.stance is None or not robot.stance.own
     check_stands(robot)
-    asked = chosen(quadruped(), given={"reference": "standing"})
+    asked = chosen(quadruped(), options={"reference": "standing"})
     assert asked.choices["reference"] == "standing"
     assert asked.stance is not None
     assert asked.stance.own
     check_stands(asked)
-
-
-@pytest.mark.long
-def test_why_there_is_no_stance_is_said_by_options(chosen: Load) -> None:
-    """A range that keeps the legs straight: named, with the posture that would stand, and without keys of the file."""
-    stuck = chosen(
-        quadruped(turned=(0.9, 0.0), knee=(-0.1, 0.1)).replace('lower="-2.5" upper="2.5"', 'lower="-0.1" upper="0.1"')
-    )
-    problem = jump_problem(stuck, 0, Asked())
-    assert problem.jump is not None
-    with pytest.raises(InputError, match=r"jump\.takeoff") as caught:
-        jump_setup(problem, problem.jump)
-    told = Asked().reason(caught.value, stuck)
-    assert "jump." not in told
-    assert "--posture" in told
 
 
 def test_a_keyframe_is_the_posture(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import json
-import math
 import random
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,7 +23,7 @@ if not INSTALLED:
 
 HOSTILE: tuple[Any, ...] = (*NUMBERS, *TEXTS, None, True, [], {}, [[]], [None], {"": 0}, [1, "x"], "1.0")
 PYTHON_WORDS = ("could not convert", "iterable", "subscriptable", "' object", "attribute", "unhashable", "NoneType")
-LONG_LISTS = 3  # entries of a list of numbers that are spoiled, of all that are there
+LONG_LISTS = 1  # entries of a list of numbers that are spoiled, of all that are there
 
 
 def hop(root: Path) -> fp.Jump:
@@ -53,6 +52,7 @@ def spoiled(content: Any, path: tuple[Any, ...], value: Any) -> Any:
     return other
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("error")
 def test_any_value_of_a_jumps_file_may_be_anything(root: Path, tmp_path: Path) -> None:
     """Each place with some hostile value: refused with file and place, or a jump whose check says what is broken."""
@@ -95,26 +95,3 @@ def test_what_is_wrong_has_a_place_and_advice(
         fp.load_jump(path)
     assert str(path) in str(caught.value)
     assert caught.value.advice
-
-
-def test_a_jump_that_stands_in_the_ground_does_not_hold(root: Path, tmp_path: Path) -> None:
-    """Its centre of mass hangs below its foot: nothing is divided by that height, and what does not hold is said."""
-    content = json.loads(hop(root).to_json())
-    for stance in content["stances"]:
-        stance["y"][0] = [angle + math.pi for angle in stance["y"][0]]
-    path = tmp_path / "jump.json"
-    path.write_text(json.dumps(content))
-    check = fp.load_jump(path).check
-    assert not check.ok
-    assert "out of balance" in " ".join(check.sentences)
-
-
-def test_no_instants_of_a_jump(root: Path) -> None:
-    """States at no times are empty, of the shapes that others have."""
-    found = hop(root)
-    none, one = found.at([]), found.at([0.1])
-    assert none.positions.shape == (0, one.positions.shape[1])
-    assert none.torques.shape == (0, one.torques.shape[1])
-    assert {name: force.shape for name, force in none.forces.items()} == dict.fromkeys(one.forces, (0, 2))
-    assert found.q([]).shape == (0, found.q([0.1]).shape[1])
-    assert found.contact_points([])["foot"].shape == (0, 3)

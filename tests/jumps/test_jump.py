@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -16,21 +15,11 @@ from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
-from floatplan.errors import InputError
-from floatplan.jumps.jump import Jump, load_jump
-from floatplan.jumps.motion import Grid
-from floatplan.jumps.planner import ROOM, beside, jump
-from floatplan.jumps.setup import jump_setup
+from floatplan.jumps.jump import load_jump
+from floatplan.jumps.planner import jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
-
-
-def tampered(found: Jump, index: int, **changes: np.ndarray) -> Jump:
-    stances = list(found.stances)
-    stances[index] = replace(stances[index], grid=replace(stances[index].grid, **changes))
-    split = len(found.before)
-    return replace(found, before=tuple(stances[:split]), after=tuple(stances[split:]))
 
 
 def test_it_is_found_and_checked() -> None:
@@ -103,47 +92,6 @@ def test_it_is_the_same_after_saving(tmp_path: Path) -> None:
     assert again.check.figures == found.check.figures
 
 
-@pytest.mark.parametrize("key", ["stances", "problem", "flight"])
-def test_a_damaged_file_is_refused(tmp_path: Path, key: str) -> None:
-    path = backflip().save(tmp_path / "jump.json")
-    content = json.loads(path.read_text())
-    content[key] = [{"side": "takeoff"}]
-    path.write_text(json.dumps(content))
-    with pytest.raises(InputError):
-        load_jump(path)
-
-
-@pytest.mark.parametrize(
-    ("change", "figure"),
-    [
-        (lambda grid: {"y": grid.y + 1e-3 * np.eye(5)[:, [2]] * (grid.times > grid.times[8])}, "derivative"),
-        (lambda grid: {"times": grid.times[0] + 0.9 * (grid.times - grid.times[0])}, "derivative"),
-        (lambda grid: {"a": 1.3 * grid.a}, "derivative"),
-    ],
-)
-def test_the_check_sees_what_was_tampered_with(change, figure: str) -> None:
-    found = backflip()
-    check = tampered(found, 1, **change(found.stances[1].grid)).check
-    assert not check.ok
-    assert check.figures[figure] > 10 * found.check.figures[figure]
-
-
-def test_the_check_sees_forces_out_of_balance() -> None:
-    """The anchor alone cannot hold a robot that stands still, leaning."""
-    found = backflip()
-    grid = found.stances[1].grid
-    still = Grid(grid.times, np.repeat(grid.y[:, :1], len(grid.times), axis=1), 0 * grid.y, 0 * grid.y, grid.ratios)
-    check = tampered(found, 1, **{name: getattr(still, name) for name in ("y", "v", "a")}).check
-    assert check.figures["residual"] > 0.01
-    assert not check.ok
-
-
-def test_without_gravity_nothing_stands() -> None:
-    problem = go2_problem()
-    with pytest.raises(InputError, match="gravity"):
-        jump(replace(problem, flight=replace(problem.flight, gravity=0.0)))
-
-
 @pytest.mark.long
 def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root: Path) -> None:
     """A sole's are 10 mm thicker than it, while the legs that swing back may only just clear the ground."""
@@ -165,31 +113,6 @@ def test_what_cannot_be_is_not_found_and_says_why() -> None:
     found = jump(weak, starts=1)
     assert (found.ok, found.status) == (False, "not_found")
     assert "In the way: torque of" in found.explanation
-
-
-def test_a_jump_at_hand_is_a_guess_that_nearly_holds() -> None:
-    """Of programs with its phases, which last as long as they may there; of another it is none."""
-    found = backflip()
-    lasted = [phase.end - phase.begin for phase in found.phases]
-    asked = fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=[[0.9 * lasts] * 2 for lasts in lasted[:2]]))
-    for request, off in ((fp.JumpRequest(), 0.5), (asked, 1.0)):
-        program = jump_setup(found.problem, request).program(ROOM)
-        guess = beside(program, found)
-        assert guess is not None
-        lasts = np.array([0.9, 0.9, 1.0, 1.0, 1.0] if request is asked else [1.0] * 5) * lasted
-        assert program.motion(guess)[-1].ravel() == pytest.approx(lasts)
-        _, evaluate, rows = program.stated
-        low, high = np.concatenate(rows.low), np.concatenate(rows.high)
-        plain, near = (
-            np.maximum(np.maximum(low - values, values - high), 0).max()
-            for values in (np.asarray(evaluate(each)).ravel() for each in (program.guess(), guess))
-        )
-        assert near < off < plain
-    other = fp.JumpRequest(landing=fp.JumpLanding([["FL_foot", "RL_foot"]]))
-    assert beside(jump_setup(found.problem, other).program(ROOM), found) is None
-    assert beside(program, Jump(found.problem, found.request)) is None
-    with pytest.raises(InputError, match="near"):
-        jump(found.problem, near=found.flight)  # type: ignore[arg-type]
 
 
 @pytest.mark.long
@@ -226,14 +149,3 @@ def test_the_largest_share_of_the_limits_is_less_where_that_is_asked() -> None:
     told = re.search(r"Of what the margins leave the jump takes (\d+)%", spared.explanation)
     assert told is not None
     assert int(told[1]) / 100 >= share - 0.005, "it is the share of the whole jump, of which stances are a part"
-
-
-@pytest.mark.long
-def test_limits_of_generalised_torques_are_held() -> None:
-    """Given as a list they are of the planned joints, left and right together."""
-    limits = [30.0, 70.0, 30.0, 70.0]
-    found = jump(replace(go2_problem(), limits=fp.Limits(velocity="urdf", torque=limits)), starts=1)
-    assert found.ok
-    state = found.at(np.linspace(0.0, found.duration, 2001))
-    shares = np.abs(state.torques @ found.problem.robot.selection).max(axis=0) / limits
-    assert 0.7 < shares.max() <= 0.85

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.jumps.check import judged
-from floatplan.jumps.launch import Launch, launch
+from floatplan.jumps.launch import launch
 from floatplan.jumps.program import JumpProgram
 
 if not INSTALLED:
@@ -49,38 +48,6 @@ def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: 
     shares = {"torque", "torque_speed", "velocity"}
     assert max(found.figures[share] for share in shares) == found.ratio
     assert not judged(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
-
-
-@pytest.mark.long
-def test_the_factor_that_is_told_is_nearly_the_least(root: Path) -> None:
-    """With a weight of squared torques ten times as large it is 2.7, where the program's nodes alone need 1.86.
-
-    Of programs that are stricter, as where limits suffice, it is 2.26.
-    """
-    found = launch(fp.plan(root / "problems" / "gallery" / "go2.toml"), starts=1)
-    assert (found.ok, found.limit, found.impossible) == (False, "torque", False)
-    assert 1.8 < found.ratio < 2.1
-    assert found.sentences[0].startswith(
-        f"Takeoff: no stance was found within the limits (least factor {found.ratio:.2f}"
-    )
-
-
-def test_an_answer_that_holds_or_has_a_factor_is_told_rather_than_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever later starts come to."""
-    flight = backflip().flight
-    assert flight is not None
-    told = [
-        Launch(False, ratio, "", "", (f"{ratio}",), {}, broken=broken)
-        for ratio, broken in ((2.7, ("",)), (1.9, ()), (1.2, ("",)))
-    ]
-    answers = iter(told)
-    monkeypatch.setattr("floatplan.jumps.launch.corrected", lambda *_: next(answers))
-    monkeypatch.setattr("floatplan.jumps.launch.solved", lambda first, _: (first, next(solves)))
-    one, two, three, none = (SimpleNamespace(converged=at < 3, y=np.full(1, at)) for at in range(4))
-    solves = iter((one, two, three))
-    assert launch(flight).ratio == 1.9
-    answers, solves = iter(told[:1]), iter((one, one, none))  # the second start comes to the same
-    assert launch(flight).ratio == 2.7
 
 
 def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:

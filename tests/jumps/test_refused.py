@@ -74,16 +74,6 @@ def test_what_cannot_stand_is_refused(name: str, side: str) -> None:
         fp.jump(go2_problem(), sides[side])
 
 
-def test_durations_of_the_usual_phases_are_as_many() -> None:
-    with pytest.raises(fp.InputError, match=r"jump\.takeoff\.durations: 1 given for 2 phases"):
-        fp.jump(go2_problem(), fp.JumpRequest(takeoff=fp.JumpTakeoff(durations=[[0.1, 0.2]])))
-
-
-def test_what_is_kept_is_a_number() -> None:
-    with pytest.raises(fp.InputError, match=r"flight\.angular_momentum: 'free' is no number to keep"):
-        fp.jump(go2_problem(), fp.JumpRequest(fixed=["angular_momentum"]))
-
-
 def test_the_base_s_own_frame_stands_nowhere() -> None:
     problem = go2_problem()
     free = replace(problem, flight=replace(problem.flight, takeoff=None))
@@ -100,16 +90,6 @@ def test_shapes_that_are_missing_are_not_passed_over(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(Robot, "check_shapes", refuse)
     with pytest.raises(fp.InputError, match=r"go2\.urdf: a mesh is not to be found"):
         fp.jump(go2_problem())
-
-
-def test_messages_do_not_print_whole_answers() -> None:
-    plan = fp.plan(replace(go2_problem(), flight=fp.Flight(0.4, takeoff=fp.Takeoff("RL_foot"))), starts=1)
-    for call in (fp.jump, fp.plan):
-        with pytest.raises(
-            fp.InputError, match=r"problem: Plan\(.*\) is neither a Problem nor the path of one$"
-        ) as caught:
-            call(plan)
-        assert len(str(caught.value)) < 160
 
 
 def test_legs_of_one_joint_cannot_stand_together(tmp_path: Path) -> None:

@@ -8,17 +8,13 @@ from jumps import INSTALLED
 
 import floatplan as fp
 from floatplan.jumps import planner
-from floatplan.jumps.check import _worst
-from floatplan.jumps.contacts import contact_at, heights_over_com, with_bent_knees
-from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, may_fail
-from floatplan.jumps.exchange import solved
-from floatplan.jumps.model import PlanarModel
 from floatplan.jumps.planner import completed
-from floatplan.jumps.program import JumpProgram, Solution
+from floatplan.jumps.program import JumpProgram
+from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.setup import Setup, jump_setup
+from floatplan.jumps.variables import JumpSolution
 from floatplan.problem.parts import Flight
 
-needs_casadi = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 INERTIA = '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
 
 
@@ -66,92 +62,23 @@ def hop(robot: fp.Robot, **takeoff: object) -> fp.Problem:
     return fp.Problem(robot, posture, posture, flight, fp.Motion(objective="torque"), limits, jump=request)
 
 
-@pytest.mark.parametrize(
-    ("knees", "axis", "side"), [((-2.4, 2.4), 1, 1), ((-2.5, 0.4), 1, -1), ((-0.3, 2.2), -1, 1), ((-2.0, 0.0), -1, -1)]
-)
-def test_knees_that_would_be_straight_bend_to_the_wider_side(
-    tmp_path: Path, knees: tuple[float, float], axis: int, side: int
-) -> None:
-    robot = table(tmp_path, knees, axis)
-    straight = np.zeros(5)
-    contacts = [contact_at(robot, f"{name}_foot", straight)[0] for name in ("rear", "front")]
-    bent = with_bent_knees(robot, contacts, straight, np.asarray(robot.position_limits))
-    joints = dict(zip(robot.joints, bent[1:].tolist(), strict=True))
-    for name in ("rear", "front"):
-        assert side * joints[f"{name}_knee"] > 0.5
-        assert robot.position_limits[robot.joints.index(f"{name}_knee")][0] < joints[f"{name}_knee"]
-    spots = [contact.spots[0] for contact in contacts]
-    before, after = (heights_over_com(robot, spots, y).real for y in (straight, bent))
-    np.testing.assert_allclose(np.diff(after), np.diff(before), atol=1e-9)  # feet stay below their hips
-    np.testing.assert_array_equal(with_bent_knees(robot, contacts, bent, np.asarray(robot.position_limits)), bent)
-    np.testing.assert_array_equal(with_bent_knees(robot, contacts[:1], straight, robot.position_limits), straight)
-
-
 @pytest.fixture(scope="module")
-def solution(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, JumpProgram, Solution]:
+def solution(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, JumpProgram, JumpSolution]:
     """A hop's program, from standing on legs that are straight in the file, and its solution."""
     if not INSTALLED:
         pytest.skip("CasADi or example-robot-data is not installed")
     problem = hop(table(tmp_path_factory.mktemp("table")))
     assert problem.jump is not None
     setup = jump_setup(problem, problem.jump)
-    first = setup.program(planner.ROOM)
-    return (setup, *solved(first, first.guess()))
+    first = setup.program(planner.MARGINS)
+    return (setup, *solve_in_rounds(first, first.guess()))
 
 
 def test_from_straight_legs_it_stands_bent_and_a_jump_is_found(
-    solution: tuple[Setup, JumpProgram, Solution],
+    solution: tuple[Setup, JumpProgram, JumpSolution],
 ) -> None:
     setup = solution[0]
     knees = [1 + setup.problem.robot.joints.index(f"{name}_knee") for name in ("rear", "front")]
     assert np.abs(setup.standing[:, knees]).min() > 0.4
     found = completed(*solution, seed=0)
     assert found.ok, found.explanation
-
-
-@needs_casadi
-def test_singular_closures_are_one_error(tmp_path: Path) -> None:
-    problem = hop(table(tmp_path))
-    assert problem.jump is not None
-    setup = jump_setup(problem, problem.jump)
-    dynamics = StanceDynamics(PlanarModel(setup.problem.robot), setup.phases[0], np.zeros(5))
-    straight = np.zeros((5, 3))
-    with pytest.raises(NoExactStanceError, match="bend its knee"), may_fail():
-        dynamics.close(straight, straight, straight)
-
-
-@pytest.mark.parametrize("stage", ["released", "exact_stances"])
-def test_what_cannot_be_made_exact_is_not_found(
-    solution: tuple[Setup, JumpProgram, Solution], monkeypatch: pytest.MonkeyPatch, stage: str
-) -> None:
-    def fails(*_: object, **__: object) -> None:
-        raise NoExactStanceError("nothing fits")
-
-    monkeypatch.setattr(planner, stage, fails)
-    found = completed(*solution, seed=0)
-    assert found.status == "not_found"
-    assert "nothing fits" in found.explanation
-
-
-@pytest.mark.parametrize("fault", [np.nan, np.inf, None])
-def test_singular_equations_and_numbers_that_are_none_fail_the_start(
-    solution: tuple[Setup, JumpProgram, Solution], monkeypatch: pytest.MonkeyPatch, fault: float | None
-) -> None:
-    close = StanceDynamics.close
-
-    def spoilt(self: StanceDynamics, *motion: np.ndarray) -> np.ndarray:
-        if fault is None:
-            np.linalg.solve(np.zeros((2, 2)), np.ones(2))
-        closed = close(self, *motion)
-        closed[0, -1, -1] = fault
-        return closed
-
-    monkeypatch.setattr(StanceDynamics, "close", spoilt)
-    found = completed(*solution, seed=0)
-    assert found.status == "not_found"
-    assert ("a leg is straight" if fault is None else "no finite motion") in found.explanation
-
-
-def test_what_cannot_be_measured_does_not_hold() -> None:
-    figures = _worst([("torque", 0.2), ("torque", np.nan), ("ground", np.nan), ("ground", 0.1)])
-    assert figures == {"torque": np.inf, "ground": -np.inf}

@@ -95,10 +95,7 @@ SPOILED: dict[str, tuple[Spoil, str]] = {  # what is changed; the figure that sh
     "a flight that is none": (lambda content: content["flight"].update(ok=False), "the flight's plan does not hold"),
     "nothing that stands": (lambda content: content["stances"][1].update(contacts=[]), "must name what stands"),
     "endless rates": (arrays(lambda v: 1e200 * v, "v", 1), "is larger than anything in a flight"),
-    "endless depths": (
-        contacts(lambda each: each.update(depth=1e200), *STANCES),
-        "is outside 0 to 10 m",
-    ),
+    "endless depths": (contacts(lambda each: each.update(depth=1e200), *STANCES), "is outside 0 to 10 m"),
     "a foot without a name": (contacts(lambda each: each.update(frames=[], places=[]), 1), "has 0 frames and 0 places"),
     "no number": (arrays(lambda y: np.nan * y, "y", 0), "is not finite"),
     "another side": (lambda content: content["stances"][1].update(side="flight"), "must be 'takeoff' or 'landing'"),

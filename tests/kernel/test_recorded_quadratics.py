@@ -7,9 +7,7 @@ are drawn in ``test_quadratic.py``.
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from proxsuite import proxqp
-from recorded_quadratics import SINGULAR, RecordedQuadratic, recorded
+from recorded_quadratics import RecordedQuadratic, recorded
 from reduced_program import Step, dual_step
 from scipy.optimize import linprog
 
@@ -30,10 +28,6 @@ def is_short(step: Step) -> bool:
     return float(np.abs(step.direction).max()) <= LONGEST
 
 
-def objective(program: RecordedQuadratic, x: np.ndarray) -> float:
-    return float(program.gradient @ x + x @ program.hessian @ x / 2)
-
-
 def least_violation(program: RecordedQuadratic, longest: float | None) -> float:
     """What the constraint that is missed most lacks, at the point within reach where that is least."""
     size, A, C = len(program.gradient), program.equality_rows, program.inequality_rows
@@ -48,14 +42,6 @@ def least_violation(program: RecordedQuadratic, longest: float | None) -> float:
 
 SOLVED = [(program, step) for program in PROGRAMS if (step := solution(program)) is not None]
 SHORT = [(program, step) for program, step in SOLVED if is_short(step)]
-
-
-def test_the_sample_has_all_kinds():
-    assert len(PROGRAMS) > 300
-    assert len(SHORT) > 150
-    assert len(PROGRAMS) - len(SOLVED) > 80
-    assert sum(program.least_eigenvalue() < SINGULAR for program in PROGRAMS) > 100
-    assert any(len(program.equality) == 3 for program in PROGRAMS)
 
 
 def test_solutions_leave_no_residuals():
@@ -76,36 +62,3 @@ def test_contradictory_rows_have_no_solution():
     for program in PROGRAMS:
         if solution(program) is None:
             assert least_violation(program, None) > CONTRADICTION
-
-
-def test_long_steps_are_of_rows_that_all_but_contradict_one_another():
-    for program, step in SOLVED:
-        if not is_short(step):
-            assert least_violation(program, LONGEST) > 0
-
-
-@pytest.mark.parametrize("first", range(4))
-def test_proxqp_reaches_no_lower_objective(first):
-    """And none that is higher: a share of the programs, each within what its multipliers make of the tolerance."""
-    compared = 0
-    for program, (x, (y, z)) in SHORT[first::8]:
-        scale = 1 / max(float(np.abs(program.gradient).max()), 1.0)
-        qp = proxqp.dense.QP(len(x), len(program.equality), len(program.inequality))
-        qp.settings.eps_abs = 1e-10
-        qp.settings.max_iter = 10_000
-        qp.init(
-            scale * program.hessian,
-            scale * program.gradient,
-            program.equality_rows,
-            -program.equality,
-            program.inequality_rows,
-            -program.inequality,
-            None,
-        )
-        qp.solve()
-        if qp.results.info.status != proxqp.QPSolverOutput.PROXQP_SOLVED:
-            continue  # ProxQP itself comes to no end
-        allowed = ROW_TOLERANCE * (1 + np.abs(y).sum() + z.sum())
-        assert objective(program, x) == pytest.approx(objective(program, np.array(qp.results.x)), rel=1e-6, abs=allowed)
-        compared += 1
-    assert compared > 20

@@ -14,11 +14,12 @@ from scipy.spatial.transform import Rotation
 import floatplan as fp
 from floatplan import tables
 from floatplan.kernel import library
-from floatplan.motion.sine_polynomial import basis
+from floatplan.motion.sine_polynomial import WrittenMotion, basis
 from floatplan.motion.spatial.attitude import LEVELS, cells
+from floatplan.motion.spatial.clearance import pair_distances_in_space
 from floatplan.motion.spatial.flight import spatial_flight
-from floatplan.motion.spatial.rotations import exponential, logarithm
-from floatplan.planning.lifting import LiftedFlight, close, starts
+from floatplan.planning.constraints import Clearance
+from floatplan.planning.lifting import LiftedFlight
 from floatplan.planning.search import Search
 
 LEVEL = 2  # of grids
@@ -26,7 +27,6 @@ EXTRA = (0.0, 0.123, 0.5, 0.77, 1.0)
 OBJECTIVES = ("coefficients", "torque", "acceleration")
 LIMITS = {"torque": 40.0, "velocity": 9.0, "acceleration": 200.0, "orientation_rate": 12.0}
 TIGHT = {"torque": 8.0, "velocity": 1.5, "acceleration": 20.0, "orientation_rate": 1.0}
-FAST = (45.0, 375.0, -75.0)  # [kg m^2/s] with which cells of few stages are integrated one by one
 MOMENTA = {"given": (3.0, 25.0, -5.0), "free": "free", "none": 0.0}
 
 
@@ -59,14 +59,10 @@ def test_every_limit_and_objective_of_the_tables_is_among_them():
     assert set(OBJECTIVES) == set(tables.OBJECTIVES)
 
 
-@pytest.mark.parametrize("instructions", range(3))
 @pytest.mark.parametrize("momentum", MOMENTA)
 @pytest.mark.parametrize("objective", OBJECTIVES)
-def test_derivatives_are_those_of_differences(root, kernel, momentum, objective, instructions, monkeypatch):
+def test_derivatives_are_those_of_differences(root, momentum, objective):
     """Of fourth order, of the attitude at landing, all limits at all instants, and the objective, by each variable."""
-    if instructions > kernel.instructions:
-        pytest.skip("the processor has no such instructions")
-    monkeypatch.setattr(kernel, "instructions", instructions)
     coupled = {"right_abduction": "left_abduction"}
     problem = diver(root, MOMENTA[momentum], objective, coupled=coupled)
     program, x = program_and_point(problem, 1)
@@ -86,6 +82,76 @@ def test_derivatives_are_those_of_differences(root, kernel, momentum, objective,
         assert np.abs(computed @ column - expected).max() < 1e-6 * (1 + np.abs(expected).max())
     eigenvalues = np.linalg.eigvalsh(here["hessian"])
     assert eigenvalues.min() > 1e-7 * eigenvalues.max()
+
+
+OBSTACLES = (
+    fp.Sphere(center=(0.5, 0.2, 2.0), radius=0.2, margin=0.02, velocity=(0.1, -0.3, 0.2)),
+    fp.Capsule(start=(1.0, 0.0, 1.0), end=(1.0, 0.5, 2.5), radius=0.1, window=(0.2, 0.9)),
+    fp.HalfSpace(point=(0.0, 0.0, -0.5), normal=(0.1, 0.2, 1.0)),
+    fp.Box(center=(-0.8, 0.4, 1.5), size=(0.3, 0.5, 0.7), velocity=(0.2, 0.0, 0.0)),
+)
+PAIRS = (fp.SelfClearance(("left_arm", "legs"), 0.01), fp.SelfClearance(("left_arm", "right_arm")))
+
+
+@pytest.mark.parametrize("instructions", range(3))
+@pytest.mark.parametrize("momentum", MOMENTA)
+@pytest.mark.parametrize("others", [True, False])
+def test_derivatives_of_distances_are_those_of_differences(root, kernel, momentum, others, instructions, monkeypatch):
+    """To obstacles that move, between links, and over the ground, by each variable; a nearest place may jump at one."""
+    if instructions > kernel.instructions:
+        pytest.skip("the processor has no such instructions")
+    monkeypatch.setattr(kernel, "instructions", instructions)
+    coupled = {"right_abduction": "left_abduction"}
+    limits = LIMITS if others else {}
+    problem = replace(
+        diver(root, MOMENTA[momentum], limits=limits, coupled=coupled),
+        obstacles=OBSTACLES,
+        self_clearances=PAIRS,
+        ground=True,
+    )
+    program, x = program_and_point(problem, 1)
+    here, step = program.whole(x), 2e-5
+    known = np.isfinite(here["values"])
+    count = sum(len(block.labels) for block in Search(problem).spec.constraints if isinstance(block, Clearance))
+    known[count:] = False
+    assert known[:count].any(axis=1).all()
+    jumped = 0
+    for column in np.linalg.inv(program.of.metric).T:
+        ahead, behind, far_ahead, far_behind = (
+            program.whole(x + share * step * column)["values"][known] for share in (1, -1, 2, -2)
+        )
+        expected = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * step)
+        off = np.abs(here["slopes"][known] @ column - expected)
+        jumped += int((off > 1e-5 * (1 + np.abs(expected).max())).sum())
+    assert jumped <= len(program.of.metric) * 3
+
+
+def test_distances_are_those_of_numpy(root):
+    """Of the whole motion's capsules, at the nodes, and the heights of its solids over the ground."""
+    problem = replace(diver(root, limits={}), obstacles=OBSTACLES, self_clearances=PAIRS, ground=True)
+    program, x = program_and_point(problem, 2)
+    values = program.whole(x)["values"]
+    s = np.concatenate((cells(*LEVELS[LEVEL]).s, EXTRA))
+    variables, flight = program.of, spatial_flight(problem)
+    h, z = variables.angular_momentum(x), variables.free_coefficients(x)
+    motions = variables.motion_class(h)
+    b, low, high = motions.powers_of_seconds(z), motions.centre, motions.amplitude
+    written = WrittenMotion.from_powers(low, high, b, problem.flight.duration)
+    motion = flight.whole_motion(written, h, flight.ballistics)
+    times = s * problem.flight.duration
+    segments = motion.segments(times)
+    expected = [(segments.distances(each, times) - each.margin) / 0.1 for each in problem.obstacles]
+    expected.append(motion.heights(times)[0] / 0.1)
+    for pair in PAIRS:
+        ends = (
+            segments.of(np.array([i for i, link in enumerate(flight.links) if link == name])) for name in pair.links
+        )
+        expected.append((pair_distances_in_space(*ends) - pair.margin) / 0.1)
+    rows = np.concatenate(expected, axis=1).T
+    applies = np.isfinite(values)
+    assert applies.mean() > 0.8
+    back_off = values[applies] - rows[applies]
+    assert np.abs(back_off).max() < 1e-7
 
 
 def test_torques_and_rates_are_pinocchio_s(root):
@@ -150,93 +216,3 @@ def test_minima_between_the_stages_are_those_of_a_fine_look(root, momentum):
         assert found.size
         assert found.min() < look[number].min() + 1e-9
         assert found.min() > look[number].min() - 0.1 * (1 + np.abs(look[number]).max())
-
-
-def test_what_cannot_be_integrated_is_no_number_and_no_crash(root):
-    problem = diver(root, (1e6, 0.0, 0.0))
-    program, x = program_and_point(problem, 0)
-    assert not np.isfinite(program.whole(x)["equality"]).any()
-    ready = Search(problem)
-    result = ready.follow(replace(ready.plain_start, x=x))
-    assert result.violation == np.inf
-    assert not result.holds
-
-
-def test_other_turns_than_those_asked_for_are_not_the_goal(root):
-    """The same attitude at landing, after another number of turns, is missed."""
-    problem = diver(root, limits={})
-    ready = Search(problem)
-    lifted = LiftedFlight(ready.spec, ready.plain_start.variables)
-    closed = next(each for each in map(close, starts(lifted, 0)) if each.is_closed() and each.makes_right_turns)
-    start = replace(ready.plain_start, x=closed.x)
-    assert ready.judge(start, "feasible").violation < 1e-4
-    once_less = fp.Attitude(angles=(math.pi, 0, math.pi), axes="yxz")
-    other = Search(replace(problem, goal=replace(problem.goal, orientation=once_less)))
-    judged = other.judge(replace(start, variables=ready.plain_start.variables), "feasible")
-    assert judged.violation == np.inf
-    assert np.linalg.norm(judged.missed) < 1e-4
-
-
-@pytest.mark.parametrize("instructions", range(3))
-@pytest.mark.parametrize("momentum", MOMENTA.values())
-@pytest.mark.parametrize("grid", [(16, 5), (16, 8), (32, 8)])
-def test_lifted_motions_are_those_of_one_cell_after_the_other(root, kernel, momentum, grid, instructions, monkeypatch):
-    """Ends and gaps against the collocation of each cell, and turns against differences of what cells make together."""
-    if instructions > kernel.instructions:
-        pytest.skip("the processor has no such instructions")
-    monkeypatch.setattr(kernel, "instructions", instructions)
-    problem = diver(root, momentum)
-    ready, rule = Search(problem), cells(*grid)
-    flight, variables = spatial_flight(problem), ready.plain_start.variables
-    lifted, rng = LiftedFlight(ready.spec, variables), np.random.default_rng(7)
-    x = variables.plain_motion + 0.2 * rng.normal(size=variables.size)
-    flown = lifted.flown(rule, x)
-    borders = exponential(0.1 * rng.normal(size=(rule.count, 3))) @ flown.borders
-    motion = lifted.fly(rule, x, borders)
-    own = lifted.fly(rule, x, flown.borders)
-    assert np.abs(own.ends - flown.ends).max() < 1e-11
-    assert np.abs(own.at(np.array([0.0, 0.3, 1.0])) - flown.at(np.array([0.0, 0.3, 1.0]))).max() < 1e-11
-    targets = np.concatenate((borders[1:], flight.final_attitude[None]))
-    assert np.abs(motion.gaps - logarithm(targets @ np.swapaxes(motion.ends, 1, 2))).max() < 1e-12
-
-    def end(step, column):
-        """Attitudes at the ends of cells without new gaps, after a change of x."""
-        changed, before, ends = x + step * column, borders[0], []
-        for cell in range(rule.count):
-            moved = borders.copy()
-            moved[cell] = before
-            there = lifted.fly(rule, changed, moved).ends[cell]
-            ends.append(there)
-            if cell + 1 < rule.count:
-                before = there @ motion.ends[cell].T @ borders[cell + 1]
-        return np.array(ends)
-
-    column, step = rng.normal(size=variables.size), 1e-5
-    difference = logarithm(end(step, column) @ np.swapaxes(end(-step, column), 1, 2)) / (2 * step)
-    assert np.abs(motion.turns @ column - difference).max() < 1e-6 * (1 + np.abs(difference).max())
-    turn, cell = 1e-6 * rng.normal(size=3), 2
-    moved = borders.copy()
-    moved[cell + 1] = exponential(turn[None])[0] @ borders[cell + 1]
-    after = logarithm((lifted.fly(rule, x, moved).ends @ np.swapaxes(motion.ends, 1, 2))[cell + 1 : cell + 2])[0]
-    assert np.abs(motion.carried[cell + 1, :, cell] @ turn - after).max() < 1e-5 * np.linalg.norm(turn)
-
-
-@pytest.mark.parametrize("instructions", range(3))
-@pytest.mark.parametrize("grid", [(16, 5), (16, 8), (32, 8)])
-def test_cells_that_are_not_integrated_together_are_one_by_one(root, kernel, grid, instructions, monkeypatch):
-    """So fast that exchanges of rows are needed in elimination, or more sweeps of Newton's method."""
-    if instructions > kernel.instructions:
-        pytest.skip("the processor has no such instructions")
-    monkeypatch.setattr(kernel, "instructions", instructions)
-    problem = diver(root, FAST)
-    ready, rule = Search(problem), cells(*grid)
-    variables, rng = ready.plain_start.variables, np.random.default_rng(7)
-    lifted = LiftedFlight(ready.spec, variables)
-    x = variables.plain_motion + 0.2 * rng.normal(size=variables.size)
-    flown = lifted.flown(rule, x)
-    motion = lifted.fly(rule, x, flown.borders)
-    assert np.abs(motion.ends - flown.ends).max() < 1e-12
-    instants = np.linspace(0, 1, 9)
-    assert np.abs(motion.at(instants) - flown.at(instants)).max() < 1e-11
-    transitions = flown.carried[0]
-    assert np.abs(motion.carried[5, :, 4] - transitions[5]).max() < 1e-9 * (1 + np.abs(transitions[5]).max())

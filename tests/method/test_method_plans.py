@@ -127,12 +127,6 @@ def test_a_plan_s_motion_is_a_point_of_the_program(planned: Callable[[str], fp.P
         assert program.dynamics.quantities(u)["torques"][0] == pytest.approx(torques, abs=1e-8)
 
 
-def test_a_seed_has_one_plan() -> None:
-    problem = fp.load_problem(PROBLEMS / "obstacle.toml")
-    first, second = (fp.method.plan(problem, seed=1) for _ in range(2))
-    assert (first.coefficients == second.coefficients).all()
-
-
 def test_what_has_no_plan_has_the_nearest_motion_and_its_violation() -> None:
     """With degree 5 nothing is left to steer with, (16)."""
     problem = replace(fp.load_problem(PROBLEMS / "new_configuration.toml"), motion=fp.Motion(degree=5))
@@ -167,15 +161,6 @@ def test_limits_and_windows_that_are_not_known_are_refused(handstand: fp.Plan, m
     monkeypatch.setattr("floatplan.method.planner.QUANTITIES", ("motor_torques",))
     with pytest.raises(fp.InputError, match=r"limits.velocity.*motor_torques"):
         fp.method.plan(replace(problem, limits=replace(problem.limits, velocity=9.0)))
-
-
-@pytest.mark.parametrize("key", ["start.velocities", "goal.velocities", "start.accelerations"])
-def test_ends_that_are_words_are_refused(key: str, handstand: fp.Plan) -> None:
-    end, part = key.split(".")
-    word = "free" if part == "accelerations" else {"start": "takeoff", "goal": "landing"}[end]
-    posture = replace(getattr(handstand.problem, end), **{part: word})
-    with pytest.raises(fp.InputError, match=key):
-        fp.method.plan(replace(handstand.problem, **{end: posture}))
 
 
 def test_the_command_line_has_it(floatplan: Callable[..., Any], tmp_path: Path) -> None:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_samples import URDF_FOLDER
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import ballistics
 
 TIMES = np.linspace(0, 1.3, 7)
 
@@ -36,14 +34,14 @@ def test_frames_are_where_they_are_asked_to_be(any_robot):
     first, last = any_robot.tree.names[0], any_robot.tree.names[-1]
     takeoff, landing = fp.Takeoff(last, (0.3, -0.2)), fp.Landing(first, 0.7)
     problem = flight_between(any_robot, takeoff, landing, horizontal_velocity=-1.5, gravity=3.7)
-    path = ballistics(problem)
+    path = problem.path
     at_start, at_end = path.positions(np.array([0.0, 1.3]))
     assert place(any_robot, last, problem.initial, at_start) == pytest.approx([0.3, -0.2], abs=1e-12)
     assert place(any_robot, first, problem.final, at_end)[1] == pytest.approx(0.7, abs=1e-12)
 
 
 def test_path_obeys_2_and_3(gymnast):
-    path = ballistics(flight_between(gymnast, None, None, horizontal_velocity=2.0, gravity=9.81))
+    path = flight_between(gymnast, None, None, horizontal_velocity=2.0, gravity=9.81).path
     positions, velocities = path.positions(TIMES), path.velocities(TIMES)
     assert positions[:, 0] - positions[0, 0] == pytest.approx(2.0 * TIMES)
     assert velocities[:, 0].tolist() == [2.0] * len(TIMES)
@@ -51,33 +49,3 @@ def test_path_obeys_2_and_3(gymnast):
     assert parabola.deriv(2)(0.4) == pytest.approx(-9.81, rel=1e-10)
     assert velocities[:, 1] == pytest.approx(parabola.deriv()(TIMES), abs=1e-11)
     assert parabola(TIMES) == pytest.approx(positions[:, 1], abs=1e-13)
-
-
-def test_left_out_the_base_link_takes_off_from_the_origin_and_lands_at_that_height(gymnast):
-    problem = flight_between(gymnast, None, None)
-    path = ballistics(problem).positions(np.array([0.0, 1.3]))
-    assert place(gymnast, "body0", problem.initial, path[0]) == pytest.approx([0, 0], abs=1e-14)
-    assert place(gymnast, "body0", problem.final, path[1])[1] == pytest.approx(0, abs=1e-14)
-
-
-def test_without_gravity_the_path_is_straight(gymnast):
-    path = ballistics(flight_between(gymnast, fp.Takeoff("foot"), fp.Landing("hand", 1.0), gravity=0.0))
-    assert np.ptp(path.velocities(TIMES), axis=0).tolist() == [0.0, 0.0]
-
-
-def test_example_b_flies_as_high_as_its_duration_wants(root):
-    """Both ends at height 0: the hand's at T and the foot's at 0."""
-    problem = fp.load_problem(root / "problems" / "handstand.toml")
-    path = ballistics(problem)
-    ends = path.positions(np.array([0.0, 1.4]))
-    assert place(problem.robot, "foot", problem.initial, ends[0]) == pytest.approx([0, 0], abs=1e-14)
-    assert place(problem.robot, "hand", problem.final, ends[1])[1] == pytest.approx(0, abs=1e-14)
-    assert path.velocity0[1] == pytest.approx((ends[1, 1] - ends[0, 1]) / 1.4 + 9.81 * 0.7)
-
-
-@pytest.mark.parametrize("turns", [-1, 1, 3])
-def test_full_turns_change_nothing(turns):
-    robot = fp.Robot.from_urdf(URDF_FOLDER / "high_jumper.urdf")
-    postures = [fp.Posture(1.2 + 2 * np.pi * k, [0.1, 0.2, -0.3]) for k in (0, turns)]
-    first, second = (ballistics(fp.Problem(robot, postures[0], end, fp.Flight(0.8))) for end in postures)
-    assert second.velocity0 == pytest.approx(first.velocity0, abs=1e-13)

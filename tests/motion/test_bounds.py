@@ -8,10 +8,8 @@ from generated_problems import random_chain
 from scipy.optimize import minimize
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes, momentum_polynomials
 from floatplan.motion.planar.closed_form import Dynamics
-
-FULL = (-np.pi, np.pi)
+from floatplan.robot.planar.inertia import inertia_extremes
 
 
 def random_ranges(rng, n, widest=3.0):
@@ -38,46 +36,13 @@ class TestExtremes:
         rng = np.random.default_rng([seed, joints])
         robot = random_chain(rng, joints)
         ranges = random_ranges(rng, joints, widest)
-        low, high = inertia_extremes(robot, ranges)
+        low, high = inertia_extremes(robot.tree, ranges)
         momentum_map = Dynamics(robot.tree).momentum_map
         for i in range(joints + 1):
             least = true_minimum(lambda q, i=i: momentum_map(q)[:, i], ranges, 21)
             largest = -true_minimum(lambda q, i=i: -momentum_map(q)[:, i], ranges, 21)
             assert least - 1e-6 < low[i] <= least + 1e-12
             assert largest - 1e-12 <= high[i] < largest + 1e-6
-
-    def test_enclose_every_sample(self, any_robot):
-        rng = np.random.default_rng(1)
-        n = len(any_robot.joints)
-        for ranges in (np.array([FULL] * n), random_ranges(rng, n)):
-            low, high = inertia_extremes(any_robot, ranges)
-            D = Dynamics(any_robot.tree).momentum_map(rng.uniform(*ranges.T, (20_000, n)))
-            assert (low <= D.min(axis=0)).all()
-            assert (high >= D.max(axis=0)).all()
-            assert low[0] > 0
-
-    def test_are_those_at_the_only_posture_of_a_narrow_range(self, gymnast):
-        posture = np.array([[0.7, -0.4]])
-        low, high = inertia_extremes(gymnast, posture.T + np.array([-1e-9, 1e-9]))
-        assert np.stack((low, high)) == pytest.approx(np.tile(Dynamics(gymnast.tree).momentum_map(posture), (2, 1)))
-
-    def test_do_not_depend_on_full_turns(self, gymnast):
-        ranges = np.array([[-0.5, 1.0], [0.2, 2.0]])
-        turned = inertia_extremes(gymnast, ranges + 2 * np.pi)
-        assert np.stack(turned) == pytest.approx(np.stack(inertia_extremes(gymnast, ranges)), abs=1e-9)
-
-
-def test_polynomials_are_D(any_robot):
-    q = np.random.default_rng(2).uniform(-4, 4, (100, len(any_robot.joints)))
-    values = np.stack(
-        [
-            each.constant + np.cos(q @ each.frequency.T + each.phase) @ each.amplitude
-            for each in momentum_polynomials(any_robot)
-        ],
-        axis=1,
-    )
-    D = Dynamics(any_robot.tree).momentum_map(q)
-    assert np.abs(values - D).max() < 1e-13 * np.abs(D).max()
 
 
 class TestInterval:
@@ -88,17 +53,7 @@ class TestInterval:
         start, goal = fp.Posture(0.4, [1.5, -1.0]), fp.Posture(-2.0, [-0.5, 0.8])
         limits = fp.Limits(position=ranges)
         problem = fp.Problem(gymnast, start, goal, fp.Flight(duration=1.3), limits=limits)
-        low, high = inertia_extremes(gymnast, np.array(ranges))
+        low, high = inertia_extremes(gymnast.tree, np.array(ranges))
         least = (-2.4 * high[0] - 2.0 * high[1] + 1.8 * low[2]) / 1.3
         largest = (-2.4 * low[0] - 2.0 * low[1] + 1.8 * high[2]) / 1.3
-        assert angular_momentum_interval(problem) == pytest.approx((least, largest), rel=1e-14)
-
-    def test_is_a_point_where_nothing_changes(self, gymnast):
-        still = fp.Posture(0.4, [1.5, -1.0])
-        assert angular_momentum_interval(fp.Problem(gymnast, still, still, fp.Flight(duration=1.0))) == (0, 0)
-
-    def test_plans_fly_at_what_was_asked(self, planned):
-        for name, asked in (("new_configuration", 0.13), ("falling_cat", 0.0)):
-            assert planned(name).angular_momentum == asked
-        low, high = planned("handstand").angular_momentum_bounds
-        assert planned("handstand").angular_momentum == pytest.approx((low + high) / 2, rel=1e-15)
+        assert problem.momentum_interval == pytest.approx((least, largest), rel=1e-14)

@@ -104,12 +104,6 @@ class TestClosedFormAgainstPinocchio:
         expected = full.torques(q, velocity, acceleration, rate)
         assert relative_error(closed.torques(q, velocity, acceleration, rate), expected) < 1e-12
 
-    def test_base_rate_with_derivatives_is_that_without(self, any_robot):
-        closed = GeneralDynamics(any_robot.tree)
-        q, velocity, _ = draw(np.random.default_rng(7), any_robot, 10)
-        rate = closed.base_rate_derivatives(q, velocity, H)
-        assert relative_error(rate.rate, closed.base_rate(q, velocity, H)) < 1e-14
-
     def test_derivatives_of_the_base_rate(self, any_robot):
         q, velocity, _ = draw(np.random.default_rng(8), any_robot, 20)
         actual = GeneralDynamics(any_robot.tree).base_rate_derivatives(q, velocity, H)
@@ -133,27 +127,6 @@ class TestClosedFormAgainstPinocchio:
             assert relative_error(actual[k, :, n : 2 * n], by_velocity) < 1e-10
             assert relative_error(actual[k, :, 2 * n : 3 * n], by_acceleration) < 1e-11
             assert relative_error(actual[k, :, 3 * n], by_momentum) < 1e-10
-
-    def test_base_wrench_vanishes(self, any_robot):
-        dynamics = PinocchioDynamics(any_robot)
-        q, velocity, acceleration = draw(np.random.default_rng(10), any_robot, 20)
-        forces = dynamics.full_forces(q, velocity, acceleration, dynamics.base_rate(q, velocity, H))
-        assert np.abs(forces[:, :BASE]).max() < 1e-12 * np.abs(forces[:, BASE:]).max()
-
-    def test_momentum_stays_constant_under_the_base_acceleration(self, any_robot):
-        """Pinocchio's rate of the centroidal momentum, about the centre of mass, along the plane's normal."""
-        robot, dynamics = any_robot, PinocchioDynamics(any_robot)
-        data = robot.model.createData()
-        q, velocity, acceleration = draw(np.random.default_rng(11), robot, 20)
-        rate = dynamics.base_rate(q, velocity, H)
-        base = dynamics.base_acceleration(q, velocity, acceleration, rate)
-        for k in range(len(q)):
-            full, full_velocity = full_state(robot, q[k], velocity[k], rate[k])
-            full_acceleration = robot.selection @ acceleration[k] + np.r_[base[k], np.zeros(len(full) - BASE)]
-            pin.computeCentroidalMomentumTimeVariation(robot.model, data, full, full_velocity, full_acceleration)
-            assert robot.plane.normal @ data.hg.angular == pytest.approx(H, rel=1e-13)
-            size = np.abs(acceleration[k]).max() * data.Ig.inertia.max() + H**2
-            assert abs(robot.plane.normal @ data.dhg.angular) < 1e-13 * size
 
 
 def full_state(robot, position, velocity, rate):

@@ -10,8 +10,8 @@ import pytest
 from paper_appendix import TABLE_1, ThreeLinks
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval, inertia_extremes
 from floatplan.motion.planar.full_model import PinocchioDynamics
+from floatplan.robot.planar.inertia import inertia_extremes
 
 PAPER = ThreeLinks(**TABLE_1)
 H = 0.9  # kg m^2/s
@@ -96,7 +96,7 @@ def _at_the_root(root, monkeypatch):
 
 
 def midpoint(problem):
-    low, high = angular_momentum_interval(problem)
+    low, high = problem.momentum_interval
     return (low + high) / 2
 
 
@@ -198,6 +198,6 @@ def test_A_5_has_d_7_and_m_1(pinocchio_dynamics):
 
 
 def test_table_1_has_these_extremes_of_D(gymnast):
-    low, high = inertia_extremes(gymnast, np.array([[-np.pi, np.pi]] * 2))
+    low, high = inertia_extremes(gymnast.tree, np.array([[-np.pi, np.pi]] * 2))
     assert low.round(5).tolist() == [0.32212, 0.16673, 0.01896]
     assert high.round(5).tolist() == [0.81135, 0.48981, 0.12512]

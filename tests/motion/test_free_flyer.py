@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from flight_reference import drawn_plan, random_coefficients
-from robot_samples import TWO_LINKS, joint, robot_text
+from robot_samples import TWO_LINKS
 from straight_axes import axes_turned_in_file
 
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.dynamics import Ballistics
-from floatplan.motion.planar.full_model import FullMotion, PinocchioDynamics
-from floatplan.robot.urdf.tree import PREFIX, robots_folder
+from floatplan.motion.planar.full_model import PinocchioDynamics
+from floatplan.robot.urdf.tree import robots_folder
 
 DURATION, GRAVITY = 1.3, 3.7
 TURNING = -3.0  # rad/s, with the joints at zero
@@ -102,83 +101,6 @@ def test_real_robots(real_robot):
     check_derivatives(plan, turned)
 
 
-@installed
-def test_order_is_that_of_the_file(real_robot):
-    """Each joint's place in the model holds its own position, velocity and torque."""
-    plan = drawn(real_robot)
-    model = pin.buildModelFromUrdf(str(real_robot.path), pin.JointModelFreeFlyer())
-    motion = plan.full_motion(TIMES)
-    assert list(model.names)[2:] == list(motion.joints)
-    for index, name in enumerate(motion.joints):
-        place = model.joints[model.getJointId(name)]
-        angle = plan.q(TIMES)[:, place.idx_q : place.idx_q + place.nq].T
-        expected = motion.positions[:, index]
-        assert np.array_equal(angle, [expected] if place.nq == 1 else [np.cos(expected), np.sin(expected)])
-        assert np.array_equal(plan.v(TIMES)[:, place.idx_v], motion.velocities[:, index])
-        assert np.array_equal(plan.tau(TIMES)[:, place.idx_v], motion.torques[:, index])
-
-
-def test_continuous_joints_are_cosine_and_sine(tmp_path):
-    path = tmp_path / "robot.urdf"
-    path.write_text(robot_text(joint("turning", "a", "b"), joint("bent", "b", "c", kind="revolute"), links="abc"))
-    plan = drawn(fp.Robot.from_urdf(path))
-    first, second = plan.at(TIMES).positions[:, list(map(plan.robot.joints.index, ("turning", "bent")))].T
-    assert np.array_equal(plan.q(TIMES)[:, 7:].T, [np.cos(first), np.sin(first), second])
-    assert plan.v(TIMES).shape == (len(TIMES), 8)
-
-
-def test_world_is_that_of_the_takeoff(planned):
-    """At orientation 0 the root link has the world's axes, and the takeoff frame starts at the origin."""
-    plan = planned("handstand")
-    model = free_model(plan.robot)
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, plan.q(0.0))
-    assert np.abs(data.oMf[model.getFrameId(plan.problem.takeoff.frame)].translation).max() < 1e-12
-    turned = pin.Quaternion(plan.q(0.0)[3:7]).matrix()
-    expected = pin.AngleAxis(plan.problem.initial.orientation, plan.robot.plane.normal).matrix()
-    assert turned == pytest.approx(expected, abs=1e-14)
-
-
-def test_quaternions_are_continuous(gymnast):
-    plan = drawn(gymnast)
-    times = np.linspace(0, DURATION, 400)
-    turned = np.ptp(plan.at(times).orientation)
-    assert turned > 0.5
-    quaternions = plan.q(times)[:, 3:7]
-    assert np.linalg.norm(quaternions, axis=1) == pytest.approx(1.0)
-    assert np.abs(np.diff(quaternions, axis=0)).max() < 0.1
-
-
-def test_one_time_and_many(gymnast):
-    plan = drawn(gymnast)
-    for quantity, size in ((plan.q, plan.q(TIMES).shape[1]), (plan.v, 8), (plan.a, 8), (plan.tau, 8)):
-        assert quantity(0.5).shape == (size,)
-        assert quantity(np.float32(0.5)).shape == (size,)
-        assert quantity([]).shape == (0, size)
-        assert quantity([0.2, 0.5])[1] == pytest.approx(quantity(0.5), rel=1e-13)
-
-
-def test_motions_are_read_only_and_answers_are_the_caller_s(gymnast):
-    plan = drawn(gymnast)
-    motion = plan.full_motion(TIMES)
-    names = [name for name, member in vars(FullMotion).items() if isinstance(member, cached_property)]
-    arrays = [getattr(motion, name) for name in names if not name.startswith("_")]
-    assert len(arrays) == 11
-    assert not any(array.flags.writeable for array in arrays)
-    first = plan.q(TIMES)
-    first[:] = 0
-    assert plan.q(TIMES).any()
-
-
-@pytest.mark.parametrize("times", [2 * DURATION, [0.1, np.nan], "soon", 1j, None])
-def test_times_that_are_none_are_refused(gymnast, times):
-    plan = drawn(gymnast)
-    for quantity in (plan.at, plan.q, plan.v, plan.a, plan.tau):
-        with pytest.raises(fp.InputError) as caught:
-            quantity(times)
-        assert caught.value.element == "times"
-
-
 def test_a_joint_called_as_the_free_flyer_is_refused(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(TWO_LINKS.replace('name="j"', 'name="root_joint"'))
@@ -188,17 +110,3 @@ def test_a_joint_called_as_the_free_flyer_is_refused(tmp_path):
         plan.q(0.0)
     assert caught.value.element == 'joint "root_joint"'
     assert caught.value.advice == "rename it"
-
-
-@installed
-def test_a_plan_found_holds_in_the_file_s_model():
-    """Of a quadruped, legs coupled: what is written to robots."""
-    plan = fp.plan(fp.load_problem(GALLERY / "go2.toml"))
-    assert plan.robot.source.startswith(PREFIX)
-    model = free_model(plan.robot)
-    model.gravity = pin.Motion(-9.81 * plan.robot.plane.vertical, np.zeros(3))
-    data = model.createData()
-    times = np.linspace(0, plan.duration, 12)
-    for q, v, a, tau in zip(plan.q(times), plan.v(times), plan.a(times), plan.tau(times), strict=True):
-        forces = pin.rnea(model, data, q, v, a)
-        assert np.abs(forces[6:] - tau[6:]).max() < EXACT * np.abs(tau).max()

@@ -107,37 +107,3 @@ def test_without_limits_nothing_is_bounded(gymnast):
     found = reachable(problem, "takeoff", 1.0)
     assert found.polygon is None
     assert intervals(found) == [(-np.inf, np.inf)] * 3
-
-
-def test_with_one_joint_limited_it_is_a_strip(gymnast):
-    state = fp.Posture(1.2, [0.5, -0.8])
-    limits = fp.Limits(velocity={"q1": 3.0})
-    problem = fp.Problem(gymnast, state, state, fp.Flight(0.05, takeoff=fp.Takeoff("foot")), limits=limits)
-    found = reachable(problem, "takeoff", 0.0)
-    assert found.polygon is None
-    assert np.isfinite(found.angular_momentum).all()
-    for edge in found.angular_momentum:
-        assert ratio(problem, "takeoff", [edge, *found.asked[1:]]) == pytest.approx(1.0, rel=1e-9)
-
-
-def test_a_stretched_robot_reaches_nothing_where_its_frame_cannot_stop(gymnast):
-    start, goal = fp.Posture(1.2, [0.5, -0.8]), fp.Posture(-1.5, [0.0, 0.0])
-    flight = fp.Flight(1.0, takeoff=fp.Takeoff("foot"), landing=fp.Landing("hand"))
-    problem = fp.Problem(gymnast, start, goal, flight, limits=fp.Limits(velocity=30.0))
-    assert reachable(problem, "landing", 0.2).angular_momentum is None
-
-
-@pytest.mark.parametrize("orientation", [0.0, np.pi / 2, 0.3])
-def test_a_stretched_robot_reaches_a_strip(gymnast, orientation):
-    """Only velocities across it: of the vertical one, where it lies, an interval, and none of the horizontal."""
-    posture = fp.Posture(orientation, [0.0, 0.0])
-    flight = fp.Flight(0.01, takeoff=fp.Takeoff("hand"))
-    problem = fp.Problem(gymnast, posture, posture, flight, limits=fp.Limits(velocity=20.0))
-    found = reachable(problem, "takeoff", 0.0)
-    if orientation == 0.0:
-        assert found.horizontal_velocity == pytest.approx((0.0, 0.0), abs=1e-9)
-        low, high = found.vertical_velocity
-        assert low < found.asked[2] < high
-    else:
-        assert found.angular_momentum is None
-        assert found.vertical_velocity == pytest.approx((0.0, 0.0), abs=1e-9)

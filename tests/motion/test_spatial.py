@@ -14,21 +14,13 @@ from scipy.spatial.transform import Rotation
 import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.motion.spatial.attitude import IntegrationError, cells, turn
+from floatplan.motion.spatial.attitude import cells, turn
 from floatplan.motion.spatial.dynamics import spatial_dynamics
-from floatplan.motion.spatial.momentum import _PlainMotion, suggested_momentum
-from floatplan.motion.spatial.rotations import (
-    cross_matrix,
-    exponential,
-    left_jacobian_inverse,
-    logarithm,
-    of_angles,
-    unwrapped_angles,
-)
+from floatplan.motion.spatial.momentum import suggested_momentum
+from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
 DURATION = 0.8
-LEVEL = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
 
 
 @pytest.fixture(scope="module")
@@ -84,62 +76,6 @@ def test_the_attitude_is_that_of_another_integrator_at_every_instant(swinging):
         assert np.abs(gaps).max() < 1e-12
 
 
-def test_without_momentum_the_attitude_is_a_quadrature_of_its_own(swinging):
-    dynamics, _, start, joints = swinging
-    grid = cells(32, 10)
-    turning = turn(grid, DURATION, *momenta(dynamics, joints, grid), np.zeros(3), start)
-    expected = integrated((dynamics, np.zeros(3), start, joints), np.array([DURATION]))
-    assert np.abs(turning.ends[-1] - expected[0]).max() < 1e-11
-
-
-def test_small_turns_go_on_as_differences_say(swinging):
-    dynamics, h, start, joints = swinging
-    grid = cells(16, 8)
-    inertia, relative = momenta(dynamics, joints, grid)
-    turning = turn(grid, DURATION, inertia, relative, h, start)
-    nudge = 1e-6 * np.array([0.3, -0.5, 0.8])
-
-    def ends(sign):
-        borders = exponential(np.tile(sign * nudge, (16, 1))) @ turning.borders
-        return turn(grid, DURATION, inertia, relative, h, borders).ends
-
-    differences = logarithm(ends(1) @ np.swapaxes(ends(-1), 1, 2)) / 2
-    assert np.abs(differences - turning.carried[0] @ nudge).max() < 1e-6 * np.linalg.norm(nudge)
-
-
-def test_a_motion_that_is_too_wild_is_an_error_of_its_own(swinging):
-    dynamics, h, start, joints = swinging
-    grid = cells(8, 5)
-    inertia, relative = momenta(dynamics, joints, grid)
-    with pytest.raises(IntegrationError):
-        turn(grid, DURATION, inertia, relative, 1e5 * h, start)
-
-
-def test_the_logarithm_changes_as_its_derivative_says():
-    turn_vector, small = np.array([0.4, -1.1, 0.7]), 1e-6 * np.array([[0.2, 0.9, -0.4]])
-    after = [logarithm(exponential(sign * small) @ exponential(turn_vector[None]))[0] for sign in (1, -1)]
-    assert (after[0] - after[1]) / 2 == pytest.approx(left_jacobian_inverse(turn_vector) @ small[0], rel=1e-6)
-    assert left_jacobian_inverse(np.zeros(3)) == pytest.approx(np.eye(3))
-
-
-def test_the_attitude_at_landing_changes_with_the_momentum_as_differences_say():
-    problem = fp.load_problem(URDF.parent / "problems" / "space" / "diver_half_twist.toml")
-    plain, h, step = _PlainMotion(problem), np.array([5.0, 30.0, -8.0]), 1e-4
-    _, slope = plain.residual(h)
-    for axis, direction in enumerate(np.eye(3)):
-        ends = [plain.residual(h + sign * step * direction)[0] for sign in (1, -1)]
-        assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(slope[:, axis], rel=1e-5, abs=1e-8)
-
-
-@pytest.mark.parametrize("axes", ["yxz", "xyz", "zxz", "yzx"])
-def test_angles_go_on_over_whole_turns(axes):
-    middle = 1.2 if axes[0] == axes[2] else 0.3
-    s = np.linspace(0, 1, 60)[:, None]
-    angles = s * [4 * math.pi, 0, -3 * math.pi] + [0.1, middle, -0.2]
-    found = unwrapped_angles(axes, of_angles(axes, angles))
-    assert found - found[0] == pytest.approx(angles - angles[0], abs=1e-9)
-
-
 def test_a_planar_plan_flown_in_space_is_the_planar_plan():
     """The same joints' motion and momentum; the gymnast is its own mirror image, and so never leaves the plane."""
     planar = fp.plan(fp.load_problem(URDF.parent / "problems" / "handstand.toml"))
@@ -187,26 +123,6 @@ def test_what_is_suggested_turns_the_plain_motion_to_the_goal(diver):
     assert plain.objective_value < 1e-9
     assert plain.angular_momentum == pytest.approx(h)
     assert abs(h[1]) > 50 * np.hypot(h[0], h[2])
-
-
-def test_for_a_twist_alone_the_momentum_along_its_axis_is_suggested(diver):
-    posture = diver.position_limits.mean(axis=1)
-    start, goal = (fp.Attitude(angles=(0.2, 0.3, c), axes="yxz") for c in (0.5, 0.5 - 4 * math.pi))
-    problem = fp.Problem(diver, fp.Posture(start, posture), fp.Posture(goal, posture), fp.Flight(1.2, "suggested"))
-    plan = fp.plan(problem)
-    assert plan.ok
-    along = of_angles("yxz", np.array([[0.2, 0.3, 0.0]]))[0][:, 2]
-    assert plan.angular_momentum @ along == pytest.approx(-np.linalg.norm(plan.angular_momentum))
-
-
-@pytest.mark.parametrize("angles", [(0.4, -0.3, 0.2), (0.01, 0.8, 0.7), (0, 0, -0.9)])
-def test_small_turns_about_any_axes_need_no_joints(diver, angles):
-    posture = diver.position_limits.mean(axis=1)
-    level, turned = (fp.Attitude(angles=each, axes="yxz") for each in ((0, 0, 0), angles))
-    problem = fp.Problem(diver, fp.Posture(level, posture), fp.Posture(turned, posture), fp.Flight(1.2, "suggested"))
-    plain = fp.plan(problem)
-    assert plain.ok
-    assert plain.objective_value < 1e-9
 
 
 def test_the_motion_in_the_files_coordinates_is_one_of_pinocchio(diver):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -68,21 +67,3 @@ def test_the_point_of_a_sole_is_its_toe_and_that_of_a_ball_its_bottom(tmp_path: 
     assert all(each.local == bottom.local for each in same)
     angle = robot.tree.absolute_angles(np.array(0.0), problem.initial.positions)[bottom.body]
     assert bottom.local * robot.tree.rotations(angle) == pytest.approx(-0.04j, abs=1e-12)
-
-
-def test_a_stance_on_the_toe_is_no_warning_of_its_flight(tmp_path: Path) -> None:
-    """The rates of the toe's rest are within the limits, those of the ankle's are not."""
-    robot = leg(tmp_path, SOLE)
-    problem = hop(robot, fp.JumpRequest())
-    rates = [verdict(problem).rates for verdict in (fp.takeoff, fp.landing)]
-    start, goal = (replace(problem.start, velocities=each) for each in rates)
-    plans = [fp.plan(replace(problem, start=start, goal=goal, jump=jump)) for jump in (None, fp.JumpRequest())]
-    assert all(plan.ok for plan in plans)
-    told = [{warning.kind for warning in plan.warnings} & {"takeoff", "landing"} for plan in plans]
-    assert told == [{"takeoff", "landing"}, set()]
-
-
-def test_a_mesh_that_is_missing_leaves_the_frame(tmp_path: Path) -> None:
-    contact = fp.takeoff(hop(leg(tmp_path, '<mesh filename="nowhere.stl"/>'), fp.JumpRequest()))
-    assert contact.point is not None
-    assert contact.point.local == 0

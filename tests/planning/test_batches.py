@@ -7,7 +7,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.planning import many
-from floatplan.planning.kernel_input.numbers import is_plain, is_together
+from floatplan.planning.kernel_input.numbers import is_together
 from floatplan.plans.plans import COUNTS, NUMBERS
 
 BAR = fp.Bar(start=(1.2, 4.2), end=(1.9, 4.6), radius=0.1, margin=0.01)
@@ -23,7 +23,7 @@ def assert_as_alone(problems, monkeypatch) -> fp.Plans:
     together = fp.plan_many(problems, attempts=3)
     with monkeypatch.context() as patched:
         patched.setattr(many, "is_together", lambda family: False)
-        patched.setattr(many, "goes_together", is_plain)
+        patched.setattr(many, "goes_together", lambda problem: problem.is_plain)
         alone = fp.plan_many(problems, attempts=3)
     assert together.status.tolist() == alone.status.tolist()
     assert together.messages == alone.messages
@@ -68,41 +68,6 @@ def _plain(value):
 def test_degrees(degree, weak, monkeypatch):
     base = replace(weak, motion=fp.Motion(degree=degree))
     assert_as_alone(fp.Family(base, {"flight.duration": [1.35, 1.4, 1.45]}), monkeypatch)
-
-
-def test_however_they_are_cut(weak, monkeypatch):
-    """In any order, in small batches, in several processes; some are solved by the second of their starts or later."""
-    rng = np.random.default_rng(4)
-    varied = {
-        "limits.torque.q1": rng.uniform(1.5, 5.0, 60),
-        "obstacles.0.center.0": rng.uniform(0.5, 2.5, 60),
-        "flight.duration": rng.uniform(1.2, 1.6, 60),
-    }
-    whole, order = fp.plan_many(fp.Family(weak, varied)), rng.permutation(60)
-    assert {"optimal", "not_found"} <= set(whole.status)
-    assert whole.starts[whole.ok].max() > 1
-    monkeypatch.setattr(many, "WITH_ROWS", 7)
-    mixed = fp.Family(weak, {path: values[order] for path, values in varied.items()})
-    for other in (fp.plan_many(mixed), fp.plan_many(mixed, jobs=2)):
-        assert other.status.tolist() == whole.status[order].tolist()
-        assert [other.messages[row] for row in range(60)] == [whole.messages[row] for row in order.tolist()]
-        for name in (*NUMBERS, *COUNTS, "coefficients"):
-            np.testing.assert_array_equal(getattr(other, name), getattr(whole, name)[order], err_msg=name)
-
-
-def test_a_list_in_any_order(weak, root, monkeypatch):
-    rates = replace(weak, limits=fp.Limits(position="full", velocity=(9.0, 9.0)), self_clearances=())
-    other = [replace(weak, flight=replace(weak.flight, duration=value)) for value in (1.2, 1.5)]
-    assert_as_alone(
-        [weak, rates, other[0], fp.load_problem(root / "problems" / "somersault.toml"), other[1]], monkeypatch
-    )
-
-
-def test_bad_numbers_are_their_rows_alone(weak, monkeypatch):
-    varied = {"obstacles.0.radius": [0.2, -1.0, 0.2, 0.2], "limits.torque.q1": [4.0, 4.0, 0.0, 4.0]}
-    plans = assert_as_alone(fp.Family(weak, varied | {"start.positions.q1": [0.3, 0.3, 0.3, 4.0]}), monkeypatch)
-    assert plans.status.tolist()[1:] == ["error"] * 3
-    assert all(word in plans.messages[row] for row, word in ((1, "radius"), (2, "torque"), (3, "range")))
 
 
 @pytest.mark.parametrize(

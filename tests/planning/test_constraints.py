@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from general_flight import general_flight
 from kernel_program import KernelProgram
-from reduced_program import CoefficientNorm, FlightProgram, IntegralOfSquares, objective, watching
+from reduced_program import CoefficientNorm, IntegralOfSquares
 from robot_samples import URDF_FOLDER
-from sampled_flight import jacobian_of, nodes_of, sample_also, sample_nodes, trajectory, values_of
+from sampled_flight import jacobian_of, sample_also, sample_nodes, trajectory, values_of
 from scipy.integrate import simpson
 
 import floatplan as fp
@@ -25,7 +25,6 @@ from floatplan.arrays import read_only
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.motion.sine_polynomial import Form
 from floatplan.planning import constraints as constraints_module
 from floatplan.planning.constraints import (
     QUANTITIES,
@@ -158,23 +157,6 @@ class TestDerivatives:
         assert np.abs(gradient).max() > 1e-3
         assert_derivative(value, gradient, x, scale)
 
-    def test_of_14(self, flight, x, scale):
-        jacobian = trajectory(*flight, x).residual_jacobian
-        assert np.abs(jacobian).min() > 0
-        assert_derivative(lambda at: trajectory(*flight, at).residual, jacobian, x, scale)
-
-    def test_of_18(self, flight, x, scale):
-        jacobian = trajectory(*flight, x).attitude_jacobian[:, 0]
-        assert_derivative(lambda at: trajectory(*flight, at).flown.attitude, jacobian, x, scale)
-
-    def test_of_the_whole_program(self, flight, x, scale):
-        """Objective, (14), the rows of (9) for a free h, and all constraints, as the SQP sees them."""
-        program = FlightProgram(*flight, CoefficientNorm(flight[1].coefficients), tuple(CONSTRAINTS.values()))
-        here = program.evaluate(x)
-        assert_derivative(lambda at: program.evaluate(at).equality, here.equality_jacobian, x, scale)
-        assert_derivative(lambda at: program.evaluate(at).inequality, here.inequality_jacobian, x, scale)
-        assert_derivative(lambda at: np.array(program.evaluate(at).objective), here.gradient, x, scale)
-
 
 class TestRatesThatFollow:
     """The kernel's derivatives where the rates at both ends follow from a free h, and accelerations are free."""
@@ -212,44 +194,9 @@ class TestRatesThatFollow:
         eigenvalues = np.linalg.eigvalsh(following.whole(there)["hessian"])
         assert eigenvalues.min() > 1e-6 * eigenvalues.max()
 
-    def test_the_norm_of_coefficients_is_17(self, following, there):
-        if following.problem.motion.objective != "coefficients":
-            pytest.skip("another objective")
-        variables = following.variables
-
-        def both(at):
-            motions = variables.motion_class(variables.angular_momentum(at))
-            b = motions.powers_of_seconds(variables.free_coefficients(at))
-            return (b**2).sum() / following.evaluate(at).objective
-
-        assert both(there) == pytest.approx(both(-there), rel=1e-9)
-
-    def test_given_states_stand_and_the_frames_rest(self, following, there):
-        model, variables = flight_of(following.problem), following.variables
-        ends = sample_also(nodes_of(-2, variables.polynomials.form), np.array([0.0, 1.0]))
-        motion = trajectory(model, variables, ends, there).motion
-        rates = variables.following.rates(variables.angular_momentum(there))
-        assert motion.velocities[-2:] == pytest.approx(rates, abs=1e-10)
-        for end, free in enumerate(end in variables.polynomials.free_ends for end in (2, 5)):
-            given = variables.following.accelerations[end]
-            assert not given.any() if free else motion.accelerations[end - 2] == pytest.approx(given, abs=1e-8)
-
 
 class TestConstraints:
     """What the values mean, from the state that :class:`floatplan.Plan` reports."""
-
-    @pytest.mark.parametrize("name", CONSTRAINTS)
-    def test_derivatives_need_no_values_before_them(self, flight, x, name):
-        before, after = trajectory(*flight, x), trajectory(*flight, x)
-        values_of(CONSTRAINTS[name], before)
-        assert (jacobian_of(CONSTRAINTS[name], before) == jacobian_of(CONSTRAINTS[name], after)).all()
-
-    @pytest.mark.parametrize("name", CONSTRAINTS)
-    def test_labels_units_and_scales_fit(self, name):
-        block = CONSTRAINTS[name]
-        assert len(block.labels) == len(block.scale)
-        assert (block.scale > 0).all()
-        assert block.unit in ("m", "N m", "rad/s", "rad/s^2")
 
     def test_limits(self, flight, x):
         motion = trajectory(*flight, x)
@@ -271,27 +218,6 @@ class TestConstraints:
             assert applies(CONSTRAINTS[name], s).all()
         assert constraints_module.RowTable.of(tuple(CONSTRAINTS.values())).window_ends == (0.2, 0.8)
 
-    @pytest.mark.parametrize("window", [(-1.0, 0.45), (0.45, 7.0), (-1.0, 7.0), (0.0, 5e-324), (0.3, 0.3000001)])
-    def test_windows_are_fractions_of_the_flight(self, problem, window):
-        obstacle = replace(BAR, window=window)
-        (block,) = constraints(replace(problem, obstacles=(obstacle,)), flight_of(problem))
-        expected = np.clip(np.array(window) / problem.flight.duration, 0.0, 1.0)
-        assert block.window == tuple(expected)
-        assert applies(block, expected).all()
-
-    def test_window_ends_are_instants_of_the_program_as_they_are(self):
-        nodes = sample_nodes(gauss_grid(24), Form(3))
-        ends = (np.nextafter(1 / 3, 1), 0.7000001234567891)
-        block = obstacle_clearance(BAR, "bar", LINKS, window=ends)
-        sampling = watching(nodes, (block, CONSTRAINTS["circle"]), np.array([0.5]))
-        assert sampling.grid.s[24:].tolist() == [ends[0], 0.5, ends[1]]
-
-    def test_margin_is_subtracted(self, flight, x):
-        motion = trajectory(*flight, x)
-        wider = obstacle_clearance(replace(CIRCLE, margin=0.12), "circle", LINKS)
-        gap = (values_of(CONSTRAINTS["circle"], motion) - values_of(wider, motion)) * wider.scale
-        assert gap == pytest.approx(0.1, abs=1e-13)
-
     def test_of_a_problem_are_all_that_it_asks_for(self, problem):
         limits = fp.Limits(velocity={"q2": 9.0}, torque=40.0, motor={"q1": fp.Motor(50.0, 2.0)}, orientation_rate=5.0)
         asked = fp.Problem(
@@ -311,28 +237,8 @@ class TestConstraints:
         named = {label for block in made for label in block.labels}
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named
 
-    def test_a_link_of_several_capsules_has_a_row_for_each_pair(self):
-        block = link_clearance((0, 1), (2, 3, 4), ("a", "b"), 0.0)
-        assert len(block.labels) == len(block.scale) == 6
-
 
 class TestObjectives:
-    def test_coefficient_norm_is_17(self, flight, x):
-        """``|b|^2 = constant + unit^2 |x|^2``: differences of |b|^2 are in proportion to those of the objective."""
-        _, variables, _ = flight
-        norm = OBJECTIVES["coefficients"]
-
-        def both(at):
-            b = variables.polynomials.powers_of_seconds(variables.free_coefficients(at))
-            return (b**2).sum(), norm.value(trajectory(*flight, at), at)
-
-        origin, here, twice = both(0 * x), both(x), both(2 * x)
-        assert origin[1] == 0
-        assert twice[0] - origin[0] == pytest.approx(4 * (here[0] - origin[0]), rel=1e-9)
-        other = both(x[::-1].copy())
-        ratio = (here[0] - origin[0]) / here[1]
-        assert (other[0] - origin[0]) / other[1] == pytest.approx(ratio, rel=1e-9)
-
     @pytest.mark.parametrize(("name", "unit"), [("acceleration", 300.0), ("torque", 5e4)])
     def test_integrals_are_those_of_the_squares(self, flight, x, name, unit):
         """Against Simpson's rule."""
@@ -344,49 +250,3 @@ class TestObjectives:
         expected = simpson((values**2).sum(axis=1), x=0.9 * s) / unit
         found = OBJECTIVES[name].value(trajectory(model, variables, nodes, x), x)
         assert found == pytest.approx(expected, rel=1e-8)
-
-    @pytest.mark.parametrize("name", OBJECTIVES)
-    def test_hessians_are_positive_definite(self, flight, x, name):
-        hessian = OBJECTIVES[name].hessian(trajectory(*flight, x))
-        assert hessian == pytest.approx(hessian.T, rel=1e-12)
-        eigenvalues = np.linalg.eigvalsh(hessian)
-        assert eigenvalues.min() > 1e-4 * eigenvalues.max()
-
-    @pytest.mark.parametrize("name", ["coefficients", "torque", "acceleration"])
-    def test_of_a_problem_is_of_size_one(self, problem, name):
-        asked = fp.Problem(problem.robot, problem.start, problem.goal, problem.flight, fp.Motion(7, name))
-        model = flight_of(asked)
-        branches = np.zeros((2, 3), dtype=np.int64)
-        variables = decision_variables(asked, (7,) * 3, branches, flight_of(asked).momentum_set)
-        sampling = sample_nodes(gauss_grid(32), Form(2))
-        made = objective(asked, model, variables, sampling)
-        assert type(made) is type(OBJECTIVES[name])
-        if name != "coefficients":
-            plain = variables.plain_motion
-            value = made.value(trajectory(model, variables, sampling, plain), plain)
-            assert value == pytest.approx(1.0, rel=1e-12)
-
-
-class TestVariables:
-    def test_there_and_back(self, flight, x):
-        _, variables, _ = flight
-        z, momentum = variables.free_coefficients(x), variables.angular_momentum(x)
-        assert variables.variables(z, momentum) == pytest.approx(x, rel=1e-9, abs=1e-9)
-        assert (z != 0).sum() == sum(variables.polynomials.free) == variables.coefficients
-
-    def test_plain_motion_is_the_hermite_one_at_the_middle_h(self, flight):
-        _, variables, _ = flight
-        plain = variables.plain_motion
-        assert np.abs(variables.free_coefficients(plain)).max() < 1e-9
-        assert variables.angular_momentum(plain) == variables.momentum.centre
-
-    def test_metric_is_the_root_mean_square_of_p(self, flight, x):
-        """Over time and joints, of the change that a step makes to p; h is measured by its reach."""
-        _, variables, _ = flight
-        step = np.append(x[:-1], 0.0)
-        fine = sample_nodes(gauss_grid(64), variables.polynomials.form)
-        z = variables.free_coefficients(step) - variables.free_coefficients(0 * x)
-        change = fine.values[0][:, 6:] @ z.T
-        expected = np.sqrt(fine.grid.weights @ (change**2).mean(axis=1))
-        assert np.linalg.norm(variables.metric @ step) == pytest.approx(expected, rel=1e-10)
-        assert variables.metric[-1].tolist() == [0.0] * variables.coefficients + [1.0]

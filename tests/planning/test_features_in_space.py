@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import pickle
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,6 @@ import pytest
 from robot_samples import inertial
 
 import floatplan as fp
-from floatplan.problem.file import save_problem
 
 ROOT = Path(__file__).resolve().parents[2]
 SPACE, URDF = ROOT / "problems" / "space", ROOT / "urdf"
@@ -112,36 +109,6 @@ def test_mirror_images_locks_rotors_and_motors_go_together(four, tmp_path):
     assert asked(bare).robot.armature != robot.armature
 
 
-def test_what_the_file_couples_is_one_motor(tmp_path):
-    mimic = '<mimic joint="to_left" multiplier="-1" offset="0.1"/>'
-    path = written(
-        tmp_path / "mimic.urdf",
-        body("left", "trunk", "revolute", "1 0 0", "0 0.2 0"),
-        body("right", "trunk", "revolute", "1 0 0", "0 -0.2 0", mimic),
-        body("neck", "trunk", "continuous", "0 1 0", "0 0 0.2"),
-        body("tail", "trunk", "revolute", "0 0 1", "-0.2 0 0"),
-    )
-    robot = fp.Robot.from_urdf(path, base="free-flyer")
-    assert robot.joints == robot.motors == ("to_left", "to_neck", "to_tail")
-    flies(fp.plan(asked(robot)), tmp_path)
-
-
-def test_joints_that_slide_are_held_and_not_planned(tmp_path):
-    path = written(
-        tmp_path / "slide.urdf",
-        body("left", "trunk", "revolute", "1 0 0", "0 0.2 0"),
-        body("right", "trunk", "revolute", "0 1 0", "0 -0.2 0"),
-        body("boom", "trunk", "prismatic", "0 0 1", "0 0 0.2"),
-        body("neck", "boom", "revolute", "0 1 0", "0 0 0.2"),
-        body("tail", "trunk", "revolute", "0 0 1", "-0.2 0 0"),
-    )
-    robot = fp.Robot.from_urdf(path, base="free-flyer", locked={"to_boom": 0.3})
-    assert dict(robot.locked) == {"to_boom": 0.3}
-    flies(fp.plan(asked(robot)), tmp_path)
-    with pytest.raises(fp.InputError, match='"to_boom" is prismatic'):
-        fp.Robot.from_urdf(path, base="free-flyer", joints=["to_left", "to_boom"])
-
-
 def test_what_slides_is_locked_in_metres_whatever_the_unit_of_angles(tmp_path, floatplan):
     path = written(
         tmp_path / "slide.urdf",
@@ -169,50 +136,6 @@ def test_robots_from_mjcf_fly_in_space_too(tmp_path):
     plan = fp.plan(asked(robot, momentum="free", goal=fp.Attitude(angles=(0.1, 0.3, 0), axes="xyz")))
     flies(plan, tmp_path)
     assert plan.record.robot.mjcf
-
-
-def test_degrees_and_radians_are_the_same_problem(tmp_path):
-    problem = fp.load_problem(SPACE / "free_ur5.toml")
-    again = fp.load_problem(save_problem(problem, tmp_path / "radians.toml"))
-    assert again.initial.attitude == problem.initial.attitude
-    assert np.array_equal(again.initial.positions, problem.initial.positions)
-    cat = fp.load_problem(SPACE / "cat.toml")
-    same = fp.load_problem(save_problem(cat, tmp_path / "cat.toml"))
-    assert same.final.attitude == cat.final.attitude
-    assert cat.final.attitude.angles == pytest.approx((2 * math.pi, -math.pi / 6, 0))
-    first, second = (fp.plan(each, budget=60) for each in (problem, again))
-    assert np.array_equal(first.coefficients, second.coefficients)
-
-
-def test_threads_and_processes_plan_the_same():
-    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    wanted, found = fp.plan(problem), {}
-
-    def planned(index):
-        own = problem if index else fp.load_problem(SPACE / "diver_half_twist.toml")
-        found[index] = fp.plan(own)
-
-    threads = [threading.Thread(target=planned, args=(index,)) for index in range(3)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    found["pickled"] = fp.plan(pickle.loads(pickle.dumps(problem)))
-    for plan in found.values():
-        assert np.array_equal(plan.coefficients, wanted.coefficients)
-    kept = pickle.loads(pickle.dumps(wanted))
-    assert np.array_equal(kept.at(0.7).orientation, wanted.at(0.7).orientation)
-
-
-def test_starts_seeds_and_degrees_are_the_searchs_own():
-    problem = fp.load_problem(SPACE / "diver_half_twist.toml")
-    several = fp.plan(problem, starts=3, seed=5)
-    assert several.ok
-    assert several.solver["seed"] == 5
-    assert several.objective_value <= fp.plan(problem, seed=5).objective_value * (1 + 1e-9)
-    mixed = fp.plan(replace(problem, motion=fp.Motion(degree=(9, 9, 9, 9, 7, 7, 7))))
-    assert mixed.ok
-    assert (mixed.coefficients[4:, 8:] == 0).all()
 
 
 def test_a_family_varies_angles_durations_and_momenta():

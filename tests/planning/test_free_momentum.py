@@ -10,7 +10,6 @@ import pytest
 from free_problems import free_problem
 
 import floatplan as fp
-from floatplan.motion.planar.bounds import angular_momentum_interval, impossibilities
 from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -78,7 +77,7 @@ class TestOutside:
         return fp.load_problem(PROBLEMS / "falling_cat.toml")
 
     def test_a_flight_exists(self, cat: fp.Problem) -> None:
-        low, high = angular_momentum_interval(cat)
+        low, high = cat.momentum_interval
         plan = fp.plan(cat)
         assert plan.ok
         assert not low <= plan.angular_momentum <= high
@@ -93,23 +92,9 @@ class TestOutside:
             motion=fp.Motion("auto"),
             limits=fp.Limits("full", orientation_rate=rate),
         )
-        low, high = angular_momentum_interval(problem)
+        low, high = problem.momentum_interval
         for inside in (low, high):
             assert "At takeoff the start itself is impossible" in fp.plan(given(problem, inside)).explanation
         plan = fp.plan(problem)
         assert plan.ok, plan.explanation
         assert not low <= plan.angular_momentum <= high
-
-    def test_nothing_is_called_impossible_for_it(self) -> None:
-        problem = fp.load_problem(PROBLEMS / "handstand.toml")
-        slow = replace(problem, limits=fp.Limits("full", velocity=10.0))
-        fast = given(slow, 40.0)
-        assert impossibilities(fast)
-        assert not impossibilities(free(slow))
-
-    @pytest.mark.usefixtures("little_work")
-    def test_the_explanation_claims_no_impossibility(self) -> None:
-        plan = fp.plan(given(fp.load_problem(PROBLEMS / "handstand.toml"), 40.0))
-        assert "outside the interval of motions that do not turn back" in plan.explanation
-        assert "turns back on its way" in plan.explanation
-        assert "impossible" not in plan.explanation

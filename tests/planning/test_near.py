@@ -11,7 +11,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.planned import planned
+from floatplan.planning.planner import planned
 from floatplan.robot.urdf.tree import robots_folder
 
 PROBLEMS = Path(__file__).parents[2] / "problems"
@@ -78,12 +78,6 @@ def test_where_the_motion_at_hand_leads_to_none_another_is_searched() -> None:
     assert not none.ok
     assert "velocity limit" in none.explanation
     assert plan_near(lower, none, PATIENCE).ok
-
-
-def test_a_budget_is_positive() -> None:
-    problem = problem_of("obstacle")
-    with pytest.raises(fp.InputError, match="not positive"):
-        plan_near(problem, fp.plan(problem), 0.0)
 
 
 def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it() -> None:

@@ -15,7 +15,6 @@ from independent import Look, clearance, violations_seen
 from long_cases import cases
 
 import floatplan as fp
-from floatplan.motion.planar.closed_form import ballistics
 
 PROBLEMS = sorted((Path(__file__).resolve().parents[2] / "problems").glob("*.toml"))
 NAMES = [path.stem for path in PROBLEMS]
@@ -85,47 +84,11 @@ def test_problems_built_around_a_motion_are_solved(grade: str, tmp_path: Path) -
 class TestKnownAnswers:
     """Costs that are known from elsewhere, and constraints that change a plan."""
 
-    @pytest.mark.parametrize(
-        ("name", "cost"),
-        [("obstacle", 29.48), ("torque_limited", 27.0), ("moving_hoop", 36.0), ("handstand_ground", 29.7)],
-    )
-    def test_cost_is_as_low_as_is_known(self, planned: Planned, name: str, cost: float) -> None:
-        assert planned(name).objective_value <= cost
-
     @pytest.mark.parametrize(("name", "cost"), [("handstand_ground", 8.0), ("obstacle", 20.0)])
     def test_more_starts_find_far_less(self, planned: Planned, name: str, cost: float) -> None:
         several = fp.plan(problem_of(name), starts=24, budget=BUDGET)
         assert several.ok
         assert several.objective_value <= cost < planned(name).objective_value / 1.4
-
-    def test_example_b_without_its_obstacle_hits_it(self, planned: Planned) -> None:
-        problem = problem_of("obstacle")
-        blind = replace(fp.plan(replace(problem, obstacles=())), problem=problem)
-        assert blind.peaks.clearance < problem.obstacles[0].margin - 0.01
-        assert planned("obstacle").peaks.clearance == pytest.approx(0.02, abs=HOLDS)
-
-    @pytest.mark.parametrize(("name", "distance"), [("obstacle", 0.4), ("obstacle_hard", 0.3)])
-    def test_poles_stand_where_their_files_say(self, name: str, distance: float) -> None:
-        problem = problem_of(name)
-        path = ballistics(problem)
-        middle = np.array([problem.flight.duration / 2])
-        (place,), (velocity,) = path.positions(middle), path.velocities(middle)
-        left = np.array([-velocity[1], velocity[0]]) / np.linalg.norm(velocity)
-        np.testing.assert_allclose(problem.obstacles[0].center, place + distance * left, atol=5e-4)
-
-    def test_degree_is_raised_where_no_motion_of_degree_7_has_torques_so_low(self, planned: Planned) -> None:
-        assert planned("torque_limited_hard").coefficients.shape[1] > 8
-
-    def test_hoop_is_hit_where_it_is_not_looked_at(self) -> None:
-        problem = problem_of("moving_hoop")
-        blind = replace(fp.plan(replace(problem, obstacles=())), problem=problem)
-        assert blind.peaks.clearance < -0.01
-
-    def test_cat_folds_through_itself_where_it_is_not_looked_at(self) -> None:
-        problem = problem_of("falling_cat_apart")
-        blind = replace(fp.plan(replace(problem, self_clearances=())), problem=problem)
-        look = Look(blind, np.linspace(0, blind.duration, 2001))
-        assert any(worst.label.startswith("clearance") and worst.amount > 0.04 for worst in violations_seen(look))
 
 
 class TestContact:
@@ -177,12 +140,9 @@ class TestWindows:
         "window",
         [(0.0, 5e-324), (-1.0, 5e-324), (-1.0, 0.0), (1.4, 2.4), (0.7, np.nextafter(0.7, 1)), (-1.0, 0.7), (0.7, 9.0)],
     )
-    @pytest.mark.parametrize("center", [(1.485, 3.342), (0.5, 0.5)])
-    def test_windows_of_an_instant_and_beyond_the_flight(
-        self, window: tuple[float, float], center: tuple[float, float]
-    ) -> None:
+    def test_windows_of_an_instant_and_beyond_the_flight(self, window: tuple[float, float]) -> None:
         problem = problem_of("obstacle")
-        pole = replace(problem.obstacles[0], window=window, center=center)
+        pole = replace(problem.obstacles[0], window=window)
         plan = fp.plan(replace(problem, obstacles=(pole,)), budget=BUDGET)
         assert plan.ok, plan.explanation
         ends = np.clip(window, 0.0, plan.duration)
@@ -218,7 +178,7 @@ class TestObjectives:
     """With h free, the cost is no higher than with its midpoint."""
 
     @pytest.mark.parametrize("objective", ["torque", "acceleration"])
-    @pytest.mark.parametrize("name", ["obstacle", "somersault", "torque_limited"])
+    @pytest.mark.parametrize("name", ["obstacle", "somersault"])
     def test_free_momentum_costs_less(self, name: str, objective: str) -> None:
         problem = replace(problem_of(name), motion=fp.Motion(7, objective))
         midpoint, free = (
@@ -230,8 +190,3 @@ class TestObjectives:
         assert free.objective_value < midpoint.objective_value
         low, high = free.angular_momentum_bounds
         assert low <= free.angular_momentum <= high
-
-    def test_somersault_of_least_torque(self, planned: Planned) -> None:
-        free, given = planned("somersault_low_torque"), planned("somersault")
-        times = np.linspace(0, free.duration, 4001)
-        assert (free.at(times).torques ** 2).mean() < 0.7 * (given.at(times).torques ** 2).mean()

@@ -10,12 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plain_problems import plain_problems, problem_of, random_robot
+from plain_problems import plain_problems
 
 import floatplan as fp
 from floatplan.kernel.tolerances import MOST_STARTS, SETTINGS
 from floatplan.planning import many
-from floatplan.planning.search import Search
 from floatplan.tables import BOUNDARY, ORIENTATION
 
 
@@ -102,60 +101,6 @@ def test_a_row_that_is_wrong_has_its_message_and_the_others_their_plans(path, va
         plans[1]
 
 
-def test_joints_on_the_edge_of_their_range(gymnast_problem):
-    """At rest there a plan is possible; with a rate the problem is wrong."""
-    family = fp.Family(gymnast_problem, {"goal.positions.q1": [math.pi, math.pi], "goal.velocities.q1": [0.0, 0.1]})
-    plans = fp.plan_many(family)
-    assert plans.status[0] != "error"
-    assert plans.status[1] == "error"
-    if plans.ok[0]:
-        judge(plans[0])
-
-
-@pytest.mark.parametrize(
-    ("varied", "said"),
-    [
-        ({"flight.length": [1.0]}, "there is no 'length'"),
-        ({"start.positions.knee": [1.0]}, "no joint 'knee'"),
-        ({"obstacles.0.radius": [1.0]}, "there is none"),
-        ({"name.0": [1.0]}, "no number of a problem file"),
-        ({"start": [1.0]}, "no number of a problem file"),
-        ({"flight.duration": [[1.0]]}, "array"),
-        ({"flight.duration": ["long"]}, "array"),
-        ({"flight.duration": [1.0], "goal.orientation": [1.0, 2.0]}, "differ in length"),
-        ({}, "varies nothing"),
-    ],
-)
-def test_paths_that_lead_nowhere(varied, said, gymnast_problem):
-    with pytest.raises(fp.InputError, match=said):
-        fp.Family(gymnast_problem, varied)
-
-
-def test_every_kind_of_path(root):
-    base = fp.load_problem(root / "problems" / "obstacle.toml")
-    problem = fp.Family(
-        base,
-        {
-            "obstacles.0.center.1": [3.5],
-            "obstacles.0.radius": [0.1],
-            "limits.torque.q1": [50.0],
-            "limits.position.q2.1": [3.0],
-            "limits.orientation_rate": [30.0],
-            "flight.landing.height": [0.1],
-            "flight.horizontal_velocity": [1.5],
-            "motion.degree": [8],
-        },
-    )[0]
-    assert problem.obstacles[0].center == (base.obstacles[0].center[0], 3.5)
-    assert problem.obstacles[0].radius == 0.1
-    assert problem.motor_torque_limits[0] == 50.0
-    assert problem.position_limits[1, 1] == 3.0
-    assert problem.position_limits[1, 0] == base.position_limits[1, 0]
-    assert problem.limits.orientation_rate == 30.0
-    assert (problem.landing_height, problem.flight.horizontal_velocity) == (0.1, 1.5)
-    assert problem.degrees == (8, 8)
-
-
 def test_the_answer_does_not_depend_on_jobs_or_neighbours(monkeypatch):
     monkeypatch.setattr(many, "CHUNK", 7)
     problems = plain_problems(96)[::4]
@@ -181,17 +126,6 @@ def test_a_plan_is_that_of_a_batch_and_is_proved_as_it_is(root):
             assert proved.certificate.proved
 
 
-def test_more_starts_are_never_worse_and_seeds_matter():
-    problems = [problem_of(random_robot(0, 3), np.random.default_rng(seed)) for seed in range(12)]
-    quick, careful = fp.plan_many(problems), fp.plan_many(problems, starts=6)
-    both = quick.ok & careful.ok
-    assert (careful.ok >= quick.ok).all()
-    assert (careful.objective <= quick.objective * (1 + 1e-9))[both].all()
-    assert (careful.starts >= 6)[careful.ok].all()
-    other = fp.plan_many(problems, starts=6, seed=1)
-    assert not np.array_equal(careful.evaluations, other.evaluations)
-
-
 def test_constraints_have_the_whole_search_and_stay_in_their_place(gymnast_problem, root):
     hard = fp.load_problem(root / "problems" / "obstacle.toml")
     touching = replace(hard, obstacles=(fp.Circle(center=(0.0, 0.0), radius=0.2),))
@@ -208,11 +142,6 @@ def test_constraints_have_the_whole_search_and_stay_in_their_place(gymnast_probl
     np.testing.assert_allclose(family.objective, expected, rtol=1e-9)
 
 
-def test_what_plans_say_is_not_measured_unless_they_are_proved(root, monkeypatch):
-    monkeypatch.setattr(fp.Plan, "record", property(lambda _: pytest.fail("measured")))
-    assert fp.plan_many([root / "problems" / "torque_limited.toml"]).ok.all()
-
-
 def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monkeypatch):
     high_jump = fp.load_problem(root / "problems" / "high_jump.toml")
     monkeypatch.setattr(many, "PATIENCE", 1 / 600)
@@ -223,17 +152,6 @@ def test_constrained_problems_are_given_up_sooner_unless_searched_for(root, monk
     whole = fp.plan_many([high_jump], search=True)
     assert whole.status.tolist() == ["optimal"]
     assert whole.evaluations[0] > brief.evaluations[0]
-
-
-def test_unsolved_starts_are_as_many_as_asked_for(root):
-    problem = fp.load_problem(root / "problems" / "obstacle.toml")
-    blocked = replace(problem, obstacles=(replace(problem.obstacles[0], center=(1.165, 3.07)),))
-    given_up = [fp.plan_many([blocked], attempts=count) for count in (1, 2)]
-    assert [plans.starts[0] for plans in given_up] == [1, 2]
-    assert all("search=True" in plans.messages[0] for plans in given_up)
-    for wrong in (0, 301, 1.5):
-        with pytest.raises(fp.InputError, match="attempts"):
-            fp.plan_many([blocked], attempts=wrong)
 
 
 def test_what_is_not_found_is_searched_for(gymnast_problem):
@@ -269,48 +187,11 @@ def test_what_is_out_of_reach_is_seen_before_all_starts_are_tried(gymnast_proble
     assert f"from {plans.starts[0]} starts" in plans.messages[0]
 
 
-def test_a_start_alone_is_as_among_others(gymnast_problem):
-    """Of ranked rounds and of those after them."""
-    problem = somersaults(gymnast_problem, 2.6)[0]
-    plans = fp.plan_many([problem])
-    count = int(plans.starts[0])
-    assert count > 1 + SETTINGS.ranked_rounds * SETTINGS.followed
-    prepared = Search(problem)
-    alone = [prepared.follow_numbered(problem.degrees, [], range(k, k + 1), lambda: False) for k in range(count)]
-    assert plans.objective[0] == min(each.objective_value for each in alone if each.holds)
-    assert plans.iterations[0] == sum(each.iterations for each in alone)
-    assert plans.solved[0] == sum(each.holds for each in alone)
-
-
-def test_plans_are_proved(gymnast_problem):
-    plans = fp.plan_many([gymnast_problem], prove=True)
-    assert plans.verdict.tolist() == ["proved"]
-    assert plans[0].certificate.proved
-    judge(plans[0])
-
-
-def test_degree_five_leaves_one_motion(gymnast_problem):
-    """It meets the goal for one h alone, which another plan's search found free of choice."""
-    rigid = replace(gymnast_problem, motion=fp.Motion(degree=5))
-    assert fp.plan_many([rigid]).status[0] == "not_found"
-    mixed = replace(gymnast_problem, motion=fp.Motion(degree=[5, 9]))
-    plan = fp.plan_many([mixed])[0]
-    assert plan.ok
-    assert np.abs(plan.coefficients[0, 6:]).max() == 0
-    judge(plan)
-
-
 def test_nothing_to_plan(gymnast_problem):
     assert len(fp.plan_many([])) == 0
     for path in ("flight.duration", "limits.torque.q1", "limits.velocity.q2", "goal.orientation", "start.positions.q1"):
         plans = fp.plan_many(fp.Family(gymnast_problem, {path: np.empty(0)}))
         assert (len(plans), plans.status.shape) == (0, (0,))
-
-
-@pytest.mark.parametrize("wrong", [{"starts": 0}, {"jobs": 0}, {"jobs": 1000}, {"seed": -1}])
-def test_options_that_cannot_be(wrong, gymnast_problem):
-    with pytest.raises(fp.InputError):
-        fp.plan_many([gymnast_problem], **wrong)
 
 
 @pytest.mark.long

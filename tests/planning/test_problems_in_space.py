@@ -59,18 +59,6 @@ def test_the_cat_rolls_by_bending_round_in_circles(plans):
     assert ([forwards.max(), aside.max()] < high).all()
 
 
-@pytest.mark.parametrize(("name", "momentum"), [("free_panda", 0), ("go2_levels", 0), ("free_ur5", 0)])
-def test_those_that_nothing_turns_are_asked_so(name, momentum):
-    if PREFIX in (FOLDER / f"{name}.toml").read_text() and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
-    problem = fp.load_problem(FOLDER / f"{name}.toml")
-    assert problem.flight.angular_momentum == momentum
-    assert problem.initial.positions == pytest.approx(problem.final.positions)
-    turned = problem.final.attitude.matrix.T @ problem.initial.attitude.matrix
-    angle = math.degrees(math.acos((np.trace(turned) - 1) / 2))
-    assert angle == pytest.approx({"go2_levels": 35.9}.get(name, 60.0), abs=0.1)
-
-
 @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 @pytest.mark.parametrize("seeds", [(0, 2, 3), pytest.param(range(40), marks=pytest.mark.long)])
 def test_goals_to_which_drawn_motions_lead_are_found(seeds):

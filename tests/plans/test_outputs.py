@@ -46,10 +46,6 @@ class TestSample:
             np.testing.assert_array_equal(getattr(sample, name), getattr(plan, name)(sample.times))
         assert (sample.q.shape[1], sample.v.shape[1]) == (plan.robot.nq, plan.robot.nv)
 
-    def test_nothing_stands_in_flight(self, plan: fp.Plan) -> None:
-        sample = plan.sample(10.0)
-        assert (sample.contacts, sample.forces, sample.contact_points) == ({}, {}, {})
-
     @pytest.mark.parametrize(
         ("rate", "words"),
         [(0.0, "positive"), (-1.0, "positive"), (np.nan, "rate"), (np.inf, "rate"), (1e9, "100000 rows")],
@@ -57,24 +53,3 @@ class TestSample:
     def test_refuses_rates_that_give_no_instants_or_too_many(self, plan: fp.Plan, rate: float, words: str) -> None:
         with pytest.raises(InputError, match=words):
             plan.sample(rate)
-
-
-class TestExport:
-    def test_writes_the_file_at_a_rate(self, plan: fp.Plan, tmp_path: Path) -> None:
-        path = plan.export("npz", tmp_path / "flight.npz", rate=200.0)
-        with np.load(path) as written:
-            times = written["times"]
-            np.testing.assert_array_equal(written["positions"], plan.at(times).positions)
-        assert np.diff(times).max() <= 1 / 200 + 1e-12
-
-    def test_has_a_name_for_each_format(self, plan: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.chdir(tmp_path)
-        from floatplan.export.formats import FORMATS
-
-        names = {plan.export(form).name for form in FORMATS if form != "unitree-sdk"}
-        assert names == {path.name for path in tmp_path.iterdir()}
-        assert len(names) == len(FORMATS) - 1
-
-    def test_refuses_other_formats(self, plan: fp.Plan, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="docx"):
-            plan.export("docx", tmp_path / "plan.docx")

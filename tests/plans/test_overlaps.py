@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 import floatplan as fp
-from floatplan.plans.overlaps import allowance, overlaps
+from floatplan.plans.overlaps import overlaps
 from floatplan.robot.link_pairs import link_pairs
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,29 +71,6 @@ class TestDepth:
         assert found.depth == pytest.approx(0.1 - least, abs=2e-4)
         assert found.at_rest == 0.0
 
-    def test_what_is_brief_is_found_between_the_instants(self, tmp_path):
-        """A joint that swings far out and back within a sixtieth of the flight."""
-        robot = chain(tmp_path, [ball(0.0), SPECK, ball(0.4)])
-        closed = np.pi - np.pi / 3  # an equilateral triangle: the balls are where one another is
-
-        def positions(times):
-            share = np.exp(-(((np.asarray(times) - 0.4931) / 0.02) ** 2))
-            return np.outer(share, [closed, closed])
-
-        (found,) = overlaps(robot, positions, 1.0)
-        assert found.depth == pytest.approx(0.1, abs=0.01)
-        assert found.instant == pytest.approx(0.4931, abs=2e-3)
-
-    def test_of_bars_whose_file_gives_no_shapes(self):
-        """The gymnast folded flat: its shank lies in its thigh, as it is drawn."""
-        robot = fp.Robot.from_urdf(ROOT / "urdf" / "gymnast.urdf")
-        (found,) = overlaps(robot, straight([0.0, 0.0], [0.0, 3.1]), 1.0)
-        thickness = 2 * 0.055 * 0.4
-        assert set(found.links) == {"body1", "body2"}
-        assert found.joint == "q2"
-        assert found.depth == pytest.approx(thickness - 0.15 * np.sin(np.pi - 3.1), abs=2e-3)
-        assert not overlaps(robot, straight([0.0, 0.0], [0.0, 2.8]), 1.0)
-
 
 class TestWhatIsNoOverlap:
     def test_beside_one_another(self, tmp_path):
@@ -118,34 +94,6 @@ class TestWhatIsNoOverlap:
         assert deep.min() < -0.05
         assert not overlaps(robot, straight([0.0, 0.0], [0.1, 0.1]), 1.0)
 
-    def test_what_is_less_than_files_are_true_to(self, tmp_path):
-        robot = chain(tmp_path, [ball(0.0), SPECK, ball(0.4)])
-        closed = np.pi - np.pi / 3
-        slight = allowance(link_pairs(robot))
-        for depth, count in ((slight - 1e-3, 0), (slight + 1e-3, 1)):
-            beyond = 2 * np.arcsin((0.1 - depth) / 2 / 0.4)  # of the angle at which the balls' middles meet
-            last = [closed - beyond, closed]
-            assert len(overlaps(robot, straight([0.3, closed], last), 1.0)) == count
-
-    def test_what_is_kept_apart_is_not_said_again(self, tmp_path):
-        robot = chain(tmp_path, [ball(0.0), SPECK, ball(0.4)])
-        motion = straight([0.5, 0.5], [2.0, 2.0])
-        assert not overlaps(robot, motion, 1.0, [frozenset(("link0", "link2"))])
-
-    def test_in_the_hollow_of_a_mesh(self, tmp_path):
-        """A ball that passes between two walls is in their convex hull, not in them."""
-        walls = [trimesh.creation.box((0.02, 0.3, 0.3)) for _ in range(2)]
-        walls[0].apply_translation((0.12, 0.0, 0.0))
-        walls[1].apply_translation((-0.12, 0.0, 0.0))
-        between = trimesh.creation.box((0.24, 0.02, 0.3))
-        between.apply_translation((0.0, 0.15, 0.0))
-        trimesh.util.concatenate([*walls, between]).export(tmp_path / "u.stl")
-        mesh = '<collision><geometry><mesh filename="u.stl"/></geometry></collision>'
-        for radius, count in ((0.05, 0), (0.125, 1)):
-            robot = chain(tmp_path, [mesh, SPECK, ball(0.4, radius)])
-            closed = np.pi - np.pi / 3
-            assert len(overlaps(robot, straight([1.0, closed], [closed, closed]), 1.0)) == count
-
 
 class TestWarning:
     def problem(self, robot, **parts):
@@ -168,19 +116,6 @@ class TestWarning:
         asked = replace(self.problem(robot), self_clearances=(fp.SelfClearance(("body0", "body2")),))
         assert [each.kind for each in fp.plan(asked).warnings] == ["overlap"]
 
-    def test_in_space(self, tmp_path):
-        robot = chain(tmp_path, [bar(0.45), bar(0.4)], base="free-flyer")
-        ends = (fp.Posture(fp.Attitude(quaternion_xyzw=[0, 0, 0, 1]), [q]) for q in (0.2, 3.05))
-        plan = fp.plan(fp.Problem(robot, *ends, fp.Flight(1.0, gravity=0.0)), starts=1)
-        (warning,) = [each for each in plan.warnings if each.kind == "overlap"]
-        assert set(warning.subject.split()) == {"link0", "link1"}
-
-    def test_of_a_mesh_that_cannot_be_read_is_said(self, tmp_path):
-        robot = chain(tmp_path, ['<collision><geometry><mesh filename="bad.stl"/></geometry></collision>', bar(0.4)])
-        (tmp_path / "bad.stl").write_text("no mesh")
-        problem = fp.Problem(robot, fp.Posture(0.0, [0.1]), fp.Posture(0.3, [0.4]), fp.Flight(1.0, gravity=0.0))
-        assert any(each.value is None and each.kind == "overlap" for each in fp.plan(problem).warnings)
-
 
 class TestBeyondSense:
     """What a flight of a blink takes of a robot whose file gives no limits."""
@@ -195,13 +130,3 @@ class TestBeyondSense:
         assert found["velocity"].value == pytest.approx(plan.peaks.velocity.max())
         weight_times_length = robot.mass * 9.80665 * robot.rod_length
         assert found["torque"].limit == pytest.approx(2 * weight_times_length)
-
-    def test_a_usual_flight_has_neither(self):
-        plan = fp.plan(fp.load_problem(ROOT / "problems" / "somersault.toml"))
-        assert {each.kind for each in plan.warnings} == {"takeoff"}  # that is about a stance
-
-    def test_length_is_that_of_a_rod(self, tmp_path):
-        """Two bars in line are about as long as they reach."""
-        robot = chain(tmp_path, [bar(0.4), bar(0.4)])
-        moment = 2 * (1.0 * 0.2**2 + 0.01)  # of two masses 0.4 m apart, and their own
-        assert robot.rod_length == pytest.approx(np.sqrt(12 * moment / 2.0))

@@ -8,13 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from long_cases import cases
 from robot_samples import inertial, joint, robot_text
 from true_heights import lowest_by_link
 
 import floatplan as fp
-from floatplan.motion.planar.end_rates import motion_into_ground
-from floatplan.robot.shapes.capsules import OUTSIDE, Outline, with_fewer_corners
 from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,21 +60,9 @@ class TestMeasured:
         assert warning.subject in ("RL_foot", "RR_foot")
         assert "ground = true" in warning.message
 
-    def test_a_plan_above_it_has_none(self, handstand):
-        assert kinds(fp.plan(handstand)) == [
-            "takeoff",
-            "landing",
-        ]  # fast, and on a stretched arm: no joint rates stop it
-
     def test_without_gravity_there_is_no_ground(self, sinking):
         plan = fp.plan(replace(sinking, flight=replace(sinking.flight, gravity=0.0)))
         assert "ground" not in kinds(plan)
-
-    def test_a_frame_that_is_not_lowest_is_told_from_sinking(self, handstand):
-        takeoff = fp.Takeoff("body1", (0.0, 1.0))
-        plan = fp.plan(replace(handstand, flight=replace(handstand.flight, takeoff=takeoff, duration=0.9)))
-        (message,) = [warning.message for warning in plan.warnings if warning.kind == "ground"]
-        assert "flight.takeoff names" in message
 
     def test_limits_of_the_urdf(self, tmp_path):
         """Positions, rates, torques and a locked joint's holding torque, none of them asked for."""
@@ -118,12 +103,6 @@ class TestWritten:
         assert all(set(warning) == KEYS for warning in content["warnings"])
         assert kinds(fp.load_plan(path)) == kinds(sunk)
 
-    def test_none_is_an_empty_list(self, tmp_path):
-        problem = fp.load_problem(ROOT / "problems" / "falling_cat_apart.toml")
-        afloat = replace(problem, flight=replace(problem.flight, gravity=0.0))
-        path = fp.plan(afloat).save(tmp_path / "plan.json")
-        assert json.loads(path.read_text())["warnings"] == []
-
     def test_in_json_summary_and_report(self, sunk, floatplan, tmp_path):
         fp.save_problem(sunk.problem, tmp_path / "sinking.toml")
         run = floatplan("plan", tmp_path / "sinking.toml", "--json", "--report", "-o", tmp_path / "out")
@@ -137,18 +116,6 @@ class TestWritten:
         assert "proved, with warnings" in page
         certified = floatplan("certify", tmp_path / "out" / "plan.json")
         assert certified.code == 0
-
-    @pytest.mark.usefixtures("little_work")
-    def test_utilisation_is_worst_first(self, sunk):
-        rows = sunk.utilisation
-        assert [row.worst for row in rows] == sorted((row.worst for row in rows), reverse=True)
-        assert rows[0].joint == "RL_calf_joint"
-        assert rows[0].velocity_utilisation == pytest.approx(rows[0].velocity_peak / 15.7)
-        assert rows[0].instant == rows[0].velocity_instant
-        limits = fp.Limits(torque={"FL_thigh_joint": 2.0, "FR_thigh_joint": 5.0})
-        weak = fp.plan(replace(sunk.problem, limits=limits))
-        use = {row.joint: row for row in weak.utilisation}
-        assert (use["FL_thigh_joint"].torque_limit, use["FR_thigh_joint"].torque_limit) == (2.0, 5.0)
 
 
 class TestAsked:
@@ -181,12 +148,6 @@ class TestAsked:
         assert "ground" in {finding.label for finding in plan.certificate.findings}
         assert "ground" not in kinds(plan)
 
-    @pytest.mark.usefixtures("little_work")
-    def test_a_free_momentum_that_takes_the_foot_down_is_told(self, sinking):
-        plan = fp.plan(replace(sinking, ground=True))
-        assert not plan.ok
-        assert "moves down into the ground at takeoff" in plan.explanation
-
     def test_a_plan_below_it_is_refuted(self, sunk, tmp_path):
         content = sunk.record.to_dict()
         content["problem"]["ground"] = True
@@ -198,11 +159,6 @@ class TestAsked:
         (warning,) = [warning for warning in sunk.warnings if warning.kind == "ground"]
         assert finding.bound == pytest.approx(warning.value, abs=1e-5)
 
-    def test_problem_files_hold_it(self, handstand, tmp_path):
-        fp.save_problem(replace(handstand, ground=True), tmp_path / "p.toml")
-        assert "ground = true" in (tmp_path / "p.toml").read_text()
-        assert fp.load_problem(tmp_path / "p.toml").ground
-
     def test_a_foot_that_moves_down_is_refused(self, gymnast):
         """A fall: it lands a metre below where it took off, sooner than gravity alone would take it there."""
         flight = fp.Flight(0.2, takeoff=fp.Takeoff("foot"), landing=fp.Landing("foot", -1.0))
@@ -211,31 +167,6 @@ class TestAsked:
         with pytest.raises(fp.InputError, match="moves down into the ground at takeoff"):
             fp.plan(problem)
         assert fp.plan(replace(problem, ground=False)).ok
-
-    @pytest.mark.parametrize(("digits", "refused"), [(6, False), (3, True)])
-    def test_a_foot_at_rest_but_for_the_digits_of_a_file_is_not_refused(self, root, digits, refused):
-        """Rates with six digits are off by what takes a foot less than the clearances' tolerance into the ground."""
-        problem = fp.load_problem(root / "problems" / "backflip.toml")
-        settled = fp.plan(problem).problem
-        ends = [settled.initial, settled.final]
-        off = 2.0 * 10.0 ** -(digits - 1)  # rad/s, about half of the last digit of 20 rad/s: towards the ground
-        signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)]
-        refusals = []
-        for sign in signs:
-            start, goal = (
-                fp.Posture(end.orientation, end.positions, end.velocities + off * np.array(sign)) for end in ends
-            )
-            try:
-                plan = fp.plan(replace(problem, start=start, goal=goal), prove=True)
-            except fp.InputError as error:
-                refusals.append(str(error))
-                continue
-            assert plan.certificate.proved
-        assert bool(refusals) is refused
-        assert all("the ground at" in refusal for refusal in refusals)
-
-    def test_a_foot_that_rises_is_not(self, handstand):
-        assert motion_into_ground(replace(handstand, ground=True), np.array([-1.17])) == []
 
 
 FEET = {
@@ -299,32 +230,3 @@ class TestTrueShapes:
         assert -1.1e-3 <= warning.value - true <= ROUNDED.get(foot, 0.0) + 1e-6
         asked = replace(plan.problem, ground=True)
         assert not fp.plan(asked).ok
-
-
-@pytest.mark.parametrize("name", cases(["go2", "g1", "talos"], {"g1", "talos"}))
-def test_real_robots_warn_of_true_depths(root, name):
-    if robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
-    problem = fp.load_problem(root / "problems" / "gallery" / f"{name}.toml")
-    plan = fp.plan(replace(problem, obstacles=(), limits=fp.Limits()))
-    heights = lowest_by_link(plan, np.linspace(0.0, plan.duration, 2001), robots_folder().parent.parent)
-    standing = plan.robot.contact_link(plan.problem.takeoff_frame.link)
-    line = heights[standing][0]
-    assert problem.ground_plane.point[1] == pytest.approx(line, abs=1e-6)
-    true = min(each.min() for each in heights.values()) - line
-    told = min((each.value for each in plan.warnings if each.kind == "ground"), default=0.0)
-    assert true - 1.1e-3 <= told <= min(true, 0.0) + 1e-6
-
-
-@pytest.mark.parametrize("seed", cases(range(6), range(2, 6)))
-def test_fewer_corners_hold_the_hull(seed):
-    rng = np.random.default_rng(seed)
-    hull = Outline.convex(0.2 * (rng.normal(size=400) + 1j * rng.normal(size=400)))
-    outer = with_fewer_corners(hull)
-    assert len(outer.points) <= len(hull.points)
-    directions = np.exp(2j * np.pi * np.arange(3600) / 3600)
-    reach = [(directions.conj()[:, None] * each.points).real.max(axis=1) for each in (hull, outer)]
-    assert (reach[1] - reach[0]).min() > -1e-12
-    assert (reach[1] - reach[0]).max() <= OUTSIDE
-    disc = with_fewer_corners(Outline.convex(0.1 * np.exp(2j * np.pi * np.arange(720) / 720)))
-    assert len(disc.points) < 40

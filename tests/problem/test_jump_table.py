@@ -83,10 +83,7 @@ REFUSED = {
         'fixed = ["gravity"]',
         r"jump.fixed\[0\]: must be 'duration', 'angular_momentum', 'start' or 'goal', not 'gravity'",
     ),
-    "unknown frame": (
-        'takeoff = { contacts = [["paw"]] }',
-        r"jump.takeoff.contacts\[0\]: the robot has no frame",
-    ),
+    "unknown frame": ('takeoff = { contacts = [["paw"]] }', r"jump.takeoff.contacts\[0\]: the robot has no frame"),
     "not a planned joint": ("takeoff = { from = { knee = 0 } }", "jump.takeoff.from: 'knee' is not a planned joint"),
     "a foot that leaves and returns": (
         'takeoff = { contacts = [["foot", "hand"], ["foot"], ["foot", "hand"]] }',
@@ -121,16 +118,6 @@ def test_what_is_wrong_is_refused_with_file_key_and_reason(tmp_path: Path, text:
     assert "file.toml" in str(caught.value)
 
 
-def test_a_flight_of_no_time_is_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(fp.InputError, match=r"file\.toml: flight\.duration: 0(\.0)? s is not positive"):
-        read(tmp_path, text.replace("duration = 1.4", "duration = 0") + JUMP)
-
-
-def test_a_free_flyer_is_refused(tmp_path: Path, text: str) -> None:
-    with pytest.raises(fp.InputError, match=r"file\.toml: jump: is for flights in a plane"):
-        read(tmp_path, text.replace("[start]", 'base = "free-flyer"\n[start]') + JUMP)
-
-
 def test_its_flight_is_planned_alone_proved_and_read_again(tmp_path: Path, text: str) -> None:
     plan = fp.plan(read(tmp_path, text + JUMP), prove=True)
     assert plan.ok
@@ -141,12 +128,3 @@ def test_its_flight_is_planned_alone_proved_and_read_again(tmp_path: Path, text:
     assert again.problem.jump == ASKED
     assert fp.certify(tmp_path / "plan.json").proved
     assert record_from_dict(plan.record.to_dict()).problem["jump"]["friction"] == 0.5
-
-
-def test_families_and_studies_plan_its_flights(tmp_path: Path, text: str) -> None:
-    family = fp.Family(read(tmp_path, text + JUMP), {"flight.duration": [1.3, 1.4]})
-    assert set(fp.plan_many(family).status) == {"optimal"}
-    study = tmp_path / "study.toml"
-    study.write_text('problem = "file.toml"\n[vary]\n"flight.duration" = [1.3, 1.4]\n')
-    table = fp.study(study, folder=tmp_path / "results").table
-    assert table["status"].to_pylist() == ["optimal", "optimal"]

@@ -2,51 +2,11 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from typing import Annotated, Literal
-
-import pytest
-
 import floatplan as fp
 from floatplan.cli.common import OPTIONS
-from floatplan.keys import ANGLE, Key, Keyed, Reader, read_tables
 from floatplan.plans.record import SHARED, problem_table
 from floatplan.problem import parts
 from floatplan.problem.file import TABLES
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wing(Keyed):
-    """A part that no problem has."""
-
-    span: Annotated[float, Key("From tip to tip", "m", "radius")]
-    sweep: Annotated[float | Literal["none"], Key("Backwards", ANGLE, "orientation")] = "none"
-    tip: Annotated[parts.Takeoff | None, Key("What is at its end")] = None
-
-
-def test_a_field_with_its_key_is_checked():
-    with pytest.raises(fp.InputError, match=r"span: -1\.0 m is negative"):
-        Wing(span=-1.0)
-    with pytest.raises(fp.InputError, match="sweep: must be a number or 'none', not 'much'"):
-        Wing(span=1.0, sweep="much")
-    with pytest.raises(fp.InputError, match="tip: 3 is not a Takeoff"):
-        Wing(span=1.0, tip=3)
-
-
-def test_a_field_with_its_key_is_read_from_a_file():
-    content = {"span": 2, "sweep": 90.0, "tip": {"frame": "foot", "position": [1.0, 2.0]}}
-    wing = Reader(degrees=True).part(Wing, content)
-    assert wing.faults() == []
-    assert wing == Wing(span=2.0, sweep=math.pi / 2, tip=parts.Takeoff("foot", (1.0, 2.0)))
-    for damage, reason in (
-        ({"span": "x"}, "span: 'x' is not a number"),
-        ({"spam": 1.0}, "spam: unknown key; did you mean 'span'"),
-        ({"sweep": []}, r"sweep: must be a number or 'none', not \[\]"),
-        ({"tip": {}}, "tip.frame: is missing"),
-    ):
-        with pytest.raises(fp.InputError, match=reason):
-            read_tables(Wing, {**content, **damage})
 
 
 def test_options_stand_for_keys():

@@ -25,7 +25,6 @@ def test_a_limit_of_motors_or_the_base_is_of_one_quantity(of: Literal["motors", 
 class TestANumberForEachMotor:
     """Of rates and accelerations it is known, by the ratios; of other quantities where nothing follows."""
 
-    free = fp.Robot.from_urdf(GYMNAST)
     coupled = fp.Robot.from_urdf(GYMNAST, joints=["q1"], coupled={"q2": fp.Coupling("q1", 2.0)})
 
     @pytest.fixture(autouse=True)
@@ -39,14 +38,6 @@ class TestANumberForEachMotor:
             resolution.joint_limits(self.coupled, fp.Limits(acceleration=given))
         assert refused.value.element == "limits.acceleration"
         assert refused.value.advice == "give a list, a number for each planned joint"
-
-    def test_it_is_taken_where_none_follow(self) -> None:
-        found = resolution.joint_limits(self.free, fp.Limits(acceleration=3.0))
-        np.testing.assert_array_equal(found["acceleration"], np.full(len(self.free.joints), 3.0))
-
-    def test_a_number_for_each_planned_joint_is_taken(self) -> None:
-        found = resolution.joint_limits(self.coupled, fp.Limits(acceleration=[3.0]))
-        np.testing.assert_array_equal(found["acceleration"], [3.0])
 
     def test_rates_go_by_the_ratios(self) -> None:
         found = resolution.joint_limits(self.coupled, fp.Limits(velocity=3.0))

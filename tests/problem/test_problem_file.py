@@ -1,15 +1,11 @@
 from __future__ import annotations
 
-import copy
 import json
 import math
-import tomllib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-import tomli_w
 
 import floatplan as fp
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -140,12 +136,6 @@ class TestWhatIsRead:
         assert everything.degrees == (8, 9)
         assert everything.name == "everything"
 
-    def test_radians_are_the_default(self, tmp_path: Path) -> None:
-        text = SOUND.replace('angles = "deg"', "").replace("72", "1.5").replace("18", "0.25").replace("-45", "-0.5")
-        problem = fp.load_problem(written(tmp_path / "p.toml", text.replace("-90", "-1")))
-        assert problem.initial.orientation == 1.5
-        np.testing.assert_array_equal(problem.initial.positions, [0.25, -0.5])
-
     def test_what_is_left_out_has_its_default(self, tmp_path: Path) -> None:
         problem = fp.load_problem(written(tmp_path / "short.toml", SOUND))
         assert problem.name == "short"
@@ -165,11 +155,6 @@ class TestWhatIsRead:
         assert fp.load_problem(written(tmp_path / "l.toml", text.replace(", q2 = 0", ""))).robot.locked == {
             "q2": math.pi / 4
         }
-
-    def test_the_moving_example_has_the_paper_s_rates(self) -> None:
-        problem = fp.load_problem(ROOT / "problems" / "new_configuration_moving.toml")
-        np.testing.assert_array_equal(problem.initial.velocities, [0.08, -0.08])
-        np.testing.assert_array_equal(problem.final.velocities, [0.01, -0.01])
 
 
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
@@ -209,61 +194,15 @@ class TestRoundTripsOfEveryKey:
         assert dict(again.robot.coupled) == dict(robot.coupled)
         assert problem_to_dict(again) == problem_to_dict(problem)
 
-    def test_automatic_degree(self, tmp_path: Path) -> None:
-        problem = fp.load_problem(written(tmp_path / "a.toml", SOUND + '[motion]\ndegree = "auto"\n'))
-        assert problem_from_dict(problem_to_dict(problem), problem.robot).raises_degree
-
 
 WRONG = {
     "unknown key": (SOUND.replace("duration = 1.4", "duratoin = 1.4\nduration = 1.4"), "flight.duratoin", "'duration'"),
-    "unknown table": (SOUND + "[moton]\n", "moton", "'motion'"),
-    "unknown key of an obstacle": (
-        SOUND + '[[obstacles]]\nkind = "circle"\ncenter = [0, 9]\nradius = 1\nmargni = 0.1\n',
-        "obstacles[0].margni",
-        "'margin'",
-    ),
-    "missing key of an obstacle": (
-        SOUND + '[[obstacles]]\nkind = "capsule"\nstart = [0, 9]\nend = [1, 9]\n',
-        "obstacles[0].radius",
-        "missing",
-    ),
     "unknown kind of obstacle": (SOUND + '[[obstacles]]\nkind = "cube"\n', "obstacles[0]", "half-plane"),
-    "text for a number": (
-        SOUND.replace("duration = 1.4", 'duration = "1.4"'),
-        "flight.duration",
-        "'1.4' is not a number",
-    ),
-    "truth for a number": (SOUND.replace("= 72", "= true"), "start.orientation", "True is not a number"),
-    "number for a table": (
-        SOUND.replace("[goal]\norientation = -90\npositions = { q1 = 0, q2 = 0 }", "").replace(
-            'angles = "deg"', 'angles = "deg"\ngoal = 1'
-        ),
-        "goal",
-        "1 is not a table",
-    ),
-    "empty place": (
-        SOUND.replace('"foot"', '"foot", position = []'),
-        "flight.takeoff.position",
-        "[] is not two numbers",
-    ),
-    "text for joints": (SOUND.replace("{ q1 = 18, q2 = -45 }", '"high"'), "start.positions", "a mapping by joint"),
-    "not a number": (SOUND.replace("q1 = 18", "q1 = nan"), "start.positions.q1", "nan is not a finite number"),
-    "infinity": (SOUND.replace("1.4", "inf"), "flight.duration", "inf is not a finite number"),
-    "number too long": (SOUND.replace("1.4", "1" + "0" * 400), "flight.duration", "is not a"),
-    "missing goal": (
-        SOUND.replace("[goal]\norientation = -90\npositions = { q1 = 0, q2 = 0 }", ""),
-        "goal",
-        "is missing",
-    ),
     "missing joint": (SOUND.replace("q1 = 18, ", ""), "start.positions", "no value for joint 'q1'"),
     "unknown joint": (SOUND.replace("q1 = 0", "q1 = 0, q7 = 0"), "goal.positions", "'q7' is not a planned joint"),
     "wrong count": (SOUND.replace("{ q1 = 18, q2 = -45 }", "[1, 2, 3]"), "start.positions", "3 values for 2 joints"),
     "unknown frame": (SOUND.replace('"foot"', '"toe"'), "flight.takeoff.frame", "no frame 'toe'"),
-    "start outside": (
-        SOUND.replace('"full"', "{ q1 = [-10, 10] }"),
-        "start.positions.q1",
-        "outside the joint's range",
-    ),
+    "start outside": (SOUND.replace('"full"', "{ q1 = [-10, 10] }"), "start.positions.q1", "outside the joint's range"),
     "moving on the edge": (
         SOUND.replace('"full"', "{ q1 = [-10, 18] }").replace("[goal]", "velocities = { q1 = 1 }\n[goal]"),
         "start.velocities.q1",
@@ -277,17 +216,8 @@ WRONG = {
         "points out of it",
     ),
     "low degree": (SOUND + "[motion]\ndegree = 4\n", "motion.degree", "4 is outside 5 to 15"),
-    "broken degree": (SOUND + "[motion]\ndegree = 7.5\n", "motion.degree", "7.5 is not a whole number"),
     "unknown objective": (SOUND + '[motion]\nobjective = "beauty"\n', "motion.objective", "'torque'"),
-    "negative duration": (SOUND.replace("1.4", "-1.4"), "flight.duration", "-1.4 s is not positive"),
-    "unknown momentum": (
-        SOUND.replace("duration", 'angular_momentum = "much"\nduration'),
-        "flight.angular_momentum",
-        "'midpoint'",
-    ),
-    "unknown unit": (SOUND.replace('"deg"', '"grad"'), "angles", "'rad' or 'deg'"),
     "reversed range": (SOUND.replace('"full"', "{ q1 = [90, -90] }"), "limits.position.q1", "is not below high"),
-    "negative torque": (SOUND + "torque = -3\n", "limits.torque", "-3.0 is not positive"),
     "reversed window": (
         SOUND + '[[obstacles]]\nkind = "half-plane"\nwindow = [1, 0.5]\n',
         "obstacles[0].window",
@@ -299,7 +229,6 @@ WRONG = {
     "binary": (bytes(range(256)), "", "not a text file"),
     "empty": ("", "robot", "is missing"),
     "nested too deeply": ("a = " + "[" * 5000, "", "nested too deeply"),
-    "tables nested too deeply": (SOUND + f"[goal{'.a' * 600}]\nb = 1\n", "", "nested too deeply"),
 }
 
 
@@ -311,30 +240,6 @@ class TestWrongFiles:
             fp.load_problem(path)
         lines = str(caught.value).splitlines()
         assert any(line.startswith(f"{path}: {element}") and reason in line for line in lines), lines
-
-    def test_the_command_line_says_so_and_writes_nothing(
-        self, text: str | bytes, element: str, reason: str, tmp_path: Path, floatplan: Callable[..., object]
-    ) -> None:
-        path = written(tmp_path / "wrong.toml", text)
-        refused(floatplan, "plan", path, naming=(str(path), element, reason))
-
-
-@pytest.mark.parametrize("name", ["a directory", "a missing file"])
-def test_paths_that_are_no_files(name: str, tmp_path: Path, floatplan: Callable[..., object]) -> None:
-    path = tmp_path / "p.toml"
-    if name == "a directory":
-        path.mkdir()
-    refused(floatplan, "plan", path, naming=(str(path), "is a directory" if path.is_dir() else "no such file"))
-
-
-def refused(floatplan, *arguments, naming) -> None:
-    run = floatplan(*arguments)
-    assert run.code == 2
-    assert run.stdout == ""
-    assert "Traceback" not in run.stderr
-    assert all(line.startswith("error: ") for line in run.stderr.splitlines())
-    assert all(part in run.stderr for part in naming), run.stderr
-    assert list(Path.cwd().iterdir()) == []
 
 
 def test_every_error_is_reported_with_its_place(tmp_path: Path) -> None:
@@ -353,32 +258,3 @@ def test_every_error_of_meaning_is_reported_too(tmp_path: Path) -> None:
         fp.load_problem(path)
     places = {line.split(": ")[1] for line in str(caught.value).splitlines()}
     assert places == {"goal.positions", "flight.takeoff.frame", "flight.duration", "limits.torque"}
-
-
-def test_a_joint_may_rest_on_the_edge_of_its_range(tmp_path: Path) -> None:
-    text = SOUND.replace('"full"', "{ q1 = [0, 18] }")
-    problem = fp.load_problem(written(tmp_path / "edge.toml", text))
-    assert problem.initial.positions[0] == problem.position_limits[0, 1]
-    assert problem.final.positions[0] == problem.position_limits[0, 0]
-
-
-def changed(path, value):
-    content = copy.deepcopy(tomllib.loads(EVERYTHING))
-    where = content
-    for part in path[:-1]:
-        where = where[part]
-    where[path[-1]] = value
-    return tomli_w.dumps(content)
-
-
-def test_a_negative_margin_between_links_is_refused(tmp_path):
-    """The certificate would refuse the plan of it."""
-    with pytest.raises(fp.InputError, match="negative"):
-        fp.load_problem(written(tmp_path / "p.toml", changed(("self_clearance", 0, "margin"), -0.1)))
-
-
-def test_a_key_given_twice_is_refused(tmp_path):
-    with pytest.raises(fp.InputError, match="is not TOML"):
-        fp.load_problem(
-            written(tmp_path / "p.toml", EVERYTHING.replace("gravity = 1.62", "gravity = 1.62\ngravity = 9.81"))
-        )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from unittest.mock import patch
 
 import pytest
@@ -77,9 +76,6 @@ def replaced(old, new):
     return TWO_LINKS.replace(old, new, 1)
 
 
-CARRY = 'parent link="a"/><child link="b"'
-
-
 def moments(xx, yy, zz):
     return f'ixx="{xx}" ixy="0" ixz="0" iyy="{yy}" iyz="0" izz="{zz}"'
 
@@ -88,18 +84,12 @@ INERTIA_B = moments(0.01, 0.02, 0.02)
 WRONG_VALUES = {
     "mass NaN": (replaced('value="1"', 'value="nan"'), 'link "b": mass: value', "must be a number"),
     "mass infinite": (replaced('value="1"', 'value="inf"'), 'link "b": mass: value', "finite"),
-    "mass overflow": (replaced('value="1"', 'value="1e999"'), 'link "b": mass: value', "finite"),
     "mass huge": (replaced('value="1"', 'value="1e300"'), 'link "b": mass: value', "larger than any robot's"),
-    "mass text": (replaced('value="1"', 'value="one"'), 'link "b": mass: value', "must be a number"),
-    "mass underscored": (replaced('value="1"', 'value="1_0"'), 'link "b": mass: value', "must be a number"),
     "mass negative": (replaced('value="1"', 'value="-1"'), 'link "b": mass', "is negative"),
     "mass missing": (replaced('<mass value="1"/>', ""), 'link "b": inertial', "has no <mass>"),
     "all missing": (robot_text('<link name="c"><inertial/></link>'), 'link "c": inertial', "has no <mass>"),
     "axis without numbers": (replaced('<axis xyz="0 -1 0"/>', "<axis/>"), 'joint "j": axis', "has no xyz"),
-    "moment left out": (replaced('ixy="0" ', ""), 'link "a": inertia', "has no ixy"),
     "mass left out": (replaced('<mass value="1"/>', "<mass/>"), 'link "b": mass', "has no value"),
-    "inertia NaN": (replaced('iyy="0.02"', 'iyy="NaN"'), 'link "b": inertia: iyy', "must be a number"),
-    "inertia text": (replaced('iyy="0.02"', 'iyy=""'), 'link "b": inertia: iyy', "must be a number"),
     "inertia negative": (replaced('iyy="0.02"', 'iyy="-0.02"'), 'link "b": inertia', "not positive definite"),
     "inertia indefinite": (replaced('ixy="0"', 'ixy="0.2"'), 'link "a": inertia', "not positive definite"),
     "triangle inequality": (
@@ -107,22 +97,13 @@ WRONG_VALUES = {
         'link "b": inertia',
         "breaks the triangle inequality",
     ),
-    "origin NaN": (replaced('xyz="0.1 0 0"', 'xyz="0.1 nan 0"'), 'link "b": origin xyz', "must be a number"),
     "origin infinite": (replaced('xyz="0.4 0 0"', 'xyz="inf 0 0"'), 'joint "j": origin xyz', "finite"),
-    "origin text": (
-        replaced('rpy="0 0 0"/><axis', 'rpy="0 up 0"/><axis'),
-        'joint "j": origin rpy',
-        "must be a number",
-    ),
+    "origin text": (replaced('rpy="0 0 0"/><axis', 'rpy="0 up 0"/><axis'), 'joint "j": origin rpy', "must be a number"),
     "origin short": (replaced('xyz="0.4 0 0"', 'xyz="0.4 0"'), 'joint "j": origin xyz', "three numbers"),
     "axis zero": (replaced('"0 -1 0"', '"0 0 0"'), 'joint "j": axis', "zero length"),
-    "axis NaN": (replaced('"0 -1 0"', '"0 nan 0"'), 'joint "j": axis', "must be a number"),
     "limits crossed": (replaced('lower="-2"', 'lower="2"'), 'joint "j": limit', "lower 2 exceeds upper 1.5"),
-    "limit NaN": (replaced('lower="-2"', 'lower="nan"'), 'joint "j": limit: lower', "must be a number"),
     "effort negative": (replaced('effort="10"', 'effort="-10"'), 'joint "j": limit', "effort -10 is negative"),
-    "velocity text": (replaced('velocity="20"', 'velocity="fast"'), 'joint "j": limit: velocity', "must be a number"),
     "joint type": (replaced('"revolute"', '"hinge"'), 'joint "j"', 'has type "hinge"'),
-    "floating joint": (replaced('"revolute"', '"floating"'), 'joint "j"', 'has type "floating"'),
     "joint without type": (replaced(' type="revolute"', ""), 'joint "j"', "has no type"),
     "robot without name": (replaced(' name="two"', ""), "<robot>", "has no name"),
     "link without name": (replaced('<link name="a">', "<link>"), "<link> number 1", "has no name"),
@@ -181,12 +162,6 @@ def test_more_joints_than_can_be_handled_are_refused_before_a_model_is_built(tmp
     build.assert_not_called()
 
 
-def test_as_many_joints_as_allowed_load(tmp_path):
-    path = tmp_path / "long.urdf"
-    path.write_text(chain_of(150))
-    assert len(Robot.from_urdf(path).joints) == 150
-
-
 def with_fixed(count, in_a_row):
     """Two links and a joint, and frames that are fixed: to the first one, or each to the one before."""
     parents = [f"f{i - 1}" if in_a_row and i else "a" for i in range(count)]
@@ -241,10 +216,7 @@ SOUND = {
         J, '<link name="b"><inertial><origin xyz="0.2 0 0"/><mass value="1"/></inertial></link>', links="a"
     ),
     "inertial all zero": robot_text(
-        J,
-        K,
-        f'<link name="b"><inertial><mass value="0"/><inertia {moments(0, 0, 0)}/></inertial></link>',
-        links="ac",
+        J, K, f'<link name="b"><inertial><mass value="0"/><inertia {moments(0, 0, 0)}/></inertial></link>', links="ac"
     ),
     "plate rounded to three digits": replaced(INERTIA_B, moments(0.01, 0.0201, 0.0101)),
     "joint and link of one name": robot_text(joint("b", "a", "b"), links="ab"),
@@ -289,56 +261,3 @@ def test_impossible_inertia_of_a_link_fixed_to_a_sound_body_is_only_reported(tmp
     (warning,) = robot.warnings
     assert "an inertia that no body can have: camera;" in warning
     assert robot.tree.inertia[0] == pytest.approx(0.03 + 9e-5 + 0.01 * 2 / 2.01 * 0.1**2, rel=1e-12)
-
-
-def test_impossible_inertia_on_a_joint_of_its_own_is_refused(tmp_path):
-    flat = (
-        '<inertial><mass value="0.01"/><inertia ixx="1e-5" ixy="0" ixz="0" iyy="9e-5" iyz="0" izz="1e-5"/></inertial>'
-    )
-    camera = f'<link name="camera">{flat}</link>' + joint("mount", "a", "camera")
-    error = refused(tmp_path, replaced("</robot>", f"{camera}</robot>"))
-    assert error.element == 'link "camera": inertia'
-
-
-MESH = '<link name="b"><collision><geometry><mesh filename="nowhere.stl"/></geometry></collision>'
-PROBLEM = """
-[robot]
-urdf = "robot.urdf"
-{choice}
-[start]
-orientation = 0
-positions = 0.1
-[goal]
-orientation = 0.4
-positions = 0.5
-[flight]
-duration = 0.5
-takeoff = {{ frame = "a" }}
-{more}
-"""
-BAR = '[[obstacles]]\nkind = "circle"\ncenter = [3, 3]\nradius = 0.1'
-ASKED = {  # URDF, what the problem file chooses, what it adds, part of the message
-    "3000 joints": (chain_of(3000), "", "", "has 3000 joints that move, more than the 150"),
-    "links without inertia": (SINGULAR["massless end"][0], "", "", 'joint "k": moves no inertia of its own'),
-    "coupled to a joint that is not there": (
-        robot_text(J, links="ab"),
-        'coupled = { j = "x" }',
-        "",
-        'no joint is called "x"',
-    ),
-    "coupled by another word": (robot_text(J, links="ab"), 'coupled = "left"', "", "must be 'mirror'"),
-    "no name": (robot_text(J, links="ab").replace(' name="sample"', ""), "", "", "<robot>: has no name"),
-    "missing mesh": (robot_text(J, links="ab").replace('<link name="b">', MESH), "", BAR, '"nowhere.stl" not found'),
-}
-
-
-@pytest.mark.parametrize("name", ASKED)
-def test_the_command_refuses_wrong_robots(floatplan, name):
-    text, choice, more, message = ASKED[name]
-    Path("robot.urdf").write_text(text)
-    Path("problem.toml").write_text(PROBLEM.format(choice=choice, more=more))
-    run = floatplan("plan", "problem.toml")
-    assert (run.code, run.stdout) == (2, "")
-    assert message in run.stderr
-    assert "Traceback" not in run.stderr
-    assert not Path("runs").exists()

@@ -84,11 +84,6 @@ def test_equal_votes_ask_for_the_plane(load):
         load(text, locked={"j": 0.5})
 
 
-def test_equal_signs_take_the_positive_axis(load):
-    text = robot_text(joint("j", "a", "b", "0 1 0"), joint("k", "b", "c", "0 -1 0"), links="abc")
-    assert tuple(load(text).plane.normal) == (0, 1, 0)
-
-
 @pytest.mark.parametrize("name", ["", "x", "xx", "xyz", "XZ", "ab"])
 def test_names_that_are_no_plane_are_refused(load, name):
     with pytest.raises(InputError, match="not two different letters") as caught:
@@ -121,12 +116,6 @@ def test_order_of_joints_is_the_tree_s_or_the_user_s(load):
     assert robot.tree.turns.tolist() == [[0, 0], [0, 1], [1, 1]]
     names = list(robot.model.names)[1:]
     assert robot.selection[names.index("l")].tolist() == [1, 0]
-
-
-def test_siblings_come_by_name_as_in_pinocchio(load):
-    text = robot_text(joint("q2", "a", "b"), joint("q1", "a", "c"), joint("q10", "c", "d"), links="abcd")
-    robot = load(text)
-    assert robot.joints == ("q1", "q10", "q2") == tuple(robot.model.names)[4:]
 
 
 def test_coupled_joints_follow_their_leader(load):
@@ -175,20 +164,6 @@ def test_mimics_in_a_circle_are_refused(load):
         load(robot_text(*links, joint("l", "c", "d"), links="abcd"))
 
 
-def test_joints_rest_at_the_position_nearest_to_zero(load):
-    bent = joint("k", "b", "c", "0 0 1", kind="revolute").replace('lower="-1"', 'lower="0.25"')
-    assert load(robot_text(joint("j", "a", "b"), bent, links="abc"), plane="xz").locked == {"k": 0.25}
-
-
-def test_limits_that_are_zero_mean_not_given(load):
-    text = TWO_LINKS.replace(
-        'lower="-2" upper="1.5" effort="10" velocity="20"', 'lower="0" upper="0" effort="0" velocity="0"'
-    )
-    robot = load(text)
-    assert robot.position_limits.tolist() == [[-math.inf, math.inf]]
-    assert robot.velocity_limits.tolist() == robot.torque_limits.tolist() == [math.inf]
-
-
 def test_a_joint_that_its_limits_hold_fast_is_locked(load):
     fast = joint("k", "b", "c", kind="revolute").replace('lower="-1" upper="1"', 'lower="0.5" upper="0.5"')
     text = robot_text(joint("j", "a", "b"), fast, links="abc")
@@ -197,9 +172,6 @@ def test_a_joint_that_its_limits_hold_fast_is_locked(load):
         load(text, joints=["k"])
 
 
-SLIDER = robot_text(
-    joint("j", "a", "b"), joint("p", "b", "c", kind="prismatic"), joint("f", "c", "d", kind="fixed"), links="abcd"
-)
 WRONG_CHOICES = {
     "unknown joint": ({"joints": ["j", "z"]}, 'joints "z"', 'no joint is called "z"'),
     "unknown follower": ({"coupled": {"z": "j"}}, 'coupled "z"', 'no joint is called "z"'),
@@ -233,11 +205,3 @@ def test_wrong_choices_are_refused(load, name):
     assert caught.value.element == element
     assert reason in caught.value.reason
     assert caught.value.source.endswith("robot.urdf")
-
-
-def test_joints_that_do_not_turn_cannot_be_planned(load):
-    with pytest.raises(InputError, match='joint "p" is prismatic'):
-        load(SLIDER, joints=["p"])
-    with pytest.raises(InputError, match='joint "f" is fixed'):
-        load(SLIDER, joints=["f"])
-    assert load(SLIDER, locked={"p": 0.1}).locked == {"p": 0.1}

@@ -10,7 +10,7 @@ from robot_samples import inertial, joint, robot_text
 import floatplan as fp
 from floatplan.certificate.planar.inertia import kept_robot
 from floatplan.errors import InputError
-from floatplan.export.model_names import matched, own_names
+from floatplan.export.model_names import own_names
 from floatplan.plans.reading import robot_record
 
 LIMIT = '<limit lower="-9" upper="9" effort="3" velocity="5"/>'
@@ -84,12 +84,6 @@ def test_it_is_the_robot_without_these_joints(tmp_path, name):
     assert abs(inertia) == pytest.approx(abs(coupling), abs=1e-12)
 
 
-@pytest.mark.parametrize("name", BASES)
-def test_in_space_too(tmp_path, name):
-    robot = read(tmp_path, robot_text(ROBOT, HIP, BASES[name]), base="free-flyer")
-    assert (robot.joints, robot.model.nv) == (("hip",), 7)
-
-
 def test_what_is_written_for_others_is_in_the_order_of_the_free_flyer_s_model(tmp_path):
     """Of the file with these joints fixed; and of the file itself where a floating joint is its root."""
     robot = read(tmp_path, robot_text(ROBOT, HIP, BASES["floating"]))
@@ -105,15 +99,6 @@ def test_what_is_written_for_others_is_in_the_order_of_the_free_flyer_s_model(tm
         assert [place @ robot.plane.horizontal, place @ robot.plane.vertical] == pytest.approx(com, abs=1e-9)
     assert own_names(robot).joints == ("hip",)
     assert own_names(robot).bodies == ("trunk", "leg")
-
-
-@pytest.mark.parametrize("name", ["three slides and three turns", "floating"])
-def test_a_model_that_reads_a_motion_may_have_them(tmp_path, name):
-    alone = read(tmp_path, robot_text(ROBOT, HIP))
-    model = tmp_path / "model.urdf"
-    model.write_text(robot_text(ROBOT, HIP, BASES[name]))
-    names = matched(own_names(alone), model, with_bodies=False)
-    assert names.joints == ("hip",)
 
 
 NO_BASES = {

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
-import flint
 import mujoco
 import numpy as np
 import pytest
@@ -14,8 +12,6 @@ from robot_samples import TWO_LINKS, inertial, joint, robot_text
 
 import floatplan as fp
 from floatplan.certificate.planar.inertia import kept_robot
-from floatplan.certificate.planar.taken import NotReadError, as_recorded
-from floatplan.certificate.planar.urdf import read_urdf
 from floatplan.errors import InputError
 from floatplan.plans.reading import robot_record
 from floatplan.problem.file import load_robot, save_problem
@@ -79,33 +75,10 @@ def test_they_are_balanced_as_mujoco_does(tmp_path, base):
     assert np.linalg.eigvalsh(own) == pytest.approx(compiled.body_inertia[1], rel=1e-12)
 
 
-def test_only_those_are_changed(tmp_path):
-    text = robot_text(
-        f'<link name="a">{inertial(3.0, "0 0 0")}</link>',
-        bad_link(FLAT),
-        joint("j", "a", "b"),
-        joint("k", "b", "c"),
-        links="c",
-    )
-    robot = fp.Robot.from_urdf(written(tmp_path, text), balance_inertias=True)
-    assert robot.tree.inertia == pytest.approx([0.01, 0.022 / 3, 0.01], rel=1e-12)
-    sound = fp.Robot.from_urdf(written(tmp_path, TWO_LINKS, "sound.urdf"), balance_inertias=True)
-    assert sound.warnings == ()
-    assert sound.xml == TWO_LINKS
-
-
 def test_moments_without_a_positive_mean_are_refused_whatever_is_asked(tmp_path):
     path = written(tmp_path, arm('ixx="-0.01" ixy="0" ixz="0" iyy="0.004" iyz="0" izz="0.004"'))
     with pytest.raises(InputError, match="whose mean is not positive"):
         fp.Robot.from_urdf(path, balance_inertias=True)
-
-
-def test_every_reader_of_the_file_has_them_balanced(tmp_path):
-    robot = fp.Robot.from_urdf(written(tmp_path, arm(FLAT)), balance_inertias=True)
-    balanced = robot.file_tree.links["b"].inertial.inertia
-    assert balanced == pytest.approx(0.022 / 3 * np.eye(3), rel=1e-12)
-    problem = flight(robot)
-    assert fp.replay(fp.plan(problem), engine="mujoco").orientation_error < 1e-6
 
 
 def flight(robot: fp.Robot) -> fp.Problem:
@@ -150,13 +123,6 @@ def test_a_payload_is_a_point_mass_of_its_link(tmp_path, kind):
     in_space = fp.Robot.from_file(path, balance_inertias=True, payload=payload, base="free-flyer")
     assert in_space.mass == pytest.approx(laden.mass, rel=1e-12)
     assert laden.file_tree.links["b"].inertial.mass == pytest.approx(1.4, rel=1e-12)
-
-
-def test_a_payload_on_a_link_without_mass_is_all_that_it_weighs(tmp_path):
-    text = robot_text('<link name="hook"/>', joint("j", "a", "b"), joint("fix", "b", "hook", kind="fixed"), links="ab")
-    robot = fp.Robot.from_urdf(written(tmp_path, text), payload={"link": "hook", "mass": 2.0, "at": (0.0, 0.0, 0.2)})
-    assert robot.tree.mass[1] == pytest.approx(3.0)
-    same_constants(robot)
 
 
 WRONG_PAYLOADS = {
@@ -204,13 +170,6 @@ def test_problem_files_have_both_and_write_them_back(tmp_path, form):
     again = load_robot(save_problem(problem, tmp_path / "again.toml"))
     assert (again.balance_inertias, again.payload) == (True, problem.robot.payload)
     assert again.tree.coupling.tolist() == problem.robot.tree.coupling.tolist()
-
-
-def test_a_wrong_payload_of_a_file_names_the_file_and_the_key(tmp_path):
-    written(tmp_path, arm(FLAT))
-    file = written(tmp_path, PROBLEM.format(payload=CARRIED.replace('"b"', '"z"')), "problem.toml")
-    with pytest.raises(InputError, match=r'problem.toml: robot.payload: no link is called "z"'):
-        fp.load_problem(file)
 
 
 class TestPlans:
@@ -262,40 +221,6 @@ class TestPlans:
             del content["robot"][key]
         file.write_text(json.dumps(content))
         assert not fp.certify(file).proved
-
-    @pytest.mark.parametrize(
-        ("key", "value"),
-        [
-            ("payload", [{"link": "z", "mass": 1.0, "at": [0, 0, 0]}]),
-            ("payload", [{"link": "b", "mass": -0.6, "at": [0, 0, 0]}]),
-            ("payload", [{"link": "b", "mass": 0.6}]),
-            ("payload", [{"link": "b", "mass": 0.6, "at": [0, 0, 0], "also": 1}]),
-            ("payload", {"link": "b", "mass": 0.6, "at": [0, 0, 0]}),
-            ("balance_inertias", 1),
-        ],
-    )
-    def test_what_cannot_be_is_refused(self, file, key, value):
-        content = json.loads(file.read_text())
-        content["robot"][key] = value
-        file.write_text(json.dumps(content))
-        for read in (fp.certify, fp.load_plan, fp.replay):
-            with pytest.raises(InputError, match=f"robot.{key}"):
-                read(file)
-
-    def test_files_without_them_have_no_such_keys(self, tmp_path):
-        robot = fp.Robot.from_urdf(written(tmp_path, TWO_LINKS, "two.urdf"))
-        record = robot_record(robot).to_dict()
-        assert not {"payload", "balance_inertias"} & set(record)
-
-    def test_what_balls_cannot_tell_is_not_read(self, tmp_path):
-        """Whether the largest moment is above the others' sum and the slack."""
-        robot = fp.Robot.from_urdf(written(tmp_path, arm(FLAT)), balance_inertias=True)
-        urdf, record = read_urdf(robot.path.read_bytes(), robot.path), robot_record(robot)
-        moments = flint.arb_mat([[0.004, 0, 0], [0, flint.arb(0.009 / (1 - 1e-3), 1e-9), 0], [0, 0, 0.005]])
-        edge = replace(urdf, links=urdf.links | {"b": replace(urdf.links["b"], inertia=moments)})
-        with pytest.raises(NotReadError, match="on the edge of what is balanced"):
-            as_recorded(edge, record)
-        assert as_recorded(edge, replace(record, balance_inertias=None)).links["b"].inertia is moments
 
 
 def test_the_command_line_takes_them(tmp_path, floatplan):

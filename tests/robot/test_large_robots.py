@@ -22,14 +22,6 @@ def chain_problem(monkeypatch):
 
 
 @pytest.mark.long
-def test_a_chain_of_50_joints_plans(chain_problem):
-    plan = fp.plan(chain_problem(50))
-    assert plan.ok, plan.explanation
-    assert len(plan.robot.joints) == 50
-    assert plan.final_orientation == pytest.approx(1.0, abs=1e-9)
-
-
-@pytest.mark.long
 def test_a_chain_of_20_joints_plans_and_lands_with_feedback(chain_problem):
     plan = fp.plan(chain_problem(20))
     assert plan.ok, plan.explanation

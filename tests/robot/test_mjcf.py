@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import math
-import re
 import sys
-import threading
-from importlib.util import find_spec
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 import trimesh
@@ -18,8 +14,6 @@ from mjcf_samples import RandomModel
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.robot.mjcf import text as mjcf_text
-from floatplan.robot.urdf.tree import robots_folder
 
 KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
 EXACT = 1e-9  # [-] what a robot agrees with MuJoCo to
@@ -89,20 +83,6 @@ def test_random_models_are_mujocos(tmp_path, seed):
     random_case(tmp_path, seed)
 
 
-@pytest.mark.long
-def test_many_random_models_are_mujocos(tmp_path):
-    for seed in range(6, 300):
-        random_case(tmp_path, seed)
-
-
-def test_names_of_what_has_none_are_their_own(tmp_path):
-    robot = fp.Robot.from_mjcf(mjcf(tmp_path, LEG))
-    assert robot.joints == ("hip", "body2_joint", "foot")
-    assert robot.locked == {"slider": 0.0}
-    assert {"body2", "hip_joint", "base"} <= set(robot.frames)
-    assert any("slider = 0" in warning for warning in robot.warnings)
-
-
 def test_limits_and_losses_are_the_files(tmp_path):
     given = 'range="-30 40" armature="0.3" damping="0.4" frictionloss="0.5"'
     actuator = '<actuator><motor joint="arm" gear="-20" ctrlrange="-1 1"/></actuator>'
@@ -131,16 +111,6 @@ def test_torque_limits_are_the_actuators(tmp_path, case):
     robot = fp.Robot.from_mjcf(mjcf(tmp_path, ARM.format(given), after=f"<actuator>{actuators}</actuator>"))
     assert robot.torque_limits == pytest.approx([torque])
     assert ("differ by direction" in " ".join(robot.warnings)) == (case in ("uneven", "muscle"))
-
-
-def test_a_keyframe_is_a_reference_posture(tmp_path):
-    keys = '<keyframe><key name="home" qpos="0 0 0 1 0 0 0 0.25 0.5"/><key qpos="0 0 0 1 0 0 0 1 1"/></keyframe>'
-    second = ARM.format("").replace('"arm"', '"other"')
-    path = mjcf(tmp_path, ARM.format("") + second, after=keys)
-    robot = fp.Robot.from_mjcf(path, reference="home", joints=["other"])
-    assert (robot.resting, dict(robot.locked)) == (pytest.approx([0.5]), {"arm": 0.25})
-    with pytest.raises(InputError, match=r"no posture \"sitting\" is known; known are home"):
-        fp.Robot.from_mjcf(path, reference="sitting")
 
 
 SHAPES = {
@@ -189,12 +159,6 @@ def test_geoms_are_shapes_where_mujoco_has_them(tmp_path, kind):
         reach = (outline.points * direction.conj()).real.max() + outline.radius
         assert -2e-4 < reach - farthest < 3e-3  # the polygon around a disc or an ellipse is 0.5 % larger
     assert (list(robot.meshes) == ["meshes/part.stl"]) == (kind == "mesh")
-
-
-def test_a_robot_of_which_nothing_touches_has_all_its_geoms_as_shapes(tmp_path):
-    path = mjcf(tmp_path, ARM.format(""))
-    path.write_text(path.read_text().replace("<geom ", '<geom contype="0" conaffinity="0" '))
-    assert len(fp.Robot.from_mjcf(path).outlines) == 2
 
 
 REFUSED = {
@@ -308,95 +272,7 @@ def test_what_an_included_file_asks_for_names_that_file(tmp_path):
         assert refused.value.source == str(tmp_path / "parts" / f"{tag}.xml")
 
 
-def test_an_included_loop_ends(tmp_path):
-    (tmp_path / "one.xml").write_text('<mujocoinclude><include file="./two.xml"/></mujocoinclude>')
-    (tmp_path / "two.xml").write_text('<mujocoinclude><include file="parts/../one.xml"/></mujocoinclude>')
-    with pytest.raises(InputError, match="is included twice, or includes itself"):
-        fp.Robot.from_mjcf(mjcf(tmp_path, '<include file="one.xml"/>'))
-
-
-def test_files_are_not_without_number(tmp_path, monkeypatch):
-    monkeypatch.setattr(mjcf_text, "MOST_FILES", 1)
-    for name in ("one.xml", "two.xml"):
-        (tmp_path / name).write_text("<mujocoinclude/>")
-    path = mjcf(tmp_path, '<include file="one.xml"/><include file="two.xml"/>')
-    with pytest.raises(InputError, match="is read with more than 1 other files"):
-        fp.Robot.from_mjcf(path)
-    monkeypatch.undo()
-    monkeypatch.setattr(mjcf_text, "LARGEST_TOTAL", 20)
-    with pytest.raises(InputError, match=r"robot\.xml: is read with more than 0 MB of other files"):
-        fp.Robot.from_mjcf(path)
-
-
-def test_a_file_of_another_kind_is_refused_as_such():
-    robot = fp.Robot.from_mjcf(KANGAROO)
-    assert (robot.kind, robot.path, robot.name) == ("mjcf", KANGAROO, "kangaroo")
-    with pytest.raises(InputError, match=r"is not a URDF: its root element is <mujoco>; read it as one: .*from_mjcf"):
-        fp.Robot.from_urdf(KANGAROO)
-    with pytest.raises(TypeError, match="keyword argument 'planes'"):
-        fp.Robot.from_mjcf(KANGAROO, planes="xz")
-
-
 def test_without_mujoco_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r'MuJoCo is not installed: it comes with the extra "mjcf"'):
         fp.Robot.from_mjcf(KANGAROO)
-
-
-def test_threads_read_at_once():
-    found = []
-    threads = [threading.Thread(target=lambda: found.append(fp.Robot.from_mjcf(KANGAROO).mass)) for _ in range(8)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert found == [found[0]] * 8
-
-
-SUITES = {  # files of packages that may be there, and how many joints of each are planned
-    "gymnasium": ("envs/mujoco/assets", {"half_cheetah": 6, "hopper": 3, "walker2d": 6, "ant": 4, "humanoid": 5}),
-    "dm_control": ("suite", {"humanoid": 7, "walker": 6, "hopper": 4, "cheetah": 6}),
-}
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("package", SUITES)
-def test_models_of_other_packages_are_mujocos(package):
-    found = find_spec(package)
-    if found is None or found.origin is None:
-        pytest.skip(f"{package} is not installed")
-    folder, models = SUITES[package]
-    for name, joints in models.items():
-        path = Path(found.origin).parent / folder / f"{name}.xml"
-        robot = fp.Robot.from_mjcf(path)
-        assert len(robot.joints) == joints
-        judge = Judge(path, robot)
-        assert judge.mass() < EXACT
-        for _ in range(20):
-            assert max(judge.kinematics(), *judge.momentum()) < EXACT
-
-
-@pytest.mark.long
-def test_a_urdf_that_mujoco_saved_is_the_same_robot(tmp_path):
-    source = "example-robot-data:go2_description/urdf/go2.urdf"
-    if robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
-    written = fp.Robot.from_urdf(source, coupled="mirror")
-    text = re.sub(r"package://(?:example-robot-data/robots/)?", f"{robots_folder()}/", written.xml)
-    text = re.sub(r"(?s)<visual>.*?</visual>", "", text)
-    settings = '<mujoco><compiler fusestatic="false" strippath="false"/></mujoco>'
-    text = re.sub(r"(<robot[^>]*>)", rf"\1{settings}", text, count=1)
-    base = written.file_tree.root
-    free = f'<joint name="free" type="floating"><parent link="world"/><child link="{base}"/></joint>'
-    saved = mujoco.MjSpec.from_string(text.replace("</robot>", f'<link name="world"/>{free}</robot>'))
-    saved.compile()
-    (tmp_path / "go2.xml").write_text(saved.to_xml())
-    robot = fp.Robot.from_mjcf(tmp_path / "go2.xml", coupled="mirror")
-    assert robot.joints == written.joints
-    assert robot.torque_limits == pytest.approx(written.torque_limits)
-    assert robot.tree.inertia == pytest.approx(written.tree.inertia, rel=3e-5)
-    sizes = [
-        sorted((each.link, round(each.radius, 4), round(abs(each.end - each.start), 4)) for each in one.shapes)
-        for one in (robot, written)
-    ]
-    assert sizes[0] == sizes[1]

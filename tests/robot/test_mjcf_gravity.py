@@ -60,10 +60,6 @@ def test_the_plane_s_vertical_is_along_the_file_s_gravity(tmp_path, case):
         assert robot.up == pytest.approx(-robot.gravity_direction)
 
 
-def test_a_urdf_does_not_say_it():
-    assert fp.Robot.from_urdf("urdf/gymnast.urdf").gravity_direction is None
-
-
 def test_as_many_about_two_axes_of_which_one_is_vertical(tmp_path):
     assert fp.Robot.from_mjcf(robot_file(tmp_path, "zy")).plane.name == "xz"
     with pytest.raises(InputError, match=r'give plane="zx" or plane="yx"|give plane="yx" or plane="zx"'):
@@ -97,13 +93,6 @@ def test_a_plan_whose_gravity_is_not_the_file_s_has_a_warning(tmp_path, floatpla
     assert "gravity" not in [each.kind for each in floating.warnings]
     shown = floatplan("info", robot.path, *(("--plane", choices["plane"]) if choices else ()))
     assert "contradict each other" in " ".join(shown.stdout.split())
-
-
-def test_a_robot_that_is_drawn_leaning_has_no_warning(tmp_path):
-    quat = " ".join(map(str, (np.cos(0.2), 0, np.sin(0.2), 0)))
-    robot = fp.Robot.from_mjcf(robot_file(tmp_path, "yy", quat=quat))
-    assert robot.gravity_direction == pytest.approx([np.sin(0.4), 0, -np.cos(0.4)])
-    assert (robot.plane.name, robot.warnings) == ("xz", ())
 
 
 SLIDES = "".join(f'<joint name="t{axis}" type="slide" axis="{unit}"/>' for axis, unit in UNITS.items())

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from xml.etree.ElementTree import fromstring
 
@@ -16,7 +15,7 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot.mjcf import process
 from floatplan.robot.mjcf.compiled import compiled_mjcf
-from floatplan.robot.mjcf.text import MjcfText, whole_mjcf
+from floatplan.robot.mjcf.text import MjcfText
 
 ROBOT = """
 <mujoco>{before}<worldbody><body name="base"><freejoint/><geom size="0.1"/>
@@ -132,11 +131,11 @@ signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the backgro
 from test_mjcf_safety import endless
 from floatplan.robot.mjcf import process
 from floatplan.robot.mjcf.compiled import compiled_mjcf
-asked = process.CompilerProcess._exchanged
+asked = process.CompilerProcess._response
 def tell(self, *given):
     print(self._process.pid, flush=True)
     return asked(self, *given)
-process.CompilerProcess._exchanged = tell
+process.CompilerProcess._response = tell
 compiled_mjcf(endless(Path.cwd()))
 """
 
@@ -146,20 +145,9 @@ def test_ctrl_c_ends_it_at_once(tmp_path):
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         assert run.stdout is not None
         compiler = int(run.stdout.readline())
-        time.sleep(0.2)  # so that it is at work
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=30)  # of 60 s that compiling may take
     assert run.returncode != 0
     assert "KeyboardInterrupt" in errors
     with pytest.raises(ProcessLookupError):
         os.kill(compiler, 0)
-
-
-def test_a_file_is_compiled_once(tmp_path, monkeypatch):
-    path = robot_file(tmp_path, inside='<geom size="0.09"/>')
-    first = fp.Robot.from_mjcf(path)
-    monkeypatch.setattr(process.CompilerProcess, "ask", None)
-    assert fp.Robot.from_mjcf(path).xml == first.xml
-    whole = whole_mjcf(fromstring(path.read_text()), path)
-    assert compiled_mjcf(whole) is compiled_mjcf(whole)
-    assert not compiled_mjcf(whole).body_mass.flags.writeable

@@ -128,7 +128,6 @@ def package(tmp_path, monkeypatch):
         "tumbler_mj_description": f"MJCF_PATH = {str(KANGAROO)!r}\n",
         "absent_description": f"URDF_PATH = {str(tmp_path / 'absent.urdf')!r}\n",
         "silent_description": "import os\nos._exit(0)\n",
-        "slow_description": "import subprocess\nsubprocess.run(['sleep', '60'])\n",
         "unreachable_description": "import subprocess\nsubprocess.run(['git', 'clone', 'https://localhost:1/a', "
         "'nowhere'], check=True)\n",
     }
@@ -184,11 +183,6 @@ class TestDescriptions:
             fp.Robot.from_urdf(address)
         assert str(caught.value).startswith(address)
         assert "\n" not in str(caught.value)
-
-    def test_a_module_that_does_not_end_is_left(self, package, monkeypatch):
-        monkeypatch.setattr(packages, "LONGEST", 0.3)
-        with pytest.raises(fp.InputError, match=r"took more than 0\.3 s; bring it here first"):
-            fp.Robot.from_urdf("slow_description")
 
     def test_without_the_package_the_message_says_what_to_do(self, monkeypatch):
         monkeypatch.setattr(packages, "find_spec", lambda name: None)

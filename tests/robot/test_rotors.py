@@ -49,14 +49,6 @@ def test_they_are_what_pinocchio_reads(tmp_path, name):
     assert own == pytest.approx(theirs)
 
 
-def test_the_folder_srdf_beside_is_looked_in_too(tmp_path):
-    (tmp_path / "urdf").mkdir()
-    (tmp_path / "urdf" / "robot.urdf").write_text(PAIR)
-    (tmp_path / "srdf").mkdir()
-    (tmp_path / "srdf" / "any.srdf").write_text(BOTH)
-    assert fp.Robot.from_urdf(tmp_path / "urdf" / "robot.urdf").armature == pytest.approx(FELT)
-
-
 @pytest.mark.parametrize(
     ("armature", "expected"),
     [(0.0, {"j": 0.0, "k": 0.0}), (0.3, {"j": 0.3, "k": 0.3}), ({"k": 0.2}, {"k": 0.2}), ({}, {})],
@@ -70,20 +62,6 @@ def test_what_is_asked_comes_before_all_of_them(tmp_path, armature, expected):
 def test_what_the_urdf_gives_comes_before_them(tmp_path):
     urdf = PAIR.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><dynamics armature="0.004"/>', 1)
     assert fp.Robot.from_urdf(written(tmp_path, BOTH, urdf=urdf)).armature == pytest.approx(FELT | {"j": 0.004})
-
-
-NONE = {
-    "no file": None,
-    "an SRDF without": '<robot name="sample"><group_state name="up" group="all"/></robot>',
-    "zeros": f"{HEAD}{rotor('j', 0.0, 30)}{rotor('k', 1.0, 0.0)}{TAIL}",
-    "of another robot": f"{HEAD}{rotor('j', 1.0, 1.0)}{rotor('x', 1.0, 1.0)}{rotor('y', 1.0, 1.0)}{TAIL}",
-}
-
-
-@pytest.mark.parametrize("name", NONE)
-def test_there_may_be_none(tmp_path, name):
-    robot = fp.Robot.from_urdf(written(tmp_path, NONE[name]))
-    assert (dict(robot.armature), robot.rotor_file, robot.warnings) == ({}, None, LOCKED)
 
 
 LOCKED = ("locked, because joints that slide are not planned: s = 0 m",)

@@ -14,14 +14,7 @@ from robot_samples import RandomTree, inertial, joint
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot import Robot
-from floatplan.robot.shapes.capsules import (
-    Outline,
-    PlaneCapsule,
-    _halves,
-    convex_hull,
-    fit,
-    fit_capsule,
-)
+from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, fit_capsule
 
 
 def cloud(seed, count=60):
@@ -55,23 +48,6 @@ def test_capsule_holds_its_points_and_has_nearly_least_area(seed):
     assert bare.area <= 1.03 * brute_force_area(points)
 
 
-def test_capsules_of_simple_shapes_are_exact():
-    assert fit_capsule(np.array([1 + 2j]), 0.5) == PlaneCapsule(1 + 2j, 1 + 2j, 0.5)
-    stick = fit_capsule(np.array([0j, 3 + 4j, 1.5 + 2j]), 0.1)
-    assert sorted([stick.start, stick.end], key=abs) == pytest.approx([0j, 3 + 4j], abs=1e-12)
-    assert stick.radius == pytest.approx(0.1)
-    disc = fit_capsule(np.exp(2j * np.pi * np.arange(24) / 24))
-    assert disc.radius == pytest.approx(1.0, rel=0.01)
-    assert disc.start == disc.end == pytest.approx(0, abs=1e-12)
-
-
-def test_hull_is_the_outermost_points():
-    inner = cloud(3, 2000) / 1000
-    square = np.array([1 + 1j, 1 - 1j, -1 + 1j, -1 - 1j])
-    assert sorted(convex_hull(np.concatenate([inner, square])), key=np.angle) == sorted(square, key=np.angle)
-    assert len(convex_hull(np.array([0j, 1 + 1j, 2 + 2j, 2 + 2j]))) == 2
-
-
 def test_bent_shapes_are_split_and_straight_ones_are_not():
     across = np.linspace(-0.05, 0.05, 3)
     arm = (np.linspace(0, 1, 40)[:, None] + 1j * across).ravel()
@@ -87,7 +63,7 @@ def test_bent_shapes_are_split_and_straight_ones_are_not():
     assert len(fit(Outline.convex(arm))) == 1
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(6))
 def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
     """Long triangles that are cut more than once: their insides must not get lost between the parts."""
     generator = np.random.default_rng(seed)
@@ -100,20 +76,6 @@ def test_every_point_of_a_triangle_soup_is_in_a_capsule(seed):
     capsules = fit(Outline(corners.ravel(), edges, 0.02))
     inside = np.einsum("kj,ij->ik", generator.dirichlet((0.5, 0.5, 0.5), 400), corners).ravel()
     assert np.max([capsule.depth(inside) for capsule in capsules], axis=0).min() > 0.02 - 1e-12
-
-
-def test_parts_that_are_cut_again_across_the_first_cut_hold_the_inside():
-    corners = np.array([0j, 4 + 0j, 1 + 3j])
-    triangle = Outline(corners, np.array([[0, 1], [1, 2], [2, 0]]))
-    parts = [part for half in _halves(triangle, 1 + 0j, 2.0) for part in _halves(half, 1j, 1.5)]
-    inside = np.random.default_rng(1).dirichlet((1, 1, 1), 2000) @ corners
-    assert np.max([_depth_in_hull(part.points, inside) for part in parts], axis=0).min() > -1e-12
-
-
-def _depth_in_hull(points, inside):
-    hull = convex_hull(points)
-    sides = np.roll(hull, -1) - hull
-    return ((inside[:, None] - hull) * np.conj(sides / abs(sides))).imag.min(axis=1)
 
 
 GEOMETRIES = {
@@ -207,18 +169,6 @@ def in_plane(geometry, rpy="0 0 0"):
     return f'<collision><origin xyz="0.1 0.7 0.2" rpy="{rpy}"/><geometry>{geometry}</geometry></collision>'
 
 
-def test_round_shapes_seen_along_or_across_their_axis_are_exact(tmp_path):
-    capsule = one_link(tmp_path, in_plane('<capsule radius="0.05" length="0.4"/>')).shapes[0]
-    assert sorted([capsule.start, capsule.end], key=abs) == pytest.approx([0.1 + 0j, 0.1 + 0.4j], abs=1e-12)
-    assert capsule.radius == pytest.approx(0.05)
-    across = one_link(tmp_path, in_plane('<cylinder radius="0.05" length="0.4"/>', f"{math.pi / 2} 0 0")).shapes[0]
-    assert across.start == across.end == pytest.approx(0.1 + 0.2j)
-    assert across.radius == pytest.approx(0.05)
-    along = one_link(tmp_path, in_plane('<cylinder radius="0.05" length="0.4"/>')).shapes[0]
-    assert along.radius < 0.06
-    assert abs(along.end - along.start) <= 0.4
-
-
 def test_links_without_usable_collision_remain_segments(tmp_path):
     robot = one_link(tmp_path, in_plane('<mesh filename="nowhere.stl"/>'))
     assert 'link "a": collision mesh "nowhere.stl" not found' in robot.warnings[0]
@@ -255,12 +205,6 @@ def test_clearance_of_a_robot_with_geometry_that_is_not_read_is_refused(tmp_path
     with pytest.raises(InputError, match="is not read") as caught:
         fp.Problem(robot, start=fp.Posture(0.0, [0.1]), goal=fp.Posture(0.4, [0.5]), flight=flight, obstacles=obstacles)
     assert caught.value.element == 'link "a"'
-
-
-def test_capsules_inside_others_are_left_out(tmp_path):
-    small, large = in_plane('<sphere radius="0.1"/>'), in_plane('<sphere radius="0.2"/>')
-    shapes = one_link(tmp_path, small + large + large).shapes
-    assert [shape.radius for shape in shapes if shape.link == "a"] == [0.2]
 
 
 WRONG = {

@@ -40,23 +40,3 @@ def test_chain_is_its_table(name):
     assert (robot.frames["foot"].body, robot.frames["foot"].local) == (0, 0j)
     assert robot.frames["hand"].body == len(bodies) - 1
     assert robot.frames["hand"].local == pytest.approx(bodies[-1].l + bodies[-1].r, rel=1e-14)
-
-
-def test_gymnast_is_table_1_with_the_full_range():
-    robot = Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
-    assert robot.tree.mass.tolist() == [3.0, 2.5, 1.0]
-    assert robot.tree.inertia == pytest.approx([0.16, 0.107, 0.053], rel=1e-15)
-    assert robot.tree.center == pytest.approx([0.2, 0.2, 0.15], rel=1e-14)
-    assert robot.position_limits.tolist() == [[-np.pi, np.pi], [-np.pi, np.pi]]
-    assert np.isinf(robot.velocity_limits).all()
-    assert np.isinf(robot.torque_limits).all()
-
-
-def test_high_jumper_has_the_limits_of_a_person():
-    robot = Robot.from_urdf(URDF_FOLDER / "high_jumper.urdf")
-    assert robot.mass == pytest.approx(75.0)
-    assert np.isfinite(robot.velocity_limits).all()
-    assert np.isfinite(robot.torque_limits).all()
-    assert (robot.position_limits[:, 0] < 0).all()
-    assert (robot.position_limits[:, 1] > 0).all()
-    assert np.ptp(robot.position_limits, axis=1).max() < 2 * np.pi

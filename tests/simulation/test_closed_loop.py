@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 from collections.abc import Callable
@@ -16,10 +15,8 @@ from flown_plans import Drifting
 from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.errors import FloatplanError, InputError
+from floatplan.errors import InputError
 from floatplan.inflight import authority as authority_module
-from floatplan.simulation import closed_loop as closed_loop_module
-from floatplan.view.report.flights import closed_loop_picture
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
@@ -40,11 +37,6 @@ def single(plan: fp.Plan) -> fp.ClosedLoop:
     return fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5)
 
 
-def numbers(result: fp.ClosedLoop) -> dict[str, Any]:
-    """All that is the same for the same seed."""
-    return {key: value for key, value in result.to_dict().items() if key not in ("seconds", "update_milliseconds")}
-
-
 def test_corrected_flights_land(flown: fp.ClosedLoop) -> None:
     assert np.abs(flown.corrected.orientation).max() < math.radians(0.5)
     assert np.abs(flown.uncorrected.orientation).min() > math.radians(5)
@@ -62,13 +54,6 @@ def test_the_same_seed_the_same_flights(plan: fp.Plan, flown: fp.ClosedLoop, sin
     np.testing.assert_array_equal(again.corrected.torque_peak[0], flown.corrected.torque_peak[0])
     other = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=6)
     assert other.corrected.orientation[0] != flown.corrected.orientation[0]
-
-
-def test_an_undisturbed_robot_lands_without_corrections(plan: fp.Plan) -> None:
-    result = fp.closed_loop(plan, perturb=fp.Perturbation(), flights=1)
-    for ends in (result.corrected, result.uncorrected):
-        assert np.abs(ends.orientation).max() < math.radians(0.02)
-        assert ends.torque_peak.max() < 1.01 * result.plan_torque_peak.max()
 
 
 def test_a_higher_jump_lands_later(plan: fp.Plan) -> None:
@@ -103,38 +88,8 @@ def test_wrong_numbers_are_told(plan: fp.Plan, wrong: dict[str, Any]) -> None:
         fp.closed_loop(plan, **wrong)
 
 
-def test_flights_that_end_in_the_budget_count(
-    plan: fp.Plan, single: fp.ClosedLoop, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    looks = itertools.count()
-
-    def look(_: Any) -> None:
-        if next(looks) > 30:  # eleven a flight, and each is flown twice
-            raise closed_loop_module._OutOfTimeError
-
-    monkeypatch.setattr(closed_loop_module._Loop, "_look_at_the_clock", look)
-    result = fp.closed_loop(plan, perturb=PERTURBED, flights=3, seed=5)
-    assert (result.flights, result.asked) == (1, 3)
-    assert result.statuses == single.statuses
-    assert len(result.paths) == len(result.uncorrected_paths) == 1
-    np.testing.assert_array_equal(result.corrected.orientation, single.corrected.orientation)
-
-
-def test_a_budget_without_a_flight_is_told(plan: fp.Plan) -> None:
-    with pytest.raises(FloatplanError, match="not one flight ended"):
-        fp.closed_loop(plan, budget=1e-9)
-
-
-def test_flights_that_are_too_long_are_told(plan: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(closed_loop_module, "MOST_PERIODS", 1000)
-    with pytest.raises(InputError, match="too long"):
-        fp.closed_loop(plan)
-
-
 def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(authority_module, "SHARES", (0.5,))
-    monkeypatch.setattr(authority_module, "STEP", 0.2)
-    monkeypatch.setattr(authority_module, "RESOLUTION", 0.2)
+    monkeypatch.setattr(authority_module, "LARGEST", 0.01)
     hostile = replace(plan, problem=replace(plan.problem, name="<script>alert(1)</script>"))
     path = hostile.save("plan.json")
     options = ("--flights", 1, "--seed", 3, "--perturb", PERTURBED)
@@ -163,42 +118,13 @@ def test_commands(plan: fp.Plan, floatplan: Callable[..., Any], monkeypatch: pyt
 @pytest.fixture(scope="module")
 def found(plan: fp.Plan) -> fp.Authority:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(authority_module, "SHARES", (0.0, 0.6))
-        patch.setattr(authority_module, "STEP", 0.1)
-        patch.setattr(authority_module, "RESOLUTION", 0.01)
+        patch.setattr(authority_module, "LARGEST", 0.1)
         return fp.authority(plan)
-
-
-def test_intervals_of_authority_have_no_holes_and_are_not_empty() -> None:
-    """Where limits are tight, flights from larger errors may land again beyond some that do not."""
-    plan = fp.plan(fp.load_problem(PROBLEMS / "somersault_motors.toml"))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(authority_module, "SHARES", (0.0,))
-        found = fp.authority(plan)
-    replanner = fp.Replanner(plan, authority_module.RATE / plan.duration)
-    real = authority_module.Update(plan.robot.tree, replanner.views, authority_module.Rewriting(plan), 1.0, 1.0)
-    alike = np.zeros(len(plan.robot.tree.mass))
-    for begin, ends in zip(found.times.tolist(), found.momentum, strict=True):
-        assert ends[0] < -1e-4
-        assert ends[1] > 1e-4
-        for error in [*np.arange(-0.06, 0.095, 0.01), *ends]:
-            if ends[0] <= error <= ends[1]:
-                momentum = plan.angular_momentum * (1 + error)
-                assert authority_module._lands(replanner, real, momentum, alike, begin), error
-
-
-def test_authority_shrinks_with_time(found: fp.Authority) -> None:
-    for intervals in (found.momentum, found.inertia):
-        assert (intervals[:, 0] < 0).all()
-        assert (intervals[:, 1] > 0).all()
-        assert intervals[1, 1] - intervals[1, 0] < intervals[0, 1] - intervals[0, 0]
-    assert found.until(0.01) == found.times[1]
-    assert found.until(0.99) is None
 
 
 @pytest.mark.parametrize(("factor", "reached"), [(0.9, True), (1.5, False)])
 def test_authority_says_what_flies(plan: fp.Plan, found: fp.Authority, factor: float, reached: bool) -> None:
-    begin, (_, most) = float(found.times[1]), found.momentum[1]
+    begin, (_, most) = float(found.times[4]), found.momentum[4]
     replanner = fp.Replanner(plan, 200)
     robot = Drifting(plan, plan.angular_momentum * (1 + factor * most))
     robot.fly(replanner, begin, 400)
@@ -206,10 +132,3 @@ def test_authority_says_what_flies(plan: fp.Plan, found: fp.Authority, factor: f
         replanner.update(*robot.state(replanner))
         robot.fly(replanner, following)
     assert (abs(robot.orientation - plan.problem.final.orientation) < 1.5 * found.reached) == reached
-
-
-def test_labels_of_logarithmic_axes_are_numbers(plan: fp.Plan, flown: fp.ClosedLoop) -> None:
-    figure = closed_loop_picture(plan, flown)
-    figure.canvas.draw()
-    for ticks in (figure.axes[2].get_yticklabels(), figure.axes[3].get_xticklabels()):
-        assert len([float(label.get_text()) for label in ticks if label.get_text()]) >= 2

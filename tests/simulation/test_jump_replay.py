@@ -9,16 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flown_plans import Drifting
 from jumps import INSTALLED, backflip
 from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.simulation.gains import first_gains
-from floatplan.simulation.jump_flight import JumpControl
-from floatplan.simulation.jump_replay import middle_of_the_widest
 from floatplan.view.report.flights import write_jump_pages
 
 if not INSTALLED:
@@ -51,26 +47,6 @@ def test_soft_joints_do_not_turn_it_short_of_its_landing() -> None:
     assert -0.1 < ends.pitch[0] < 0.02
 
 
-@pytest.mark.long
-def test_soft_joints_land_on_grounds_and_with_masses_that_are_not_known() -> None:
-    """With feet that roll, as they do in MuJoCo: planned as points they carry the robot farther than was planned."""
-    perturb = f"mass=5%,friction=17%,{LATE}"
-    ends = fp.replay_jump(backflip(), perturb=perturb, flights=20, friction=0.85, gains=SOFT, budget=None).landings
-    assert ends.stands.sum() >= 18
-    assert ends.clean.sum() >= 15
-
-
-def test_what_was_flown_is_a_motion(flown: fp.JumpReplay) -> None:
-    jump, motion = backflip(), flown.motion
-    assert jump.flight is not None
-    times = np.linspace(0.0, jump.takeoff_time + jump.flight.duration, 50)
-    assert motion.duration == jump.duration + 1.0
-    np.testing.assert_allclose(motion.at(times).positions, jump.at(times).positions, atol=0.15)
-    weight = jump.problem.robot.mass * jump.problem.flight.gravity
-    standing = motion.at(motion.duration - np.linspace(0.5, 0.0, 200))  # a little up and down still
-    assert sum(force[:, 1].mean() for force in standing.forces.values()) == pytest.approx(weight, rel=0.05)
-
-
 @pytest.mark.parametrize(
     "changed",
     [
@@ -101,57 +77,6 @@ def test_seeds_and_corrections() -> None:
     assert both.corrected is not None
     assert abs(both.corrected.pitch[0]) < np.deg2rad(2)
     assert both.statuses["applied"] > 20
-
-
-def test_corrections_end_before_feet_may_touch_and_ask_for_no_torque_when_they_do() -> None:
-    """What is measured near the ground may be its push: it is not asked for, and as a measurement it moves no legs."""
-    jump = backflip()
-    plan = jump.flight
-    assert plan is not None
-    control = JumpControl(jump, first_gains(jump, (57.0, 0.98)), 250.0)
-    lifted, lowered = control.clear[0] - jump.takeoff_time, plan.duration - control.clear[1]
-    assert 0.005 < lifted < 0.06 < plan.duration - 0.06 < lowered < plan.duration - 0.005
-    replanner, peaks = control.replanner, []
-    assert replanner is not None
-    for left in (0.012, 0.008, 0.004, 0.002):
-        t = plan.duration - left
-        state, path = plan.at(np.array([t])), plan.ballistics
-        place, speed = path.positions(np.array([t]))[0], path.velocity0 - [0.0, path.gravity * t - 0.5 * (left < 0.01)]
-        known = state.orientation[0], state.orientation_rate[0], state.positions[0], state.velocities[0]
-        peaks.append(replanner.update(t, *known, t, place, speed).torque_peak / plan.problem.motor_torque_limits)
-    assert np.max(peaks) < 0.5
-
-
-def test_corrections_leave_half_of_the_torques_to_feedback() -> None:
-    """Also where the goal is out of reach: rotors and friction that nobody knows need torques besides."""
-    plan = backflip().flight
-    assert plan is not None
-    peaks, ends = [], []
-    for momentum in (0.75, 1.32, 1.36):  # of the plan's
-        replanner, robot = fp.Replanner(plan, 250.0), Drifting(plan, momentum * plan.angular_momentum)
-        for t in np.arange(0.0, plan.duration - 0.006, 0.006):
-            done = replanner.update(*robot.state(replanner))
-            peaks.append(done.torque_peak / plan.problem.motor_torque_limits)
-            robot.fly(replanner, t + 0.006)
-        ends.append(done.status)
-    assert ends == ["limited"] * 3
-    assert 0.4 < np.max(peaks) < 0.53
-
-
-@pytest.mark.parametrize(
-    ("landed", "middle"),
-    [
-        ([4, 8, 8, 8, 8, 7, 6], 0.85),
-        ([7, 8, 6, 7, 6, 6, 4], 1.05),
-        ([8, 8, 2, 8, 8, 8, 2], 0.7),
-        ([7, 7, 2, 1, 7, 7, 2], 0.65),
-        ([0, 0, 0, 0, 0, 0, 0], 0.8),
-    ],
-)
-def test_gains_are_the_middle_of_what_lands_most(landed: list[int], middle: float) -> None:
-    """Of the widest range; of equal ones, that in which the trunk tilts less: the lower gains here."""
-    found = np.column_stack((landed, np.linspace(-2.0, -1.0, len(landed))))
-    assert middle_of_the_widest(found) == pytest.approx(middle)
 
 
 @pytest.mark.long

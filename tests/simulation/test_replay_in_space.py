@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from long_cases import cases
-from robot_samples import inertial, joint, robot_text
 
 import floatplan as fp
 from floatplan.simulation.replay import landing_rows, replays
@@ -44,26 +43,6 @@ def test_both_engines_fly_the_same_perturbed_robot(diver, perturb):
     assert not engines[1].landed
 
 
-def test_inertias_that_no_body_has_are_balanced_and_said(tmp_path):
-    pytest.importorskip("mujoco")
-    text = robot_text(joint("knee", "a", "b"), joint("hip", "a", "c", "1 0 0"), links="abc")
-    whole = f'<link name="b">{inertial()}</link>'
-    (tmp_path / "robot.urdf").write_text(text.replace(whole, whole.replace("0.01", "0.0")))
-    robot = fp.Robot.from_urdf(tmp_path / "robot.urdf", base="free-flyer")
-    level = fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
-    plan = fp.plan(fp.Problem(robot, fp.Posture(level, 0.2), fp.Posture(level, 0.2), fp.Flight(0.7, 0.0)))
-    flown = fp.replay(plan, engine="mujoco")
-    assert set(flown.balanced) == {"b"}
-    assert "which no body can have" in repr(flown)
-    assert fp.replay(plan).balanced == {}
-
-
-def test_a_motion_that_turns_too_fast_is_not_integrated_for_ever(diver, monkeypatch):
-    monkeypatch.setattr("floatplan.simulation.spatial_motion.MOST_EVALUATIONS", 100)
-    with pytest.raises(fp.FloatplanError, match="turns too fast"):
-        fp.replay(diver)
-
-
 def test_many_flights_are_a_table(diver, floatplan):
     """Each has the next seed; none begins after the time given."""
     first, second = replays(diver, 2, 4, budget=60.0, perturb="h=1%")
@@ -86,9 +65,7 @@ def test_many_flights_are_a_table(diver, floatplan):
 
 
 @pytest.mark.parametrize(
-    "command",
-    [("replay", "--replan", "100"), ("replay", "--authority"), ("launch",)],
-    ids=" ".join,
+    "command", [("replay", "--replan", "100"), ("replay", "--authority"), ("launch",)], ids=" ".join
 )
 def test_what_is_not_yet_for_flights_in_space_is_refused_in_a_line(diver, floatplan, command):
     name, *options = command
@@ -97,18 +74,3 @@ def test_what_is_not_yet_for_flights_in_space_is_refused_in_a_line(diver, floatp
     assert refused.stdout == ""
     assert len(refused.stderr.split("error:")) == 2
     assert "not yet for flights in space" in " ".join(refused.stderr.split())
-
-
-@pytest.mark.parametrize("command", cases(["takeoff", "bounds", "studio"], ["studio"]))
-def test_so_it_is_of_a_problem(floatplan, command):
-    refused = floatplan(command, SPACE / "diver_half_twist.toml")
-    assert refused.code == 2
-    assert refused.stdout == ""
-    assert len(refused.stderr.split("error:")) == 2
-    assert "in space" in " ".join(refused.stderr.split())
-
-
-def test_a_jump_in_space_is_not_asked_for_in_its_file(floatplan):
-    refused = floatplan("jump", SPACE / "diver_half_twist.toml")
-    assert (refused.code, refused.stdout) == (2, "")
-    assert "no jump is asked for" in refused.stderr

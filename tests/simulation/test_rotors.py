@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ from robot_samples import joint, robot_text
 
 import floatplan as fp
 from floatplan.simulation.engines import JointTorques
-from floatplan.simulation.recorded_motion import PlanarMotion
+from floatplan.simulation.recorded_motion import RecordedPlanarMotion
 from floatplan.simulation.reduced_model import FRICTION_RATE, reduced_model
 from floatplan.studies.peaks import many_peaks
 
@@ -93,14 +92,6 @@ def test_closed_form_kernel_and_certificate_agree(plan: fp.Plan):
     assert certificate.proved
 
 
-def test_momentum_does_not_count_rotors(plan: fp.Plan):
-    model, times = in_pinocchio(plan.robot, plan.ballistics.gravity), plan.duration * TIMES
-    data, normal = model.createData(), np.asarray(plan.robot.plane.normal)
-    rows = zip(plan.q(times), plan.v(times), strict=True)
-    found = [normal @ pin.computeCentroidalMomentum(model, data, *row).angular for row in rows]
-    np.testing.assert_allclose(found, plan.angular_momentum, rtol=1e-9, atol=1e-12)
-
-
 def test_both_engines_land(tmp_path):
     """Forward dynamics with rotors, and with what joints lose, which motors make up for."""
     robot = loaded(tmp_path, tree(of_c=ROTOR), plane="xz", armature={"a": 0.1})
@@ -132,14 +123,6 @@ class TestProof:
             assert broken == {(name,)}  # a rotor is felt by its own joint alone
         assert fp.certify(record).proved
 
-    def test_the_files_rotors_count_where_the_record_names_none(self, tmp_path):
-        robot = loaded(tmp_path, tree(of_c=ROTOR), plane="xz")
-        record = fp.plan(problem_of(robot, np.random.default_rng(2))).record
-        assert dict(record.robot.armature) == {"c": 0.06}
-        assert fp.certify(record).proved
-        assert fp.certify(replace(record, robot=replace(record.robot, armature={}))).proved
-        assert not fp.certify(replace(record, robot=replace(record.robot, armature={"c": 0.0}))).proved
-
 
 def test_limits_hold_with_rotors(tmp_path):
     """The search keeps a limit that the plan without inequalities breaks, by rows of the kernel."""
@@ -170,7 +153,7 @@ def test_what_joints_lose_is_felt_where_they_move_otherwise(tmp_path):
     assert lossy.robot.friction == {"b": 0.1}
     assert np.array_equal(bare.coefficients, lossy.coefficients)
     assert np.array_equal(bare.peaks.motor_torque, lossy.peaks.motor_torque)
-    motion = PlanarMotion(lossy.record, reduced_model(lossy.robot, 9.81))
+    motion = RecordedPlanarMotion(lossy.record, reduced_model(lossy.robot, 9.81))
     torques = JointTorques(motion, np.ones(3), None)
     order = [motion.reduced.joints.index(name) for name in "abc"]
     state = lossy.at(0.3)
@@ -202,38 +185,3 @@ def test_what_joints_lose_is_felt_where_they_move_otherwise(tmp_path):
 def test_motors_that_there_are_not_are_refused(tmp_path, asked, reason):
     with pytest.raises(fp.InputError, match=reason):
         loaded(tmp_path, tree(), plane="xz", locked={"b": 0.0}, **asked)
-
-
-@pytest.mark.parametrize("value", ["-1", "nan", "x", "1e30", ""])
-@pytest.mark.parametrize("key", ["armature", "damping", "friction"])
-def test_a_file_with_motors_that_there_are_not_is_refused(tmp_path, key, value):
-    with pytest.raises(fp.InputError, match=f'joint "b": dynamics.*({key}|must be a number|is negative)'):
-        loaded(tmp_path, tree(f'<dynamics {key}="{value}"/>'), plane="xz")
-
-
-def test_files_keep_motors(tmp_path):
-    """Problem files name them, plan files too; and say which key is wrong."""
-    robot = loaded(tmp_path, tree(of_c=ROTOR), plane="xz", armature={"a": 0.1, "c": 0.0}, damping={"c": 0.0, "b": 0.2})
-    assert robot.armature == {"a": 0.1, "c": 0.0}
-    assert robot.damping == {"b": 0.2, "c": 0.0}
-    problem = problem_of(robot, np.random.default_rng(2))
-    fp.save_problem(problem, tmp_path / "problem.toml")
-    plan = fp.plan(fp.load_problem(tmp_path / "problem.toml"))
-    plan.save(tmp_path / "plan.json")
-    for found in (plan.robot, fp.load_plan(tmp_path / "plan.json").robot):
-        assert (found.armature, found.damping) == (robot.armature, robot.damping)
-        assert np.array_equal(found.tree.rotors, robot.tree.rotors)
-    text = (tmp_path / "problem.toml").read_text()
-    for wrong, reason in (
-        ("[robot.armature]\na = -1.0", r"robot.armature.a: -1.0 kg m\^2 is negative"),
-        ("[robot.armature]\nz = 1.0", 'robot.armature "z": no joint is called'),
-    ):
-        (tmp_path / "wrong.toml").write_text(text.replace("[robot.armature]\na = 0.1", wrong))
-        with pytest.raises(fp.InputError, match=rf"wrong.toml: {reason}"):
-            fp.load_problem(tmp_path / "wrong.toml")
-    content = json.loads((tmp_path / "plan.json").read_text())
-    for wrong in (-0.1, "x", None):
-        content["robot"]["armature"]["a"] = wrong
-        (tmp_path / "wrong.json").write_text(json.dumps(content))
-        with pytest.raises(fp.InputError, match=r"robot\.armature\.a"):
-            fp.certify(tmp_path / "wrong.json")

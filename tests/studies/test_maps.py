@@ -12,9 +12,8 @@ from matplotlib.colors import to_rgb
 import floatplan as fp
 from floatplan import InputError
 from floatplan.studies.file import load_study_file
-from floatplan.studies.maps import STATUS_LOOKS, drawn_map, heatmap
+from floatplan.studies.maps import STATUS_LOOKS, heatmap, study_map
 from floatplan.studies.rows import STATUSES
-from floatplan.view.outlines import obstacle_capsules, pairs
 
 ROOT = Path(__file__).resolve().parents[2]
 THREE = """
@@ -26,25 +25,6 @@ THREE = """
 POSTURE = """
     const posture = floatplan.stage.motion.posture(arguments[0]);
     return [posture.orientation, ...posture.positions, ...posture.com];
-"""
-COLOUR_BY = """
-    const select = document.getElementById("colour");
-    select.value = arguments[0];
-    select.dispatchEvent(new Event("change"));
-"""
-KEY = """
-    const entries = [...document.querySelectorAll("#key li")];
-    return entries.filter((one) => one.offsetParent).map((one) => one.textContent);
-"""
-STAGE_IS_SEEN = """
-    const box = document.getElementById("stage").getBoundingClientRect();
-    return box.top >= 0 && box.bottom <= innerHeight;
-"""
-TAP = """
-    const [map, place] = [document.querySelector("#map .u-over"), floatplan.map.placeOf(arguments[0])];
-    const [edge, [x, y, width, height]] = [map.getBoundingClientRect(), floatplan.map.box(place)];
-    const at = { clientX: edge.left + x + width / 2, clientY: edge.top + y + height / 2 };
-    map.dispatchEvent(new MouseEvent("click", { ...at, bubbles: true }));
 """
 MARK = """
     const found = ["#map .u-over", ".mark.selected"].map((one) => document.querySelector(one));
@@ -68,7 +48,7 @@ def test_each_cell_shows_its_best_row(study_file):
     asked = load_study_file(study_file(THREE))
     statuses = ["optimal", "optimal", "not_found", "impossible", "impossible", "impossible", "error", "feasible"]
     torques = [5.0, 3.0, None, None, None, None, None, 7.0]
-    shown = drawn_map(
+    shown = study_map(
         asked, table(asked, statuses, torques), "flight.angular_momentum", "flight.duration", "torque_peak"
     )
     names = np.array(STATUSES)[shown.status]
@@ -80,7 +60,7 @@ def test_each_cell_shows_its_best_row(study_file):
 def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     asked = load_study_file(study_file(THREE))
     statuses = ["not_found", "impossible", "impossible", "impossible", "error", "error", "optimal", "not_found"]
-    shown = drawn_map(
+    shown = study_map(
         asked, table(asked, statuses, [1.0] * 8), "flight.angular_momentum", "flight.duration", "torque_peak"
     )
     assert len({colour for colour, _ in STATUS_LOOKS.values()}) == len(STATUSES)
@@ -97,21 +77,6 @@ def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     assert np.array(STATUSES)[shown.status].tolist() == [["not_found", "error"], ["impossible", "optimal"]]
 
 
-def test_points_drawn_fall_into_cells(study_file):
-    text = 'sampling = "sobol"\nsamples = 64\n[vary]\n"flight.angular_momentum" = { from = 3, to = 4 }\n'
-    asked = load_study_file(study_file(text + '"flight.duration" = { from = 1, to = 1.2 }'))
-    shown = drawn_map(
-        asked,
-        table(asked, ["optimal"] * 64, np.arange(64.0)),
-        "flight.angular_momentum",
-        "flight.duration",
-        "torque_peak",
-    )
-    assert shown.colour.shape == (5, 5)
-    assert np.isfinite(shown.colour).all()
-    assert (shown.x[1][0], shown.x[1][-1]) == (3.0, 4.0)
-
-
 @pytest.mark.parametrize(
     ("keys", "message"),
     [
@@ -123,7 +88,7 @@ def test_points_drawn_fall_into_cells(study_file):
 def test_wrong_maps(study_file, keys, message):
     asked = load_study_file(study_file(THREE))
     with pytest.raises(InputError, match=message):
-        drawn_map(asked, table(asked, ["optimal"] * 8, [1.0] * 8), *keys)
+        study_map(asked, table(asked, ["optimal"] * 8, [1.0] * 8), *keys)
 
 
 @pytest.fixture(scope="module")
@@ -160,27 +125,6 @@ class TestPage:
             np.testing.assert_allclose(seen, wanted, atol=2e-4)
         assert "optimal" in browser.run("return document.getElementById('verdict').textContent")
 
-    def test_shows_statuses_and_any_column(self, browser, study):
-        browser.open(study.folder / "map.html")
-        assert browser.run(KEY) == [f"{STATUS_LOOKS[name][1]} ({count})" for name, count in study.statuses.items()]
-        browser.run("floatplan.map.show = () => floatplan.map.row.fill(-1); floatplan.redraw()")
-        assert browser.run(KEY)[-1] == "no row"
-        browser.open(study.folder / "map.html")
-        browser.run(COLOUR_BY, "objective")
-        seen = browser.run("return floatplan.map.range")
-        values = [value for value in study.table["objective"].to_pylist() if value is not None]
-        np.testing.assert_allclose(seen, [min(values), max(values)], rtol=1e-6)
-
-    def test_a_tap_on_a_phone_brings_the_flight_into_view(self, browser, study):
-        from selenium.webdriver.support.wait import WebDriverWait
-
-        browser.driver.set_window_size(390, 700)
-        browser.open(study.folder / "map.html")
-        assert not browser.run(STAGE_IS_SEEN)
-        browser.run(TAP, study.table["status"].to_pylist().index("optimal"))
-        WebDriverWait(browser.driver, 60).until(lambda _: browser.run(STAGE_IS_SEEN))
-        assert browser.run("return document.getElementById('map').getBoundingClientRect().bottom > 0")
-
     def test_holds_the_table_s_numbers(self, browser, study):
         browser.open(study.folder / "map.html")
         shown = browser.run("return Object.keys(floatplan.data.columns)")
@@ -200,23 +144,3 @@ class TestPage:
             wide, high, left, low = browser.run(MARK)
             assert (wide, high) == (pytest.approx(1 / 5, abs=0.02), pytest.approx(1 / 4, abs=0.02))
             assert (left, low) == (pytest.approx(0.5 / 5, abs=0.02), pytest.approx(1.5 / 4, abs=0.02))
-
-    def test_obstacles_are_drawn_with_a_row_s_numbers(self, browser, tmp_path):
-        """As Python outlines them; one of a kind that the page cannot vary stays as it is in the base problem."""
-        text = (ROOT / "problems" / "obstacle.toml").read_text().replace("../urdf", str(ROOT / "urdf"))
-        text += '[[obstacles]]\nkind = "half-plane"\npoint = [0.0, -9.0]\nnormal = [0.1, 1.0]\n'
-        text += '[[obstacles]]\nkind = "capsule"\nstart = [2.4, 8.0]\nend = [2.9, 8.2]\nradius = 0.04\nmargin = 0.05\n'
-        (tmp_path / "base.toml").write_text(text)
-        vary = '[vary]\n"obstacles.0.radius" = [0.1, 0.15]\n"flight.duration" = [1.3, 1.4]\n'
-        (tmp_path / "asked.toml").write_text(f'problem = "base.toml"\n{vary}')
-        study = fp.study(tmp_path / "asked.toml", folder=tmp_path / "out", jobs=1)
-        browser.open(study.folder / "map.html")
-        browser.run("delete CAPSULES.capsule; floatplan.choose(3); floatplan.player.pause()")
-        obstacles = browser.run("return floatplan.stage.motion.data.obstacles")
-        shown = [(*map(np.array, each["capsules"][0]), each["margin"]) for each in obstacles]
-        centre, _, radius, _ = shown[0]
-        np.testing.assert_allclose([*centre, radius], [1.485, 3.342, 0.15])
-        for (start, end, radius, margin), obstacle in zip(shown, study.plan(3).problem.obstacles, strict=True):
-            ((*ends, wanted),) = obstacle_capsules(obstacle)
-            np.testing.assert_allclose([start, end], pairs(ends), atol=1e-9)
-            assert (radius, margin) == (pytest.approx(wanted), obstacle.margin)

@@ -8,14 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import jumps
 import numpy as np
 import pytest
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.jumps.jump import Jump
-from floatplan.studies import motions, rows, study
+from floatplan.studies import motions, study
 
 SOME = """
 [vary]
@@ -94,27 +92,6 @@ def test_it_goes_on_where_it_ended(done: fp.Study, monkeypatch: pytest.MonkeyPat
     assert index_of(path)["rate"] == 25
 
 
-def test_what_a_study_has_proved_is_not_proved_again(
-    done: fp.Study, study_file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    proved = fp.study(study_file(f"{SOME}[plan]\nprove = true"), folder=tmp_path / "proved", jobs=1)
-    entries = index_of(done.export("motion-csv", jobs=1))["motions"]
-    monkeypatch.setattr(motions, "certify", None)
-    assert index_of(proved.export("motion-csv", jobs=1))["motions"] == entries
-    assert {entry["verdict"] for entry in entries} == {"proved"}
-
-
-@pytest.mark.long
-def test_what_is_no_index_or_no_entry_is_made_anew(done: fp.Study) -> None:
-    path = done.export("motion-csv", jobs=1)
-    before, content = path.read_bytes(), index_of(path)
-    wrong: list[Any] = [3, {"row": "x", "sha256": "0"}, {"row": 1}, {"row": 1, "sha256": None}]
-    entries = [json.dumps(content | {"motions": each}) for each in (3, *([entry] for entry in wrong))]
-    for spoiled in ("", "[]", "null", '{"format": "floatplan.motions/1"}', *entries):
-        path.write_text(spoiled)
-        assert done.export("motion-csv", jobs=1).read_bytes() == before
-
-
 def test_what_is_done_stays_where_a_row_fails(done: fp.Study, monkeypatch: pytest.MonkeyPatch) -> None:
     rebuilt = counted(monkeypatch)
     plan = motions.row_plan
@@ -146,26 +123,6 @@ def test_refusals(done: fp.Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         done.export("motion-csv")
 
 
-@pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
-def test_jumps_are_planned_once_more(
-    study_file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def slips_below_half(problem: fp.Problem, **options: Any) -> Jump:
-        assert problem.jump is not None
-        if problem.jump.friction > 0.5:
-            return jumps.backflip()
-        return Jump(problem, problem.jump, explanation="No jump was found.")
-
-    for room in (rows, motions):
-        monkeypatch.setattr(room, "jump", slips_below_half)
-    asked = study_file('[vary]\n"jump.friction" = [0.4, 0.6]\n[plan]\njump = true\n', "jumps/go2")
-    done = fp.study(asked, folder=tmp_path / "study", jobs=1)
-    content = index_of(done.export("isaac-amp", jobs=1))
-    assert [(each["row"], each["status"], each["proved"]) for each in content["motions"]] == [(1, "feasible", True)]
-    with np.load(done.folder / "isaac-amp" / content["motions"][0]["file"], allow_pickle=False) as file:
-        assert file["contacts"].any()
-
-
 def test_the_command(
     floatplan: Callable[..., Any], study_file: Callable[..., Path], tmp_path: Path, done: fp.Study
 ) -> None:
@@ -188,13 +145,3 @@ def test_the_command(
         assert run.code == 2, run
         assert said in run.stderr
     assert index.read_bytes() == before
-
-
-@pytest.mark.long
-def test_processes_write_the_same(done: fp.Study) -> None:
-    path = done.export("loco-mujoco", jobs=1)
-    alone = {each.name: each.read_bytes() for each in path.parent.iterdir()}
-    for each in path.parent.iterdir():
-        each.unlink()
-    done.export("loco-mujoco", jobs=2)
-    assert {each.name: each.read_bytes() for each in path.parent.iterdir()} == alone

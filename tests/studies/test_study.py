@@ -6,7 +6,6 @@ import errno
 import json
 import os
 import random
-import shutil
 import signal
 import sys
 import time
@@ -22,8 +21,7 @@ from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan import InputError, files
-from floatplan.studies import driver, folder, maps, rows
-from floatplan.studies.file import load_study_file
+from floatplan.studies import driver, rows
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
 ROOT = Path(__file__).resolve().parents[2]
@@ -98,28 +96,6 @@ def test_rows_are_what_plan_many_and_plans_say(done):
             assert row["torque_peak"] is row["objective"] is row["utilisation"] is None
 
 
-def test_rows_without_a_motion_have_no_coefficients(study_file, tmp_path):
-    path = study_file('[vary]\n"goal.positions.q1" = [-60, 200]\n"flight.duration" = [1, 1.1]\n')
-    study = fp.study(path, folder=tmp_path / "out", jobs=1)
-    assert study.table["status"].to_pylist() == ["optimal", "optimal", "error", "error"]
-    assert study.table["coefficients"].to_pylist()[2:] == [None, None]
-    asked, plan = load_study_file(path), study.plan(1)
-    np.testing.assert_array_equal(plan.coefficients, fp.plan_many(asked.family(0, 4))[1].coefficients)
-    in_page = maps._in_fractions(asked, study.table).reshape(4, 2, -1)
-    np.testing.assert_allclose(in_page[1], plan.coefficients * 1.1 ** np.arange(in_page.shape[2]), rtol=1e-6)
-    assert np.isnan(in_page[2:]).all()
-
-
-def test_joints_of_unlike_degrees_have_lists_of_unlike_lengths():
-    values = np.arange(24.0).reshape(3, 2, 4)
-    values[0, 1, 2:] = values[1] = np.nan
-    wanted = [[[0, 1, 2, 3], [4, 5]], None, [[16, 17, 18, 19], [20, 21, 22, 23]]]
-    assert folder.lists(pyarrow, values).to_pylist() == wanted
-    whole = folder.lists(pyarrow, values[2:])
-    assert whole.to_pylist() == wanted[2:]
-    assert whole.type == folder.lists(pyarrow, values).type == pyarrow.list_(pyarrow.list_(pyarrow.float64()))
-
-
 def test_the_best_rows_hold_plans_that_are_proved(done):
     _, study = done
     best = study.best(3, by="torque_peak")
@@ -133,17 +109,11 @@ def test_the_best_rows_hold_plans_that_are_proved(done):
         study.best(by="status")
 
 
-def test_a_row_without_a_plan_gives_its_nearest_motion(done):
-    _, study = done
-    index = study.table["status"].to_pylist().index("not_found")
-    assert not study.plan(index).ok
-
-
 @pytest.mark.parametrize("sizes", [(5, 7), (64, 32)])
 def test_the_table_does_not_depend_on_chunks(done, tmp_path, monkeypatch, sizes):
     path, study = done
     first, most = sizes
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", first)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", first)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", most)
     again = fp.study(path, folder=tmp_path / "out", jobs=1)
     assert len(list((tmp_path / "out" / "chunks").iterdir())) >= 2
@@ -154,6 +124,14 @@ def test_two_processes_make_the_same_table(done, tmp_path):
     path, study = done
     again = fp.study(path, folder=tmp_path / "out", jobs=2)
     assert timeless(again.table).equals(timeless(study.table))
+
+
+def test_the_share_of_the_limits_is_that_of_the_worst_motor(study_file, tmp_path):
+    study = fp.study(
+        study_file('[vary]\n"flight.gravity" = [9.7, 9.8]', "torque_limited"), folder=tmp_path / "out", jobs=1
+    )
+    for index, share in enumerate(study.table["utilisation"].to_pylist()):
+        assert share == pytest.approx(max(use.worst for use in study.plan(index).utilisation), rel=1e-7)
 
 
 def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
@@ -205,13 +183,13 @@ class Fragile:
             future.set_result(call(work, first, values))
         return future
 
-    def places(self):
+    def capacity(self):
         return 2
 
     def begin(self):
         return nullcontext(self)
 
-    alone = begin
+    isolated = begin
 
 
 def test_a_row_that_ends_its_process_is_found_and_told(done, tmp_path, monkeypatch):
@@ -233,7 +211,7 @@ def test_what_is_there_is_not_planned_again(done, monkeypatch):
 
 def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
     path, study = done
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", 16)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", 16)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 16)
     real = os.fdopen
     left = [3]
@@ -255,60 +233,9 @@ def test_a_full_disk_keeps_what_is_there(done, tmp_path, monkeypatch):
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
-def test_a_disk_that_is_full_when_maps_are_drawn_is_told_too(done, monkeypatch):
-    path, study = done
-
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("floatplan.studies.maps.write_maps", full)
-    with pytest.raises(InputError, match="No space left") as told:
-        fp.study(path, folder=study.folder, jobs=1)
-    assert str(study.folder) in str(told.value)
-
-
 def flipped(content):
     """One bit of the pages is another; the first page's header is about 30 bytes."""
     return content[:60] + bytes([content[60] ^ 1]) + content[61:]
-
-
-def replaced(name, values, kind=None):
-    """A table with other values in a column."""
-
-    def spoil(table):
-        index = table.column_names.index(name)
-        field = table.schema.field(name)
-        made = values(table[name].to_pylist())
-        return table.set_column(index, field if kind is None else name, pyarrow.array(made, type=kind or field.type))
-
-    return spoil
-
-
-WRONG = {
-    "a column is missing": lambda table: table.drop_columns(["clearance"]),
-    "a column is more": lambda table: table.append_column("more", table["index"]),
-    "columns in another order": lambda table: table.select(table.column_names[::-1]),
-    "another type": replaced("objective", lambda values: [str(each) for each in values], pyarrow.string()),
-    "a status is null": replaced("status", lambda values: [None, *values[1:]]),
-    "a status is unknown": replaced("status", lambda values: ["fine", *values[1:]]),
-    "an explanation is null": replaced("explanation", lambda values: [None, *values[1:]]),
-    "a plan without coefficients": lambda table: replaced(
-        "coefficients",
-        lambda values: [
-            None if status == "optimal" else each
-            for each, status in zip(values, table["status"].to_pylist(), strict=True)
-        ],
-    )(table),
-    "rows in reversed order": lambda table: table.take(list(range(len(table)))[::-1]),
-    "reversed rows, indices in order": lambda table: replaced("index", lambda values: values[::-1])(
-        table.take(list(range(len(table)))[::-1])
-    ),
-    "other indices": replaced("index", lambda values: [each + 1 for each in values]),
-    "a row is missing": lambda table: table.slice(1),
-    "another unit": lambda table: table.cast(
-        pyarrow.schema([field.with_metadata({"unit": "mm"}) for field in table.schema])
-    ),
-}
 
 
 class TestFolder:
@@ -343,75 +270,11 @@ class TestFolder:
         chunk.write_bytes(damage(chunk.read_bytes()))
         assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(first.table))
 
-    @pytest.mark.parametrize("spoil", WRONG.values(), ids=WRONG)
-    def test_chunks_that_do_not_hold_their_rows_are_planned_again(self, done, tmp_path, spoil):
-        path, study = done
-        out = tmp_path / "out"
-        shutil.copytree(study.folder, out)
-        chunk = sorted((out / "chunks").iterdir())[0]
-        folder.arrow()[1].write_table(spoil(folder.read_table(chunk.read_bytes())), chunk)
-        assert timeless(fp.study(path, folder=out, jobs=1).table).equals(timeless(study.table))
-
-    def test_a_chunk_that_holds_its_rows_is_kept_whoever_wrote_it(self, done, tmp_path, monkeypatch):
-        path, study = done
-        out = tmp_path / "out"
-        shutil.copytree(study.folder, out)
-        for chunk in (out / "chunks").iterdir():
-            folder.arrow()[1].write_table(folder.read_table(chunk.read_bytes()), chunk)
-        monkeypatch.setattr(rows, "planned_together", None)
-        assert fp.study(path, folder=out, jobs=1).table.equals(study.table)
-
-    @pytest.mark.parametrize("place", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")], ids=["FIFO", "device"])
-    def test_chunks_that_are_no_files_are_told_and_stay(self, done, tmp_path, place):
-        path, study = done
-        out = tmp_path / "out"
-        shutil.copytree(study.folder, out)
-        chunk = sorted((out / "chunks").iterdir())[0]
-        chunk.unlink()
-        place(chunk)
-        with pytest.raises(InputError, match=f"{chunk.name}: is not a regular file.*nothing was removed"):
-            fp.study(path, folder=out, jobs=1)
-        assert os.path.lexists(chunk)
-
-    def test_a_directory_in_the_place_of_a_chunk_is_told(self, done, tmp_path):
-        path, study = done
-        out = tmp_path / "out"
-        shutil.copytree(study.folder, out)
-        chunk = sorted((out / "chunks").iterdir())[0]
-        chunk.unlink()
-        chunk.mkdir()
-        with pytest.raises(InputError, match=chunk.name):
-            fp.study(path, folder=out, jobs=1)
-
-    @pytest.mark.parametrize("record", ["[", "[]", '{"hash": 5}', "{}", '{"a":' * 5000])
-    def test_of_a_spoiled_record_is_refused(self, study_file, tmp_path, record):
-        (tmp_path / "out").mkdir()
-        (tmp_path / "out" / "study.json").write_text(record)
-        with pytest.raises(InputError, match="--restart"):
-            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
-
     def test_at_work_is_refused(self, study_file, tmp_path):
         from floatplan.studies.folder import StudyFolder
 
         with StudyFolder(tmp_path / "out", 1).locked(), pytest.raises(InputError, match="another run is at work"):
             fp.study(study_file(), folder=tmp_path / "out", jobs=1)
-
-    def test_without_locks_is_refused_by_its_name(self, study_file, tmp_path, monkeypatch):
-        def unknown(*_):
-            raise OSError(errno.ENOSYS, "Function not implemented")
-
-        monkeypatch.setattr("fcntl.flock", unknown)
-        with pytest.raises(InputError, match="out: cannot be written: Function not implemented"):
-            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
-        assert [path.name for path in (tmp_path / "out").iterdir()] in ([], [".lock"])
-
-    def test_whose_lock_is_a_link_is_refused_and_what_it_leads_to_stays(self, study_file, tmp_path):
-        (tmp_path / "out").mkdir()
-        (tmp_path / "mine").write_text("mine")
-        (tmp_path / "out" / ".lock").symlink_to(tmp_path / "mine")
-        with pytest.raises(InputError, match=r"\.lock: cannot be written"):
-            fp.study(study_file(), folder=tmp_path / "out", jobs=1)
-        assert (tmp_path / "mine").read_text() == "mine"
 
 
 MOMENT = 0.02  # [s] in which a chunk is planned and written
@@ -435,13 +298,6 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
-def test_processes_end_at_once_where_they_are_let_go():
-    with driver.started("processes", 2, None) as engine, engine.begin() as executor:
-        assert executor.submit(os.getpid).result() != os.getpid()
-        asleep = executor.submit(time.sleep, 600)
-    assert isinstance(asleep.exception(timeout=60), BrokenProcessPool)
-
-
 def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
     try:
         import dask
@@ -450,7 +306,7 @@ def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
         skip_or_fail("dask is not installed: the extra study")
     path, study = done
     monkeypatch.setattr(driver, "PATIENCE", 600)
-    monkeypatch.setattr(driver, "FIRST_TOGETHER", 6)
+    monkeypatch.setattr(driver, "FIRST_CHUNK", 6)
     monkeypatch.setattr(driver, "MOST_IN_CHUNK", 6)
     killed = []
     dask.config.set({"distributed.worker.multiprocessing-method": "forkserver"})  # with the package loaded already
@@ -489,9 +345,3 @@ def test_without_pyarrow_it_says_what_to_install(study_file, tmp_path, monkeypat
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pyarrow is not installed: .*install it: .*\[study\]"):
         fp.study(study_file(), folder=tmp_path / "out")
-
-
-def test_rows_of_a_whole_search_have_seeds_of_their_own():
-    seeds = {rows.row_seed(seed, index) for seed in range(3) for index in range(100)}
-    assert len(seeds) == 300
-    assert all(0 <= seed < 2**63 for seed in seeds)

@@ -51,7 +51,7 @@ def test_rows_are_jumps(study_file: Callable[..., Path], tmp_path: Path, monkeyp
     done = fp.study(path, folder=tmp_path / "study", jobs=1)
     requests = [problem.jump for problem, _ in asked]
     assert [(each.margin["torque"], each.friction) for each in requests if each] == [
-        *((0.9, 0.4), (0.9, 0.6), (0.8, 0.4), (0.8, 0.6)),
+        *((0.9, 0.4), (0.9, 0.6), (0.8, 0.4), (0.8, 0.6))
     ]
     assert [each.margin["velocity"] for each in requests if each] == [0.88] * 4
     assert done.statuses == {"not_found": 2, "feasible": 2}
@@ -103,11 +103,6 @@ def test_keys_of_a_jump_vary(study_file: Callable[..., Path]) -> None:
 def test_what_cannot_vary_is_refused(study_file: Callable[..., Path], text: str, said: str) -> None:
     with pytest.raises(InputError, match=said):
         load_study_file(study_file(f"[vary]\n{text}", "jumps/go2"))
-
-
-def test_a_problem_without_a_jump_takes_the_default_one(study_file: Callable[..., Path]) -> None:
-    asked = load_study_file(study_file('[vary]\n"jump.friction" = [0.5, 0.7]', "studies/go2_flip_problem"))
-    assert [problem.jump and problem.jump.friction for problem in asked.family(0, 2)] == [0.5, 0.7]
 
 
 @pytest.mark.long

@@ -18,22 +18,6 @@ def problem() -> fp.Problem:
     return fp.load_problem(ROOT / "problems" / "obstacle.toml")
 
 
-def test_numbers_are_set_by_their_paths_and_checked(problem: fp.Problem) -> None:
-    changed = edits.numbers({"goal.orientation": 0.25, "flight.duration": 1.25})(problem)
-    assert (changed.goal.orientation, changed.flight.duration) == (0.25, 1.25)
-    assert changed.final.positions.tolist() == problem.final.positions.tolist()
-    with pytest.raises(fp.InputError, match="positive"):
-        edits.numbers({"flight.duration": -1.0})(problem)
-    with pytest.raises(fp.InputError):
-        edits.numbers({"goal.orientation": float("nan")})(problem)
-
-
-def test_words_and_the_ground(problem: fp.Problem) -> None:
-    assert edits.change("flight", angular_momentum="free")(problem).flight.angular_momentum == "free"
-    assert edits.change("motion", degree="auto", objective="torque")(problem).raises_degree
-    assert edits.ground(False)(problem).ground is False
-
-
 @pytest.mark.parametrize("key", ["velocity", "torque"])
 def test_limits_by_hand_begin_with_what_the_motion_needs(problem: fp.Problem, key: LimitKey) -> None:
     needed = {joint: 2.0 + index for index, joint in enumerate(problem.robot.motors)}
@@ -82,8 +66,3 @@ def test_obstacles_are_added_moved_and_taken_away(problem: fp.Problem, obstacle:
     assert np.allclose(np.array(places) - np.array(first), [49.0, 62.0])
     assert replace(put.obstacles[-1], **dict(zip(obstacle.places(), first, strict=True))) == obstacle
     assert edits.put_obstacle(last)(put).obstacles == problem.obstacles
-
-
-def test_an_obstacle_that_is_gone_is_not_moved(problem: fp.Problem) -> None:
-    assert edits.put_obstacle(7, problem.obstacles[0])(problem) is problem
-    assert edits.put_obstacle(7)(problem).obstacles == problem.obstacles

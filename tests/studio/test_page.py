@@ -7,23 +7,19 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from needed import skip_or_fail
 from studio_insides import logged_errors
 from studio_page import grip_places
 
 import floatplan as fp
 from floatplan.problem.parts import OBSTACLE_KINDS
-from floatplan.robot.urdf.tree import robots_folder
 from floatplan.studio import edits
-from floatplan.studio.page import Studio, is_own_page, titled, unshared
-from floatplan.view.scene.scene import RobotNodes, in_plane, in_space
+from floatplan.studio.page import Studio, titled
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
@@ -63,8 +59,8 @@ CAMERA: dict[str, Any] = {
 def answered(studio: Studio) -> fp.Plan:
     assert studio.session.wait(lambda view: view.is_current, PATIENCE)
     assert studio.painter.wait(PATIENCE)
-    assert studio.session.view.answer is not None
-    return studio.session.view.answer.plan
+    assert studio.session.view.result is not None
+    return studio.session.view.result.plan
 
 
 def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
@@ -125,57 +121,6 @@ def test_it_has_a_title_and_names_what_is_on_it(studio: Studio) -> None:
         assert b"<title>&lt;/title&gt;</title>" in given.body
 
 
-def request(studio: Studio, head: str, accept: str | None = None) -> bytes:
-    """The status of what the page answers to a request."""
-    port = studio.server.get_port()
-    lines = [head, *([f"Host: localhost:{port}"] if "Host" not in head else [])]
-    lines += [] if accept is None else [f"Accept-Encoding: {accept}"]
-    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE) as line:
-        line.sendall("\r\n".join([*lines, "", ""]).encode())
-        return line.recv(12)[9:12]
-
-
-@pytest.mark.parametrize("accept", [None, "gzip", "identity", "gzip\r\nAccept-Encoding: br", ""])
-def test_it_needs_no_word_of_encodings(studio: Studio, accept: str | None) -> None:
-    """As of curl, which sends none, or of a proxy, which adds one."""
-    assert request(studio, "GET / HTTP/1.1", accept) == b"200"
-    assert request(studio, "GET /?x=1 HTTP/1.1", accept) == b"200"
-
-
-@pytest.mark.parametrize(
-    "path", ["/" + "a" * 300, "/" + "a" * 5000, "/a/" * 2000, "/%00", "/missing", "/..", "/assets"]
-)
-def test_what_no_file_has_is_no_page(studio: Studio, capfd: pytest.CaptureFixture[str], path: str) -> None:
-    assert request(studio, f"GET {path} HTTP/1.1") == b"404"
-    assert "Traceback" not in capfd.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("head", "status"),
-    [
-        ("GET / HTTP/1.1\r\nUpgrade: websocket\r\nUpgrade: websocket\r\nOrigin: http://a\r\nOrigin: http://b", b"403"),
-        ("GET / HTTP/1.1\r\nUpgrade: websocket\r\nHost: localhost\r\nHost: localhost", b"403"),
-        ("GET / HTTP/1.1\r\nUpgrade: h2c", b"403"),
-        ("GET /" + "a" * 20000 + " HTTP/1.1", b""),
-        ("nonsense", b""),
-    ],
-)
-def test_odd_requests_are_no_errors_of_the_program(
-    studio: Studio, capfd: pytest.CaptureFixture[str], head: str, status: bytes
-) -> None:
-    with logged_errors() as errors:
-        answer = request(studio, head)
-    assert answer in (status, b"400", b"414") if status == b"" else answer == status
-    assert errors == []
-    assert "Traceback" not in capfd.readouterr().err
-
-
-@pytest.mark.parametrize("origin", ["http://[::1", "http://:80", "localhost:80", "", "http://localhost:80/", "\0"])
-def test_what_is_no_origin_is_not_the_own_page(origin: str) -> None:
-    assert not is_own_page(origin, "localhost:8080")
-    assert is_own_page("http://localhost:8080", "localhost:8080")
-
-
 @pytest.mark.parametrize("end", ["start", "goal"])
 @pytest.mark.parametrize("part", [0, 1, 2])
 def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str, part: int) -> None:
@@ -183,30 +128,12 @@ def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str,
     before = fresh.session.view.problem
     places = grip_places(fresh, end, part, np.linspace(0.0, 0.2, 5))
     for step, place in enumerate(places):
-        fresh.stage.turn(end, part, complex(place), begins=step == 0)
+        fresh.stage.rotate(end, part, complex(place), begins=step == 0)
     after = fresh.session.view.problem
     states = [problem.initial if end == "start" else problem.final for problem in (before, after)]
     changed = [states[1].orientation - states[0].orientation, *(states[1].positions - states[0].positions)]
     assert abs(changed[part]) == pytest.approx(0.2, abs=1e-9)
     assert [value for index, value in enumerate(changed) if index != part] == [0.0, 0.0]
-    answered(fresh)
-
-
-def test_a_full_turn_is_one_somersault_more(fresh: Studio) -> None:
-    before = fresh.session.view.problem.goal.orientation
-    places = grip_places(fresh, "goal", 0, np.linspace(0.0, 2 * np.pi, 25))
-    for step, place in enumerate(places):
-        fresh.stage.turn("goal", 0, complex(place), begins=step == 0)
-    turned = fresh.session.view.problem.goal.orientation - before
-    assert abs(turned) == pytest.approx(2 * np.pi)
-
-
-def test_a_joint_stops_at_the_end_of_its_range(fresh: Studio) -> None:
-    for step, place in enumerate(grip_places(fresh, "goal", 1, np.linspace(0.0, 12.0, 120))):
-        fresh.stage.turn("goal", 1, complex(place), begins=step == 0)
-    problem = fresh.session.view.problem
-    assert problem.final.positions[0] in problem.position_limits[0]
-    assert fresh.session.view.refusal == ""
     answered(fresh)
 
 
@@ -221,7 +148,7 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
     assert np.subtract(moved.center, first[0].center) == pytest.approx([0.25, -0.5])
     answered(fresh)
     for make in (kind.example for kind in OBSTACLE_KINDS.values()):
-        fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_place())))
+        fresh.session.edit(edits.with_obstacle(make(*fresh.stage.free_position())))
         answered(fresh)
     for index in (2, 0, 1, 0):
         fresh.session.edit(edits.put_obstacle(index))
@@ -229,37 +156,6 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
     assert fresh.session.view.problem.obstacles == ()
     fresh.stage.carry(0, 1 + 1j, begins=True)
     fresh.stage.carry(0, 2 + 1j, begins=False)
-
-
-def test_obstacles_are_listed_that_are_gone_meanwhile(fresh: Studio) -> None:
-    """A view is drawn of which the session has taken back what it shows."""
-    answered(fresh)
-    view, dials = fresh.session.view, set(fresh.panel.inputs.sliders)
-    edit = edits.with_obstacle(fp.Circle(center=(9.0, 8.0), radius=0.5))
-    fresh.painter.do("ahead", lambda: fresh.panel.draw(replace(view, problem=edit(view.problem))))
-    assert fresh.painter.wait(PATIENCE)
-    listed = {path: slider.value for path, slider in fresh.panel.inputs.sliders.items() if path not in dials}
-    assert listed == {
-        "obstacles.1.center.0": 9.0,
-        "obstacles.1.center.1": 8.0,
-        "obstacles.1.radius": 0.5,
-        "obstacles.1.margin": 0.0,
-    }
-    fresh._repaint()
-    assert fresh.painter.wait(PATIENCE)
-    assert set(fresh.panel.inputs.sliders) == dials
-
-
-def test_sliders_follow_the_session(fresh: Studio) -> None:
-    answered(fresh)
-    fresh.session.set("goal.orientation", 31.0)
-    answered(fresh)
-    slider = fresh.panel.inputs.sliders["goal.orientation"]
-    assert slider.value == pytest.approx(np.degrees(31.0), abs=0.01)
-    assert slider.max >= slider.value
-    fresh.session.undo()
-    answered(fresh)
-    assert slider.value == pytest.approx(np.degrees(fresh.session.view.problem.goal.orientation), abs=0.01)
 
 
 class Client:
@@ -320,32 +216,6 @@ def test_nobody_opens_a_way_from_elsewhere(fresh: Studio, monkeypatch: pytest.Mo
     assert asked == []
 
 
-def test_a_viser_that_shares_in_another_way_is_not_started() -> None:
-    with pytest.raises(fp.InputError, match="gives out public addresses in a way that is not known"):
-        unshared(SimpleNamespace(ViserServer=type("ViserServer", (), {})))
-
-
-def test_nor_one_that_starts_its_server_in_another_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What it has started is stopped."""
-    made = []
-
-    class Server:
-        def __init__(self, **_: object) -> None:
-            self.is_stopped = False
-            made.append(self)
-
-        def request_share_url(self) -> None:
-            raise AssertionError
-
-        def stop(self) -> None:
-            self.is_stopped = True
-
-    monkeypatch.setattr("viser.ViserServer", Server)
-    with pytest.raises(fp.InputError, match="starts its server in a way that is not known"):
-        Studio(fp.load_problem(ROOT / "problems" / "somersault.toml"), port=0, with_map=False)
-    assert [server.is_stopped for server in made] == [True]
-
-
 @pytest.fixture
 def client(fresh: Studio) -> Iterator[Client]:
     answered(fresh)
@@ -374,132 +244,6 @@ def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, v
     fresh.session.refuse("")
 
 
-def test_what_a_user_sets_is_not_lost_to_what_the_page_draws_meanwhile(
-    fresh: Studio, client: Client, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Drawn between viser's change of an input and its event, and again before the session has done what was asked."""
-    monkeypatch.setattr("floatplan.studio.inputs.RELEASED", -1.0)
-    inputs = fresh.panel.inputs
-    slider = inputs.sliders["flight.duration"]
-    choice = next(each.handle for each in inputs._shown if each.handle.label == "least")
-    before = fresh.session.view.problem
-    for handle, value in ((slider, 1.125), (choice, "torque")):
-
-        def in_between(*_: Any) -> None:
-            fresh._repaint()
-            fresh.painter.wait(0.3)
-
-        gate, came = threading.Event(), threading.Event()
-        fresh.actions.do("gate", lambda gate=gate: gate.wait(PATIENCE))  # type: ignore[misc]
-        monkeypatch.setattr(handle._impl, "sync_cb", in_between)
-        handle.on_update(lambda event, came=came: came.set() if event.client else None)
-        client.set(handle, value)
-        assert came.wait(PATIENCE)
-        fresh._repaint()
-        assert fresh.painter.wait(PATIENCE)
-        gate.set()
-        assert fresh.actions.wait(PATIENCE)
-        handle._impl.update_cb.pop()
-    problem = fresh.session.view.problem
-    assert (problem.flight.duration, problem.motion.objective) == (1.125, "torque")
-    assert before.motion.objective != "torque"
-    answered(fresh)
-    assert (slider.value, choice.value) == (1.125, "torque")
-
-
-def test_two_plans_fly_side_by_side(fresh: Studio) -> None:
-    answered(fresh)
-    fresh.session.keep()
-    fresh.session.set("flight.duration", 1.3)
-    answered(fresh)
-    view = fresh.session.view
-    assert len(fresh.stage.shows(view)) == 2
-    assert fresh.stage.kept.root.visible
-    fresh.session.keep(False)
-    answered(fresh)
-    assert not fresh.stage.kept.root.visible
-
-
-def test_the_player_goes_on_stops_and_seeks(fresh: Studio) -> None:
-    plan = answered(fresh)
-    fresh.player.seek(0.5 * plan.duration)
-    fresh.painter.wait(PATIENCE)
-    sent = fresh.player.frames
-    with logged_errors() as errors:
-        fresh.player.playing = True
-        while fresh.player.frames < sent + 10:
-            assert errors == []
-        fresh.player.playing = False
-
-
-def test_rays_meet_the_plane(gymnast: fp.Robot) -> None:
-    plane = gymnast.plane
-    eye = 3.0 * np.cross(plane.horizontal, plane.vertical) + 0.4 * plane.vertical
-    for place in (0.3 - 0.7j, 2.0 + 0j, 0j):
-        point = in_space(plane, np.array([place]))[0]
-        met = in_plane(plane, eye, eye + 0.37 * (point - eye))
-        assert met == pytest.approx(place)
-    assert in_plane(plane, eye, eye + plane.horizontal) is None
-
-
-class Recorded:
-    """A scene that keeps what it is given."""
-
-    def __init__(self) -> None:
-        self.nodes: dict[str, Any] = {}
-        self.scene = self
-
-    def add_frame(self, name: str, **_: Any) -> Any:
-        return self.nodes.setdefault(name, type("Frame", (), {"position": np.zeros(3), "wxyz": np.eye(4)[0]})())
-
-    def add_mesh_simple(self, name: str, vertices: Any, faces: Any, color: Any) -> None:
-        self.nodes[name] = vertices
-
-
-SMALL = 0.02  # [m] robot, so that nothing of its meshes is coarser than 0.1 mm
-
-
-def test_meshes_are_where_the_urdf_has_them() -> None:
-    """Against yourdfpy's own kinematics, with the base turned and every joint somewhere else."""
-    import trimesh
-    from scipy.spatial import cKDTree
-
-    from floatplan.view.outlines import body_poses
-    from floatplan.view.scene.meshes import joint_angles, visual_model
-    from floatplan.view.scene.scene import DETAIL
-
-    if robots_folder() is None:
-        skip_or_fail("example-robot-data is not installed: the extra robots")
-    robot = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml").robot
-    scene = Recorded()
-    bodies = RobotNodes(scene, "/robot", robot)
-    assert bodies.add_meshes(SMALL, share=1.0)
-    rng = np.random.default_rng(0)
-    low, high = robot.position_limits.T
-    positions, orientation = rng.uniform(low, high), 0.7
-    poses = body_poses(robot, np.array([orientation]), positions[None], np.array([0.2 + 0.1j]))
-    bodies.put(poses, 0)
-    model = visual_model(robot)
-    angles = joint_angles(robot, positions)
-    model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
-    root = scene.nodes["/robot/0"]
-    base = trimesh.transformations.quaternion_matrix(root.wxyz)
-    base[:3, 3] = root.position
-    drawn = []
-    for name in (name for name in scene.nodes if "/links" in name):
-        frame = scene.nodes[name.rpartition("/")[0]]
-        pose = trimesh.transformations.quaternion_matrix(frame.wxyz)
-        pose[:3, 3] = frame.position
-        drawn.append(trimesh.transform_points(scene.nodes[name], pose))
-    expected = [
-        trimesh.transform_points(mesh.vertices, base @ model.get_transform(geometry))
-        for geometry, mesh in model.scene.geometry.items()
-    ]
-    there, here = np.concatenate(expected), np.concatenate(drawn)
-    for places, others in ((there, here), (here, there)):
-        assert cKDTree(others).query(places)[0].max() < np.sqrt(3) * DETAIL * SMALL
-
-
 def test_without_viser_there_is_one_clear_error(
     monkeypatch: pytest.MonkeyPatch, floatplan: Callable[..., Any], root: Path
 ) -> None:
@@ -512,9 +256,3 @@ def test_without_viser_there_is_one_clear_error(
     assert '"view"' in done.stderr
     assert "pip install" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def test_a_problem_that_is_wrong_ends_it_with_its_error(floatplan: Callable[..., Any]) -> None:
-    done = floatplan("studio", "nowhere.toml")
-    assert done.code == 2
-    assert "nowhere.toml" in done.stderr

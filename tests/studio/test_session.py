@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import signal
-import subprocess
-import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,10 +17,8 @@ from studio_insides import process_ids
 
 import floatplan as fp
 from floatplan.studio import cards
-from floatplan.studio.answers import COLUMNS, ROWS, Failure, Map, MapTask, PlanTask, ShownPlan
-from floatplan.studio.planning import LAST, Actions, Planning, StoppedError, Worker, _prepare, packed, unpacked
-from floatplan.studio.session import FILE_NAMES, Part, Session, View
-from floatplan.view.outlines import body_poses
+from floatplan.studio.session import FILE_NAMES, Document, Session, View
+from floatplan.studio.tasks import COLUMNS, ROWS
 
 ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
@@ -45,7 +38,7 @@ def session(problem: fp.Problem) -> Iterator[Session]:
 
 
 def settled(view: View) -> bool:
-    return view.fault != "" or (view.is_current and view.answer is not None and view.answer.settled)
+    return view.fault != "" or (view.is_current and view.result is not None and view.result.settled)
 
 
 def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Session) -> None:
@@ -57,13 +50,13 @@ def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Se
     view = session.view
     assert view.verdict == "proved"
     expected = fp.plan(view.problem, prove=True)
-    assert view.answer is not None
-    assert np.array_equal(view.answer.plan.coefficients, expected.coefficients)
-    plan = view.answer.plan
+    assert view.result is not None
+    assert np.array_equal(view.result.plan.coefficients, expected.coefficients)
+    plan = view.result.plan
     assert plan.certificate is not None
     assert plan.certificate.proved
-    assert first.answer is not None
-    assert not np.array_equal(plan.coefficients, first.answer.plan.coefficients)
+    assert first.result is not None
+    assert not np.array_equal(plan.coefficients, first.result.plan.coefficients)
 
 
 def test_what_cannot_be_is_said_and_nothing_changes(session: Session) -> None:
@@ -83,9 +76,9 @@ def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session
     assert session.wait(settled, PATIENCE)
     view = session.view
     assert view.verdict == "not found"
-    assert view.answer is not None
-    assert "velocity limit" in view.answer.plan.explanation
-    assert len(view.answer.poses.places) > 2
+    assert view.result is not None
+    assert "velocity limit" in view.result.plan.explanation
+    assert len(view.result.poses.places) > 2
     card = cards.status_card(view)
     assert 'data-verdict="not found"' in card
     assert "velocity limit" in card
@@ -100,14 +93,14 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(
     session.wait(settled, PATIENCE)
     start = session.view.problem.goal.orientation
     seen: list[int] = []
-    session.listen(lambda: seen.append(session.view.answered))
+    session.listen(lambda: seen.append(session.view.result_number))
     for step in range(1, 40):
         session.set("goal.orientation", start + 0.01 * step)
     assert session.wait(settled, PATIENCE)
     view = session.view
-    assert view.answer is not None
+    assert view.result is not None
     assert view.number == 40
-    assert view.answer.plan.problem.goal.orientation == start + 0.39
+    assert view.result.plan.problem.goal.orientation == start + 0.39
     assert seen == sorted(seen)
     session.undo()
     assert session.view.problem.goal.orientation == start
@@ -126,25 +119,6 @@ def test_a_process_that_is_lost_is_told_and_begun_anew(session: Session) -> None
     assert session.view.verdict == "proved"
 
 
-def test_a_process_that_cannot_be_started_is_told(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert session.wait(settled, PATIENCE)
-
-    def refused(_: Worker) -> None:
-        raise OSError(12, "Cannot allocate memory")
-
-    with monkeypatch.context() as patched:
-        patched.setattr(Worker, "_started", refused)
-        os.kill(process_ids(session)[0], signal.SIGKILL)
-        for change in range(3):
-            session.set("goal.orientation", 0.4 + 0.1 * change)
-            session.wait(settled, PATIENCE)
-        assert session.view.verdict == "failed"
-        assert "cannot be started: OSError: [Errno 12] Cannot allocate memory" in session.view.fault
-    session.set("goal.orientation", 0.8)
-    assert session.wait(settled, PATIENCE)
-    assert session.view.verdict == "proved"
-
-
 def test_threads_may_all_change_it(session: Session) -> None:
     def drag(path: str) -> None:
         for step in range(30):
@@ -159,8 +133,8 @@ def test_threads_may_all_change_it(session: Session) -> None:
     for thread in threads:
         thread.join()
     assert session.wait(settled, PATIENCE)
-    assert session.view.answer is not None
-    assert session.view.answer.plan.problem.goal.orientation == session.view.problem.goal.orientation
+    assert session.view.result is not None
+    assert session.view.result.plan.problem.goal.orientation == session.view.problem.goal.orientation
 
 
 def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None:
@@ -179,24 +153,10 @@ def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None
         assert session.view.problem.flight.angular_momentum == chart.momenta[1]
         assert session.view.map is None
         assert session.wait(settled, PATIENCE)
-        found = session.view.answer is not None and session.view.answer.plan.ok
+        found = session.view.result is not None and session.view.result.plan.ok
         assert found == (chart.points[0, 1].use is not None)
     finally:
         session.close()
-
-
-def test_the_map_of_a_problem_with_limits_is_searched_point_by_point(problem: fp.Problem) -> None:
-    limited = replace(problem, limits=replace(problem.limits, torque=1e3))
-    chart = Map.centred_at(ShownPlan.of(fp.plan(limited), settled=True))
-    assert chart.relative
-    asked = list(chart.questions(limited))
-    points = [point for some, _ in asked for point in some]
-    assert sorted(points) == sorted(np.ndindex(ROWS, COLUMNS))
-    assert points[0] == (ROWS // 2, COLUMNS // 2)
-    few = MapTask(limited, {"flight.duration": np.array([1.1, -1.0])}, PATIENCE).answer()
-    assert [cell.status for cell in few] == ["optimal", "error"]
-    assert few[0].use is not None
-    assert 0 < few[0].use < 1
 
 
 def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
@@ -215,7 +175,7 @@ def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatpl
 
 
 @pytest.mark.parametrize("part", FILE_NAMES)
-def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Part) -> None:
+def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Document) -> None:
     assert session.wait(settled, PATIENCE)
     mine = tmp_path / FILE_NAMES[part]
     mine.write_text("mine")
@@ -232,192 +192,3 @@ def test_what_the_session_has_not_written_is_not_overwritten(session: Session, t
     mine.symlink_to(tmp_path / "nowhere")
     assert session.save(part, str(tmp_path)).startswith(str(tmp_path / f"{mine.stem}-3"))
     assert mine.is_symlink()
-
-
-@pytest.mark.parametrize("folder", ["/proc/nowhere", "\0", "a" * 5000])
-def test_what_cannot_be_saved_is_said(session: Session, folder: str) -> None:
-    assert session.save("problem", folder).startswith("Not saved: ")
-
-
-def test_a_worker_answers_says_and_stops(problem: fp.Problem) -> None:
-    worker = Worker(problem.robot)
-    try:
-        answer = worker.ask(PlanTask(problem, PATIENCE))
-        assert not isinstance(answer, Failure), answer.words
-        assert answer.plan.ok
-        assert answer.plan.robot is problem.robot
-        failed = worker.ask(PlanTask(problem, -1.0))
-        assert isinstance(failed, Failure)
-        assert "not positive" in failed.words
-        with stopped_again_and_again(worker), pytest.raises(StoppedError):
-            ask_on(worker, problem)
-        assert worker.ask(PlanTask(problem, PATIENCE)).plan.ok
-    finally:
-        worker.close()
-    with pytest.raises(StoppedError):
-        worker.ask(PlanTask(problem, PATIENCE))
-
-
-def test_a_worker_says_what_it_does(problem: fp.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    """To whoever asks, in its order, and nothing of it to the next."""
-
-    def answer(task: PlanTask, say: Callable[[str], None]) -> float | None:
-        say(f"asked for {task.budget}")
-        return task.budget
-
-    monkeypatch.setattr(PlanTask, "answer", answer)
-    worker, words = Worker(problem.robot), list[str]()
-    with ThreadPoolExecutor(1) as here:
-        monkeypatch.setattr(worker, "_started", lambda: here)
-        _prepare(problem.robot, 0, worker._told)
-        assert [worker.ask(PlanTask(problem, budget), words.append) for budget in (1.0, 2.0)] == [1.0, 2.0]
-    assert words == ["asked for 1.0", "asked for 2.0"]
-
-
-def test_a_search_is_stopped_and_all_is_as_it_was(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert session.wait(settled, PATIENCE)
-    before = session.view
-    session.stop()
-    assert session.view is before, "nothing was sought"
-    with monkeypatch.context() as unanswered:
-        unanswered.setattr(Planning, "_plan", lambda *_: None)
-        assert session.set("flight.duration", 1.2)
-        asked = session.view
-        session._take_words(asked.number, "start 2 of 4")
-        assert session.view.doing == "start 2 of 4"
-        assert "Start 2 of 4" in cards.status_card(session.view)
-        session.stop()
-    assert vars(session.view) == vars(before)
-    assert before.answer is not None
-    session._take_plan(asked.number, before.answer)
-    session._take_words(asked.number, "too late")
-    assert vars(session.view) == vars(before)
-    assert session.undo()
-    assert session.view.problem.flight.duration == 1.2
-    assert session.wait(lambda view: settled(view) and view.is_current and view.number > asked.number, PATIENCE)
-
-
-def test_the_first_search_is_stopped(problem: fp.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as unanswered:
-        unanswered.setattr(Planning, "_plan", lambda *_: None)
-        session = Session(problem, with_map=False)
-        session.stop()
-    try:
-        assert session.view.verdict == "stopped"
-        assert "<b>Stopped</b>" in cards.status_card(session.view)
-        assert session.set("flight.duration", 1.2)
-        assert session.wait(settled, PATIENCE)
-        assert session.view.verdict == "proved"
-    finally:
-        session.close()
-
-
-def test_proofs_and_maps_let_the_page_go_first(session: Session) -> None:
-    assert session.wait(lambda view: view.answer is not None and view.answer.settled, PATIENCE)
-    quick, thorough = (os.getpriority(os.PRIO_PROCESS, number) for number in process_ids(session))
-    assert quick == os.getpriority(os.PRIO_PROCESS, 0)
-    assert thorough == min(quick + LAST, 19)
-
-
-SCRIPT = """
-import floatplan as fp
-from floatplan.studio.answers import PlanTask
-from floatplan.studio.planning import Worker
-
-if __name__ == "__main__":
-    problem = fp.load_problem({path!r})
-    worker = Worker(problem.robot)
-    print(worker.ask(PlanTask(problem, 60.0)).plan.ok)
-    worker.close()
-"""
-
-
-def test_processes_import_what_the_page_does_wherever_it_is_started(tmp_path: Path) -> None:
-    """Another floatplan lies in the working directory."""
-    for module in ("floatplan/__init__.py", "floatplan/studio/__init__.py"):
-        (tmp_path / "here" / module).parent.mkdir(parents=True)
-        (tmp_path / "here" / module).write_text("")
-    script = tmp_path / "script.py"
-    script.write_text(SCRIPT.format(path=str(ROOT / "problems" / "new_configuration.toml")))
-    places = os.pathsep.join(place for place in sys.path if place)
-    environment = {**os.environ, "PYTHONPATH": places}
-    done = subprocess.run(
-        [sys.executable, str(script)],
-        cwd=tmp_path / "here",
-        env=environment,
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
-    assert (done.stdout, done.stderr) == ("True\n", "")
-
-
-def ask_on(worker: Worker, problem: fp.Problem) -> None:
-    begun = time.monotonic()
-    while time.monotonic() - begun < PATIENCE:
-        worker.ask(PlanTask(problem, PATIENCE))
-
-
-@contextlib.contextmanager
-def stopped_again_and_again(worker: Worker) -> Iterator[None]:
-    """As a stop between two questions is no error to the next one."""
-    enough = threading.Event()
-
-    def stop() -> None:
-        while not enough.wait(0.1):
-            worker.stop()
-
-    stopper = threading.Thread(target=stop)
-    stopper.start()
-    try:
-        yield
-    finally:
-        enough.set()
-        stopper.join()
-
-
-def test_the_robot_stays_where_it_is(problem: fp.Problem) -> None:
-    content = packed(PlanTask(problem, 1.0), problem.robot)
-    assert len(content) < 10_000
-    assert unpacked(content, problem.robot).problem.robot is problem.robot
-
-
-def test_words_of_any_error_are_on_one_short_line() -> None:
-    assert Failure.of(fp.InputError("is wrong", element="here")).words == "here: is wrong"
-    told = Failure.of(RuntimeError("a\nb" + "c" * 5000)).words
-    assert "\n" not in told
-    assert len(told) < 500
-
-
-def test_bodies_are_where_the_plan_has_them(problem: fp.Problem) -> None:
-    plan = fp.plan(problem)
-    times = np.array([0.0, 0.4, 1.1])
-    state = plan.at(times)
-    com = state.com_position @ np.array([1, 1j])
-    poses = body_poses(plan.robot, state.orientation, state.positions, com)
-    tree = plan.robot.tree
-    base = state.base_position @ np.array([1, 1j])
-    assert np.allclose(poses.places[:, 0], base, atol=1e-12)
-    centers = poses.places + tree.rotations(poses.angles) * tree.center
-    assert np.allclose(centers @ tree.mass / tree.mass.sum(), com, atol=1e-12)
-
-
-def test_of_many_moves_the_newest_is_made_and_errors_end_nothing(caplog: pytest.LogCaptureFixture) -> None:
-    actions, seen = Actions("test"), []
-    try:
-        gate = [True]
-        actions.do("first", lambda: [None for _ in iter(lambda: gate[0], False)])
-        for step in range(100):
-            actions.do("drag", lambda step=step: seen.append(step))  # type: ignore[misc]
-        actions.do("wrong", lambda: 1 / 0)
-        actions.do("after", lambda: seen.append(-1))
-        gate[0] = False
-        assert actions.wait(PATIENCE)
-    finally:
-        actions.close()
-    assert seen == [99, -1]
-    (record,) = caplog.records
-    assert record.getMessage() == "test: wrong"
-    assert record.exc_info is not None
-    assert record.exc_info[0] is ZeroDivisionError

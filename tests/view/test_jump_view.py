@@ -21,11 +21,9 @@ from floatplan.jumps.jump import Jump
 from floatplan.motion.planar.full_model import free_flyer
 from floatplan.view.figures import animation
 from floatplan.view.figures.figures import figures
-from floatplan.view.jumps import efforts, footing, jump_columns, moments
-from floatplan.view.outlines import postures
-from floatplan.view.report.data import asked_of_jump, sample_grid
+from floatplan.view.jumps import footing, moments
+from floatplan.view.report.data import sample_grid
 from floatplan.view.report.report import report, report_data, write_report
-from floatplan.view.scene.scene import scene
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
@@ -83,22 +81,6 @@ def test_the_page_has_the_jump_s_numbers(view: Jump, data: Any) -> None:
         assert np.abs(whole[~stands]).max() == 0
 
 
-def test_shares_are_those_of_the_check(view: Jump) -> None:
-    """What is used of friction and limits while it stands is at most what the check found, and nearly that."""
-    times = np.linspace(0.0, view.duration, 2001)
-    columns, figures = jump_columns(view, view.state(times)), view.check.figures
-    begin, end = view.flight_span
-    stands = (times < begin) | (times > end)
-    for key, wanted in (
-        ("torque_use", figures["torque"]),
-        ("rate_use", figures["velocity"]),
-        ("held_use", figures["held_torque"]),
-        ("friction", figures["friction"] / view.request.friction),
-    ):
-        found = max(np.nanmax(np.abs(values[stands])) for name, values in columns.items() if name.startswith(f"{key}."))
-        assert found == pytest.approx(wanted, rel=2e-3), key
-
-
 def test_the_page_says_what_was_checked_and_proved(view: Jump, data: Any) -> None:
     jump = backflip()
     assert jump.flight is not None
@@ -133,7 +115,7 @@ def test_what_was_not_found_is_not_viewed() -> None:
 
 def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By methods of the same names, whose files are those of the commands."""
-    monkeypatch.setattr(animation, "FRAME_RATE", 2.0)
+    monkeypatch.setattr(animation, "FILM", replace(animation.FILM, rate=2.0))
     jump = backflip()
     assert jump.show(tmp_path / "page.html", browse=False).read_text() == report(jump, tmp_path / "page.html")
     assert "<iframe" in jump._repr_html_()
@@ -151,21 +133,6 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
             asked()
 
 
-def test_a_sample_of_a_jump_has_contacts_and_forces() -> None:
-    """They are the jump's own, and nothing pushes where nothing stands."""
-    jump = backflip()
-    sample = jump.sample(100.0)
-    np.testing.assert_array_equal(sample.q, jump.q(sample.times))
-    np.testing.assert_array_equal(sample.tau, jump.tau(sample.times))
-    assert sample.contacts.keys() == sample.forces.keys() == sample.contact_points.keys()
-    for name, stands in sample.contacts.items():
-        phases = [phase for phase in jump.phases if name in phase.contacts]
-        inside = np.any([(sample.times > each.begin) & (sample.times <= each.end) for each in phases], axis=0)
-        np.testing.assert_array_equal(stands[1:], inside[1:])
-        assert not sample.forces[name][~stands].any()
-        assert np.isfinite(sample.contact_points[name]).all(axis=1).tolist() == stands.tolist()
-
-
 def test_obstacles_are_in_the_jump_s_clock(view: Jump) -> None:
     """An obstacle that moves and exists for a while, both since takeoff, is where the flight's own plan has it."""
     passing = fp.Circle(center=(0.6, 0.3), radius=0.05, velocity=(-2.0, 0.5), window=(0.05, 0.2))
@@ -177,31 +144,6 @@ def test_obstacles_are_in_the_jump_s_clock(view: Jump) -> None:
     np.testing.assert_allclose(found, jump.flight.clearances(since, [passing]), atol=1e-9)
     assert np.isfinite(found).sum() not in (0, len(found))
     assert [chart["title"] for chart in report_data(moved)["charts"]][-1] == "Clearance"
-
-
-def test_figures_of_a_jump(view: Jump) -> None:
-    drawn = figures(view)
-    assert [*drawn] == [
-        *("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height"),
-        *("configuration", "rates", "torques"),
-    ]
-    times = moments(view)
-    texts = [text.get_text() for text in drawn["moments"].axes[0].texts]
-    assert [text for text in texts if text] == [f"{time:.2f} s" for time in times]
-    assert len(times) == 6
-    begin, end = view.flight_span
-    assert (np.diff(times) > 0).all()
-    assert [begin < time < end for time in times] == [False, False, True, True, False, False]
-    arrows = sum(text == "" for text in texts)
-    assert arrows == sum(len(stance.contacts) for stance in view.stances)
-
-
-def test_the_scene_s_clock_is_the_jump_s(view: Jump, monkeypatch: pytest.MonkeyPatch) -> None:
-    infra = pytest.importorskip("viser.infra")
-    waited: list[float] = []
-    monkeypatch.setattr(infra.StateSerializer, "insert_sleep", lambda _, seconds: waited.append(seconds))
-    assert "RL_foot" not in scene(view)  # all of it is packed
-    assert sum(waited) == pytest.approx(view.duration, rel=1e-12)
 
 
 SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
@@ -245,63 +187,3 @@ def test_the_page_plays_in_a_browser(
     assert browser.run("return window.broken") is None
     assert browser.complaints() == []
     assert browser.requests() == [page.as_uri()]
-
-
-def test_places_on_the_page_are_those_of_the_pictures(view: Jump, data: Any) -> None:
-    placed, times = postures(view, moments(view)), sample_grid(view.duration)
-    np.testing.assert_allclose(np.interp(placed.times, times, column(data, "com_y")), placed.com.imag, atol=1e-4)
-    (level, _, _), *others = data["motion"]["ground"]
-    assert level == pytest.approx(view.ground, abs=5e-3)
-    assert others == []
-
-
-def test_forces_act_where_the_jump_has_them(view: Jump) -> None:
-    """Between left and right, in the plane; nowhere while nothing stands."""
-    jump, plane, times = backflip(), view.robot.plane, np.linspace(0.0, view.duration, 33)
-    points = jump.contact_points(times)
-    for contact, feet in zip(footing(view).contacts.values(), footing(view).feet(times).T, strict=True):
-        middle = np.mean([points[name] for name in contact.names], axis=0)
-        np.testing.assert_allclose(feet, middle @ (plane.horizontal + 1j * plane.vertical), atol=1e-12)
-        assert 0 < np.isnan(feet).sum() < len(times)
-
-
-def test_what_has_no_limit_has_no_share(view: Jump) -> None:
-    jump = backflip()
-    free = replace(jump, problem=replace(jump.problem, limits=fp.Limits()))
-    titles = [chart["title"] for chart in report_data(free)["charts"]]
-    assert not {"Torque over limit", "Rate over limit"} & set(titles)
-    assert {"Torque of held joints over effort", "Torques", "Rates"} <= set(titles)
-    assert not {"torque_use", "rate_use"} & set(figures(free))
-
-
-def test_a_joint_without_an_effort_in_its_file_can_hold_anything() -> None:
-    jump, robot = backflip(), backflip().problem.robot
-    name, tree = next(iter(robot.locked)), robot.joint_tree
-    joints = tuple(replace(each, effort=np.inf) if each.name == name else each for each in tree.joints)
-    other = replace(robot, joint_tree=replace(tree, joints=joints))
-    held = efforts(replace(jump, problem=replace(jump.problem, robot=other)))
-    assert [each for each, effort in held.items() if np.isinf(effort)] == [name]
-    assert held.keys() == robot.locked.keys()
-
-
-def test_figures_of_many_parts_are_small_ones(view: Jump, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where there is one curve only."""
-    monkeypatch.setattr("floatplan.view.figures.figures.is_crowded", lambda _: True)
-    drawn = figures(view)
-    assert len(drawn["com_height"].axes) == 2
-    assert [axes.axison for axes in drawn["com_height"].axes] == [True, False]
-    assert sum(axes.axison for axes in drawn["torque_use"].axes) == len(view.robot.joints)
-
-
-def test_the_report_tells_what_is_asked_of_the_jump_not_its_guess(view: Jump) -> None:
-    problem, request = view.problem, view.request
-
-    def told(**changes: Any) -> dict[str, str]:
-        return {row.name: row.text for row in asked_of_jump(problem, replace(request, **changes))}
-
-    plain = told()
-    assert (plain["whole turns"], plain["from"], plain["to"]) == ("-1", "standing", "standing")
-    assert not {"start", "goal", "duration", "momentum", "lands"} & plain.keys()
-    assert {"goal", "duration"} <= told(fixed=("goal", "duration")).keys()
-    posture = dict.fromkeys(problem.robot.joints, np.radians(12.5))
-    assert told(landing=replace(request.landing, to=posture))["to"].count(" 12.5°") == len(posture)

@@ -18,7 +18,6 @@ import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
-from floatplan.view.style import palette
 
 ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
@@ -29,7 +28,6 @@ EVERY_TIME = (  # each kind of obstacle, limit and robot; and one in space, in t
 LONG = {*PROBLEMS} - {ROOT / "problems" / f"{name}.toml" for name in EVERY_TIME}
 PATIENCE = 60.0  # s for what takes a fraction of one
 SLOWLY = "floatplan.player.speed = 0.01"  # on a busy machine too a flight is paused before it ends
-HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 
 CONTROLS = "input, button, [role=slider]"  # of a scene
 
@@ -121,118 +119,6 @@ def test_every_report_plays_and_scrubs_without_complaint_or_network(
     assert browser.requests() == [report.as_uri()]
 
 
-@pytest.fixture(scope="module")
-def crowd(tmp_path_factory: pytest.TempPathFactory) -> tuple[fp.Plan, Path]:
-    """A chain of ten joints, each with a torque limit of its own."""
-    robot = fp.Robot.from_urdf(ROOT / "urdf" / "chain10.urdf")
-    flight = fp.Flight(1.3, angular_momentum="free")
-    plan = fp.plan(fp.Problem(robot, fp.Posture(1.2, 0.15), fp.Posture(-1.5, -0.1), flight, name="ten"))
-    limits = (1.0 + 0.05 * np.arange(10)) * plan.peaks.motor_torque
-    torque = dict(zip(robot.joints, limits.tolist(), strict=True))
-    plan = replace(plan, problem=replace(plan.problem, limits=fp.Limits(torque=torque)))
-    return plan, write_report(plan, tmp_path_factory.mktemp("crowd") / "report.html")
-
-
-def media(browser: Browser, scheme: str) -> None:
-    """Let the browser prefer light or dark pages."""
-    features = [{"name": "prefers-color-scheme", "value": scheme}]
-    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-
-
-CHART = """
-    const chart = [...document.querySelectorAll('.chart')].find(one => one.textContent.startsWith(arguments[0]));
-    const shown = [...chart.querySelectorAll('.curve')].filter(one => getComputedStyle(one).display !== 'none');
-    return shown.map(one => one.innerText.replace(/\\s+/g, ' ').trim());
-"""
-
-
-def test_many_joints_are_told_one_at_a_time(browser: Browser, crowd: tuple[fp.Plan, Path]) -> None:
-    """Names are in the legend alone; the one that is pointed at or chosen shows its value and its limits."""
-    from selenium.webdriver.common.action_chains import ActionChains
-    from selenium.webdriver.common.by import By
-
-    plan, page = crowd
-    browser.open(page)
-    browser.run("floatplan.player.seek(0.5)")
-    names = [element.text for element in browser.driver.find_elements(By.CSS_SELECTOR, "#key [data-part]")]
-    assert names == ["base", *plan.robot.joints]
-    assert browser.run(CHART, "Torques") == []
-    lines = (
-        "return floatplan.charts.find(one => one.spec.title === 'Torques')"
-        ".plot.series.filter(one => one.dash && one.show).length"
-    )
-    assert browser.run(lines) == 0
-    fourth = browser.driver.find_element(By.CSS_SELECTOR, '#key [data-part="4"]')
-    ActionChains(browser.driver).move_to_element(fourth).perform()
-    torque = plan.at(0.5).motor_torques[3]
-    for pointed in (True, False):
-        (told,) = browser.run(CHART, "Torques")
-        name, value, limit = told.replace("\u2212", "-").split(" ", 2)
-        assert name == plan.robot.joints[3]
-        assert float(value) == pytest.approx(torque, rel=1e-2, abs=1e-3)
-        assert limit == f"of {plan.problem.motor_torque_limits[3]:.4g} N m"
-        assert browser.run(lines) == 2
-        (angle,) = browser.run(CHART, "Angles")
-        assert angle.startswith(plan.robot.joints[3])
-        if pointed:
-            fourth.click()
-            ActionChains(browser.driver).move_to_element(browser.driver.find_element(By.ID, "name")).perform()
-    assert fourth.get_attribute("aria-pressed") == "true"
-    fourth.click()
-    ActionChains(browser.driver).move_to_element(browser.driver.find_element(By.ID, "name")).perform()
-    assert browser.run(CHART, "Torques") == []
-    assert browser.complaints() == []
-
-
-def test_inertia_and_the_interval_of_h_are_drawn(browser: Browser, crowd: tuple[fp.Plan, Path]) -> None:
-    plan, page = crowd
-    browser.open(page)
-    scrub(browser, 0.5)
-    row = plan.dynamics.momentum_map(plan.at([0.5]).positions)[0]
-    agree(numbers(browser), {f"inertia.{index}": value for index, value in enumerate(row)})
-    find = "const chart = floatplan.charts.find(one => one.spec.title === 'Angular momentum');"
-    drawn = browser.run(f"{find} return chart.spec.lines.map(one => one.value)")
-    said = browser.run(f"{find} return chart.spec.beyond || ''")
-    low, high = plan.angular_momentum_bounds
-    assert drawn == pytest.approx([low, high]) or f"{low:.4g} to {high:.4g}" in said
-
-
-@pytest.mark.parametrize("size", [(1300, 900), (390, 844)])
-def test_dark_and_light(browser: Browser, crowd: tuple[fp.Plan, Path], size: tuple[int, int]) -> None:
-    """The page follows the reader's preference, also while it is open, and every curve can be told from the paper."""
-    _, page = crowd
-    paper = "return getComputedStyle(document.body).backgroundColor"
-    shades = """
-        const painter = new OffscreenCanvas(1, 1).getContext("2d", { willReadFrequently: true });
-        const seen = (colour) => {
-            painter.fillStyle = painted("var(--shade)", colour);
-            painter.fillRect(0, 0, 1, 1);
-            return [...painter.getImageData(0, 0, 1, 1).data];
-        };
-        return floatplan.charts.flatMap((one) => one.spec.series.map(({ colour }) => seen(colour)));
-    """
-    width, height = size
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    try:
-        media(browser, "light")
-        browser.open(page)
-        assert browser.run(paper) == "rgb(255, 255, 255)"
-        media(browser, "dark")
-        wait_for(browser, "DARK.matches")
-        assert browser.run(paper) == "rgb(21, 24, 28)"
-        red, green, blue = stage_pixels(browser)[8, 8]
-        assert max(red, green, blue) < 60
-        for shade in browser.run(shades):
-            red, green, blue = (part / 255 for part in shade[:3])
-            assert 0.2126 * red**2.2 + 0.7152 * green**2.2 + 0.0722 * blue**2.2 > 0.21, shade
-        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
-        assert browser.complaints() == []
-    finally:
-        media(browser, "")
-        browser.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-
-
 def test_it_offers_the_user_s_own_problem_file(browser: Browser, tmp_path: Path) -> None:
     file = ROOT / "problems" / "new_configuration.toml"
     plan = fp.plan(fp.load_problem(file))
@@ -275,84 +161,6 @@ def test_it_plays_pauses_and_steps(page: Browser, handstand: fp.Plan) -> None:
     assert page.run("return floatplan.player.time") == 0
 
 
-def test_scrubbing_shows_the_plan_s_values_at_mid_flight(page: Browser, handstand: fp.Plan) -> None:
-    middle = handstand.duration / 2
-    scrub(page, middle)
-    found = numbers(page)
-    agree(found, expected(handstand, middle))
-    assert found["clearance.0"] == pytest.approx(handstand.clearances([middle])[0], abs=1e-6)
-
-
-def test_values_between_samples_are_the_plan_s(page: Browser, handstand: fp.Plan) -> None:
-    for share in (0.0, 0.1234, 0.987, 1.0):
-        page.run("floatplan.player.seek(arguments[0])", share * handstand.duration)
-        agree(numbers(page), expected(handstand, share * handstand.duration))
-
-
-def test_dragging_along_a_curve_seeks(page: Browser, handstand: fp.Plan) -> None:
-    from selenium.webdriver import ActionChains
-    from selenium.webdriver.common.by import By
-
-    curve = page.driver.find_element(By.CSS_SELECTOR, ".u-over")
-    quarter = -round(curve.size["width"] / 4)
-    ActionChains(page.driver).move_to_element(curve).click_and_hold().move_by_offset(quarter, 0).release().perform()
-    assert page.run("return floatplan.player.time") == pytest.approx(handstand.duration / 4, abs=0.02)
-
-
-def test_the_page_places_links_as_the_robot_has_them(page: Browser, handstand: fp.Plan) -> None:
-    from floatplan.view.outlines import postures
-
-    placed = postures(handstand, np.array([0.5]))
-    script = (
-        "const m = floatplan.motion, p = m.posture(0.5);"
-        "return m.data.robot.links.map(l => l.points.map(at => m.place(p, { body: l.body, at })))"
-    )
-    found = np.array(page.run(script)) @ [1, 1j]
-    np.testing.assert_allclose(found, placed.corners[0], atol=1e-6)
-
-
-def stage_pixels(browser: Browser) -> Any:
-    """Red, green and blue (height, width, 3) of the picture of the flight, as it is on the screen."""
-    from io import BytesIO
-
-    from PIL import Image
-    from selenium.webdriver.common.by import By
-
-    content = browser.driver.find_element(By.ID, "stage").screenshot_as_png
-    return np.array(Image.open(BytesIO(content)).convert("RGB"))
-
-
-def test_the_robot_is_painted(page: Browser, handstand: fp.Plan) -> None:
-    page.run("floatplan.player.seek(0.5)")
-    seen = {tuple(pixel) for pixel in stage_pixels(page).reshape(-1, 3).tolist()}
-    for colour in palette(len(handstand.robot.joints) + 1):
-        assert tuple(np.rint(255 * colour).astype(int).tolist()) in seen
-
-
-def test_ticks_take_out_of_the_picture_what_they_name(page: Browser) -> None:
-    for name, element in (("ghosts", ".ghosts"), ("trails", ".trail"), ("margins", ".margin"), ("goal", ".goal")):
-        hidden = f"return [...document.querySelectorAll('{element}')].map(e => getComputedStyle(e).display === 'none')"
-        for wanted in (False, True, False):
-            assert set(page.run(hidden)) == {wanted}, name
-            page.run("document.getElementById(arguments[0]).click()", name)
-        page.run("document.getElementById(arguments[0]).click()", name)
-
-
-def test_a_frame_moves_the_robot_and_paints_no_curve(page: Browser) -> None:
-    """What is costly is done once: what stays and the curves are drawn when the page opens."""
-    script = """
-        const prototype = CanvasRenderingContext2D.prototype, clear = prototype.clearRect;
-        const painted = new Set(), watch = new MutationObserver(() => {});
-        prototype.clearRect = function(...box) { painted.add("a curve"); clear.apply(this, box); };
-        watch.observe(document.getElementById("stage"), { subtree: true, attributes: true, childList: true });
-        for (let k = 0; k < 10; k++) floatplan.player.seek(k / 10 * floatplan.motion.duration);
-        prototype.clearRect = clear;
-        for (const { type, target } of watch.takeRecords()) painted.add(`${type} of ${target.closest("svg").id}`);
-        return [...painted];
-    """
-    assert page.run(script) == ["attributes of robot"]
-
-
 def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Browser) -> None:
     page.driver.execute_cdp_cmd(
         "Emulation.setDeviceMetricsOverride", {"width": 360, "height": 740, "deviceScaleFactor": 2, "mobile": True}
@@ -368,14 +176,7 @@ def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Brows
         page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
-def test_names_from_files_stay_text(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
-    plan = replace(handstand, problem=replace(handstand.problem, name=HOSTILE), explanation=HOSTILE)
-    browser.open(write_report(plan, tmp_path / "report.html"))
-    assert browser.run("return document.getElementById('name').textContent") == HOSTILE
-    assert browser.run("return window.broken") is None
-    assert browser.complaints() == []
-
-
+@pytest.mark.long
 def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
     """Its clock and speed have names for screen readers, as all that can be operated."""
     if importlib.util.find_spec("viser") is None:

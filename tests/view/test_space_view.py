@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 import importlib.util
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from browser import Browser
-from matplotlib.collections import LineCollection
 from needed import skip_or_fail
-from robot_samples import joint, robot_text
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.robot.shapes.solids import LinkSolid
 from floatplan.view import outlines
 from floatplan.view.figures.figures import figures
-from floatplan.view.report.report import report_data, write_report
+from floatplan.view.report.data import motion_data
+from floatplan.view.report.report import write_report
 from floatplan.view.sampled import SampledPlan
 from floatplan.view.scene.scene import scene
-from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, Camera, drawn_solids, face_normals
+from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, rendered_solids
 
 SPACE = Path(__file__).parents[2] / "problems" / "space"
 
@@ -65,70 +63,6 @@ def test_solids_are_drawn_where_the_robot_has_them(diver: fp.Plan) -> None:
     np.testing.assert_allclose(feet[0], diver.problem.takeoff.position, atol=1e-9)
 
 
-def test_a_link_and_a_joint_may_share_a_name(tmp_path: Path) -> None:
-    """As those of many MJCF do, and of ANYmal."""
-    text = robot_text(joint("b", "a", "b", "0 0 1"), joint("knee", "b", "c"), links="abc")
-    (tmp_path / "robot.urdf").write_text(text)
-    robot, level = (
-        fp.Robot.from_urdf(tmp_path / "robot.urdf", base="free-flyer"),
-        fp.Attitude(quaternion_xyzw=(0, 0, 0, 1)),
-    )
-    flight = fp.Flight(0.5, 0.0, takeoff=fp.Takeoff("b"), landing=fp.Landing("knee"))
-    plan = fp.plan(fp.Problem(robot, fp.Posture(level, 0.2), fp.Posture(level, 0.2), flight))
-    poses = outlines.bodies(plan, np.zeros(1))
-    np.testing.assert_allclose(poses.frame(robot, "b")[0], 0.0, atol=1e-12)
-    joint_of_c = robot.model.getJointId("knee")
-    np.testing.assert_allclose(poses.frame(robot, "knee")[0], poses.places[0, joint_of_c], atol=1e-12)
-    assert report_data(plan)["motion"]["frames"][0]["name"] == "b"
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_a_solid_reaches_as_far_as_its_surface(seed: int) -> None:
-    """Of a hull grown by any ellipsoid, such as the disc of a cylinder, no point is farther, and one is as far."""
-    random = np.random.default_rng(seed)
-    rotation = Rotation.random(random_state=seed).as_matrix()
-    axes = rotation * random.uniform(0.1, 1.0, 3) * (1.0, 1.0, seed % 2)
-    solid = LinkSolid("link", 1, random.normal(size=(6, 3)), axes)
-    ball = random.normal(size=(20000, 3))
-    surface = (ball / np.linalg.norm(ball, axis=1, keepdims=True)) @ axes.T
-    directions = random.normal(size=(5, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    sampled = (directions @ solid.points.T).max(axis=1) + (directions @ surface.T).max(axis=1)
-    assert (sampled <= solid.reach(directions) + 1e-12).all()
-    np.testing.assert_allclose(sampled, solid.reach(directions), atol=2e-3)
-
-
-def test_faces_of_solids_look_outwards_and_close(diver: fp.Plan, arm: fp.Plan) -> None:
-    for solid in (*drawn_solids(diver.robot), *drawn_solids(arm.robot)):
-        middle, normals = solid.points.mean(axis=0), face_normals(solid.points, solid.faces)
-        assert len(solid.faces) == 12
-        for face, normal in zip(solid.faces, normals, strict=True):
-            assert normal @ (solid.points[face].mean(axis=0) - middle) > 0
-        sides = [tuple(pair) for face in solid.faces.tolist() for pair in zip(face, face[1:] + face[:1], strict=True)]
-        assert sorted(sides) == sorted((second, first) for first, second in sides)  # each edge once either way
-
-
-def test_what_is_behind_is_painted_first(diver: fp.Plan) -> None:
-    placed = outlines.postures(diver, np.linspace(0.0, diver.duration, 7))
-    assert placed.depth is not None
-    for index in range(7):
-        order = [shape for shape, _ in placed.painted(index)]
-        assert sorted(order) == list(range(len(placed.radius)))
-        assert (np.diff(placed.depth[index].mean(axis=1)[order]) >= 0).all()
-        for _, faces in placed.painted(index):  # of a box one to three sides are seen, of two triangles each
-            assert len(faces) in (2, 4, 6)
-
-
-def test_a_camera_sees_at_right_angles() -> None:
-    for azimuth, elevation in ((AZIMUTH, ELEVATION), (0.3, -1.2), (2.0, np.pi / 2)):
-        camera = Camera.at(azimuth, elevation)
-        axes = np.array([camera.right, camera.up, camera.toward])
-        np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(axes) == pytest.approx(1.0)
-    assert CAMERA(np.array([0.0, 0.0, 1.0])).imag > 0.9
-    assert CAMERA(np.array([1.0, 0.0, 0.0])).real > 0.5
-
-
 def test_angles_and_momentum_are_the_motion_s(diver: fp.Plan, arm: fp.Plan) -> None:
     times = np.linspace(0.0, 1.4, 57)
     columns = SampledPlan.of(diver, times).columns
@@ -145,45 +79,6 @@ def test_angles_and_momentum_are_the_motion_s(diver: fp.Plan, arm: fp.Plan) -> N
     assert np.abs(columns["momentum_base"]).max() > 0.1
 
 
-def test_figures_hold_the_robot_and_its_ground(diver: fp.Plan, arm: fp.Plan) -> None:
-    drawn = figures(diver)
-    names = ["snapshots", "kinogram", "orientation", "configuration", "rates", "torques", "torque_use", "rate_use"]
-    assert list(drawn) == [*names, "momentum", "inertia"]
-    (axes,) = drawn["snapshots"].axes
-    assert any(isinstance(each, LineCollection) for each in axes.collections)  # the ground's grid
-    placed = outlines.postures(diver, outlines.snapshot_times(diver))
-    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    assert left < placed.low.real.min()
-    assert placed.high.real.max() < right
-    assert low < placed.low.imag.min()
-    assert placed.high.imag.max() < high
-    assert outlines.floor(arm) == []  # it floats
-    for line in outlines.floor(diver):
-        np.testing.assert_allclose(line[:, 2], diver.whole.heights(np.zeros(1))[0].min() + diver.whole.ground)
-
-
-def test_plans_of_either_kind_are_not_compared() -> None:
-    planar = fp.plan(fp.load_problem(SPACE.parent / "new_configuration.toml"))
-    robot, level = fp.Robot.from_urdf(planar.robot.path, base="free-flyer"), fp.Attitude(quaternion_xyzw=(0, 0, 0, 1))
-    still = fp.plan(fp.Problem(robot, fp.Posture(level, 0.1), fp.Posture(level, 0.1), fp.Flight(1.0, 0.0)))
-    for plan, other in ((planar, still), (still, planar)):
-        with pytest.raises(fp.InputError, match="one plan flies in space, the other in a plane"):
-            figures(plan, compare=other)
-    assert "comparison" in figures(still, compare=still)
-
-
-def test_links_below_the_ground_are_told(diver: fp.Plan) -> None:
-    """What lands lower than it took off ends below the ground, by as much."""
-    assert not [warning for warning in diver.warnings if warning.kind == "ground"]
-    flight = replace(diver.problem.flight, landing=fp.Landing("feet", height=-0.2))
-    lower = fp.plan(replace(diver.problem, flight=flight))
-    (warning,) = (warning for warning in lower.warnings if warning.kind == "ground")
-    assert warning.value == pytest.approx(-0.2, abs=1e-6)
-    assert warning.subject == "legs"
-    assert warning.instant == pytest.approx(diver.duration)
-    assert "in space that is not kept yet" in warning.message
-
-
 def test_the_page_s_robot_is_the_robot(diver: fp.Plan, browser: Browser, tmp_path: Path) -> None:
     """It plays, turns and comes nearer, places links as the plan does, and asks nothing of a network."""
     page = write_report(diver, tmp_path / "report.html")
@@ -194,7 +89,7 @@ def test_the_page_s_robot_is_the_robot(diver: fp.Plan, browser: Browser, tmp_pat
         "return m.data.robot.links.map(l => l.points.map(at => m.place(p, { body: l.body, at })))"
     )
     poses = outlines.bodies(diver, np.array([0.5]))
-    for found, solid in zip(browser.run(script), drawn_solids(diver.robot), strict=True):
+    for found, solid in zip(browser.run(script), rendered_solids(diver.robot), strict=True):
         np.testing.assert_allclose(found, poses.points(solid.body, solid.points)[0], atol=1e-6)
     state, told = (
         diver.at(0.5),
@@ -248,27 +143,34 @@ def test_it_is_turned_by_mouse_by_touch_and_from_the_keyboard(diver: fp.Plan, br
     assert browser.complaints() == []
 
 
-def test_what_turns_in_a_plane_is_not_turned(browser: Browser, tmp_path: Path) -> None:
-    from selenium.webdriver.common.action_chains import ActionChains
-    from selenium.webdriver.common.by import By
-
-    plan = fp.plan(fp.load_problem(SPACE.parent / "new_configuration.toml"))
-    browser.open(write_report(plan, tmp_path / "report.html"))
-    box = "return document.getElementById('robot').getAttribute('viewBox')"
-    before, stage = browser.run(box), browser.driver.find_element(By.ID, "stage")
-    ActionChains(browser.driver).move_to_element(stage).click_and_hold().move_by_offset(-50, 30).release().perform()
-    assert browser.run(box) == before
-    assert not [label for label in shown_options(browser) if label.startswith("view")]
-    assert browser.complaints() == []
-
-
-def test_no_momentum_has_no_arrow(arm: fp.Plan) -> None:
-    motion = report_data(arm)["motion"]
-    assert motion["vector"] is None
-    assert motion["floor"] == []
-
-
 def test_the_scene_holds_solids_trails_and_momentum(diver: fp.Plan) -> None:
     if importlib.util.find_spec("viser") is None:
         skip_or_fail("viser is not installed: the extra view")
     assert "<title>floatplan: diver_half_twist</title>" in scene(diver)
+
+
+def test_obstacles_are_drawn_where_they_are() -> None:
+    """In pictures, in the page with their faces, and in the scene; a half-space is a grid."""
+    problem = fp.load_problem(SPACE / "diver_past_a_bar.toml")
+    wall = fp.HalfSpace(point=(0, 0, 4.9), normal=(0, 0.1, -1))
+    box = fp.Box(center=(2, 0, 0.4), size=(0.6, 1, 0.8), margin=0.1)
+    plan = fp.plan(replace(problem, obstacles=(*problem.obstacles, box, wall)))
+    assert plan.ok
+    (ball,) = (one for one in plan.problem.obstacles if isinstance(one, fp.Sphere))
+    (outline,) = outlines.obstacle_outlines(ball, 0.5, 0.1)
+    middle = CAMERA(np.array(ball.center) + 0.5 * np.array(ball.velocity))
+    np.testing.assert_allclose(np.abs(outline - middle).max(), ball.radius + 0.1, rtol=1e-2)
+    normal = np.array(wall.unit_normal)
+    on_the_wall = [line for line in outlines.grids(plan) if np.abs((line - wall.point) @ normal).max() < 1e-9]
+    assert len(on_the_wall) > 6
+    centre, radius = outlines.ball(plan)
+    corners = np.array(box.center) + np.array(box.size) / 2
+    assert np.abs(corners - centre).max() <= radius
+    data = motion_data(SampledPlan.of(plan, np.linspace(0, plan.duration, 9)))
+    assert len(data["obstacles"]) == 3
+    bar, moved, standing = data["obstacles"]
+    assert np.abs(np.array(standing["points"]) - box.center).max(axis=0) == pytest.approx(np.array(box.size) / 2)
+    assert moved["window"] == [0, 0.9]
+    assert np.shape(bar["grown"])[1] == 3
+    assert {"clearance.0", "clearance.3"} <= data["columns"].keys()
+    assert "clearance" in figures(plan)

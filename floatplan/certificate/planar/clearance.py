@@ -179,8 +179,10 @@ class PointSegments:
             _in_middle(each, cells) for each in (self.point, self.start)
         )
         cos, sin, turn_known, turn_spread = _in_middle(self.direction, cells)
-        x, y = point_x - start_x, point_y - start_y
-        along, across = cos * x + sin * y, cos * y - sin * x
+        x = point_x - start_x
+        y = point_y - start_y
+        along = cos * x + sin * y
+        across = cos * y - sin * x
         length = self.length.mid + self.length.rad
         distance = np.hypot(np.maximum(0.0, np.maximum(-along, along - length)), across) - self.radius.mid
         reach = np.hypot(x, y) + length
@@ -190,7 +192,8 @@ class PointSegments:
 
     def below(self, forms: Taylor, pair: IntArray) -> Array:
         """Lower bound on the distance between the surfaces over the items."""
-        (left, low_y, near, far), (right, high_y) = lower(forms), upper(forms[:2])
+        (left, low_y, near, far) = lower(forms)
+        (right, high_y) = upper(forms[:2])
         length = self.length[pair]
         across = np.maximum(0.0, np.maximum(low_y, -high_y))
         beyond = np.maximum(0.0, np.maximum(-right, left - (length.mid + length.rad) * (1.0 + 4.0 * ROUND)))
@@ -223,7 +226,8 @@ class PointSegments:
         pair = self.couples.ravel()
         place = self.place(np.full(len(pair), cell), pair)
         length = self.length[pair]
-        x, y = place.x.at_end(-1.0), place.y.at_end(-1.0)
+        x = place.x.at_end(-1.0)
+        y = place.y.at_end(-1.0)
         beyond = x.mid - x.rad > (length.mid + length.rad) * (1.0 + 2.0 * ROUND)
         left, right, before, after = (
             each.reshape(-1, 2, 2) for each in (y.mid > y.rad, y.mid < -y.rad, x.mid < -x.rad, beyond)
@@ -289,7 +293,8 @@ class PlanePoints:
 
 def _in_middle(vectors: Vectors, cells: IntArray) -> tuple[Array, Array, Array, Array]:
     """Vectors (cells, items) in the middle of cells, how well they are known there, and how far from there they get."""
-    x, y = vectors.x[cells], vectors.y[cells]
+    x = vectors.x[cells]
+    y = vectors.y[cells]
     known = x.e + y.e
     return x.c[0], y.c[0], known, np.abs(x.c[1:]).sum(axis=0) + np.abs(y.c[1:]).sum(axis=0) + known
 

@@ -1,7 +1,7 @@
 """The motion in Taylor models: joints (12), angular momentum (4), orientation (18) and torques, on cells of time.
 
-All models have the shape (K, cells, items). Joint motions come from the polynomials of the plan file, recentred in
-Arb; what follows from them uses the constants of :class:`~floatplan.certificate.planar.inertia.PlanarRobot`. With
+All models have the shape (K, cells, items). What follows from the joints' motion uses the constants of
+:class:`~floatplan.certificate.planar.inertia.PlanarRobot`. With
 ``zeta_b = exp(i sum_k turns_bk q_k)`` and ``phi_b' = theta' + sum_k turns_bk q_k'``:
 
 - ``m_j - i n_j = sum_i C_ij conj(zeta_i) zeta_j``; ``D_0 = sum_j m_j`` and ``D_k = sum_j m_j turns_jk`` in (4);
@@ -16,16 +16,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 
-import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.cells import ORDER, TimeCells, Vectors, recentred
+from floatplan.certificate.cells import ORDER, TimeCells, Vectors
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, products, reciprocal, up
+from floatplan.certificate.joints import joint_motion
+from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
-SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
 FIRST_CELLS = 24  # [-] before any is halved
 ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
 TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
@@ -46,6 +46,10 @@ class Joints:
     rate: Taylor
     cos: Taylor
     sin: Taylor
+
+    def limited_rate(self, limit: float) -> LimitedQuantity:
+        """The orientation's rate, and its limit, rad/s."""
+        return LimitedQuantity("orientation_rate", (), self.rate, limit)
 
     @classmethod
     def joined(cls, parts: Sequence[Joints]) -> Joints:
@@ -78,16 +82,11 @@ class FlightEnclosure:
 
 def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Joints:
     """Enclose joints, orientation rate and torques on cells."""
-    p, dp, ddp = _polynomials(record, cells)
-    amplitude = Balls.exact(record.amplitude)
-    cosine, sine = cos_sin(p)
-    q = sine.times(amplitude) + Taylor.constant(Balls.exact(record.centre).broadcast(p.e.shape), ORDER)
-    swing, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
-    dq = swing.times(amplitude)
-    ddq = (push - sine * speed).times(amplitude)
+    q, dq, ddq = joint_motion(record, cells)
     cos, sin = cos_sin(q.linear(robot.turns))
     shares, twists = _momentum_shares(robot, cos, sin)
-    turned, turned_twice = dq.linear(robot.turns), ddq.linear(robot.turns)
+    turned = dq.linear(robot.turns)
+    turned_twice = ddq.linear(robot.turns)
     inverse = reciprocal(shares.sum())
     h = Taylor.constant(Balls.exact(np.full((len(cells.low), 1), record.angular_momentum)), ORDER)
     held, held_twice = products([(shares, turned), (shares, turned_twice)])
@@ -104,7 +103,8 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Jo
 def _momentum_shares(robot: PlanarRobot, cos: Taylor, sin: Taylor) -> tuple[Taylor, Taylor]:
     """``m_j = sum_i c_ij cos(x_ij)`` and ``n_j = sum_i c_ij sin(x_ij)``, where ``x_ij = phi_i - phi_j - a_ij``."""
     conjugate = robot.inertia.adjoint.times(cos, sin)  # of sum_i C_ij conj(zeta_i)
-    re, im = conjugate.x, -conjugate.y
+    re = conjugate.x
+    im = -conjugate.y
     re_cos, im_sin, re_sin, im_cos = products([(re, cos), (im, sin), (re, sin), (im, cos)])
     return re_cos - im_sin, -(re_sin + im_cos)
 
@@ -116,32 +116,6 @@ def _body_torques(robot: PlanarRobot, cos: Taylor, sin: Taylor, acceleration: Ta
     driven = robot.inertia.times(along - inwards, outwards + across)
     of_cos, of_sin = products([(cos, driven.x), (sin, driven.y)])
     return of_cos + of_sin
-
-
-def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, Taylor]:
-    """p, p' and p'' of (12) on the cells, recentred in Arb."""
-    polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
-    length = record.coefficients.shape[1]
-    balls = recentred(polynomials, cells, length)
-    c, e = balls.mid, balls.rad
-    p = Taylor.polynomial(c, e, ORDER)
-    if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
-        rates = [polynomial.derivative() for polynomial in polynomials]
-        both = (recentred(of_time, cells, length) for of_time in (rates, [rate.derivative() for rate in rates]))
-        dp, ddp = (Taylor.polynomial(balls.mid, balls.rad, ORDER) for balls in both)
-        return p, dp, ddp
-    inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
-    first = _derivative(c, e)
-    dp, ddp = (Taylor.polynomial(*by_u, ORDER).times(inverse[:, None]) for by_u in (first, _derivative(*first)))
-    return p, dp, ddp.times(inverse[:, None])
-
-
-def _derivative(c: Array, e: Array) -> tuple[Array, Array]:
-    """Coefficients and radii of the derivative by u; one coefficient at least."""
-    if len(c) == 1:
-        return np.zeros_like(c), np.zeros_like(e)
-    degrees = np.arange(1, len(c)).reshape(-1, 1, 1)
-    return c[1:] * degrees, up(e[1:] * degrees + ROUND * np.abs(c[1:]) * degrees)
 
 
 def assemble(record: PlanRecord, cells: TimeCells, joints: Joints) -> FlightEnclosure:
@@ -166,7 +140,8 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
     grid[-1] = duration
     edges = {*grid.tolist(), *(end for window in windows for end in window)}
     ends = np.array(sorted([*edges, *{first for first, last in windows if first == last}]))  # an instant is a cell
-    low, high = ends[:-1], ends[1:]
+    low = ends[:-1]
+    high = ends[1:]
     done: list[tuple[Array, Array, Joints]] = []
     count = 0
     while True:
@@ -183,8 +158,11 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         count += len(fine)
         if not coarse.any():
             break
-        low, middle, high = low[coarse], middle[coarse], high[coarse]
-        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        low = low[coarse]
+        middle = middle[coarse]
+        high = high[coarse]
+        low = np.concatenate([low, middle])
+        high = np.concatenate([middle, high])
     low, high = (np.concatenate([each[k] for each in done]) for k in (0, 1))
     order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
     joints = Joints.joined([each[2] for each in done])[order]

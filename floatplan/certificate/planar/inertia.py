@@ -13,8 +13,6 @@ about the centre of mass is ``1/2 sum_ij c_ij cos(phi_i - phi_j - a_ij) phi_i' p
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,66 +24,20 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.planar.taken import NotReadError, as_recorded
-from floatplan.certificate.planar.urdf import Joint, Placement, Urdf, check_roles, is_geared, read_urdf
+from floatplan.certificate.robots import kept
+from floatplan.certificate.robots.taken import as_recorded
+from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, check_roles, is_geared, joint_ratios
 from floatplan.errors import InputError
-from floatplan.files import check_hash, plain
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
 SHORTEST = 1e-12  # [m] a shorter segment is its start
 LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal
-MOST = 8  # robots kept
-
-_kept: dict[str, PlanarRobot] = {}
 
 
 def kept_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
-    """Return the robot of a record; what follows from its file's content and the record's roles is kept.
-
-    The content's hash is compared with the record's every time. Of an MJCF so is that of the URDF that
-    the record holds, and the robot is that of this URDF.
-    For one thread at a time, as proofs are.
-
-    Parameters
-    ----------
-    content : of the file at ``path``; of a xacro file, the URDF that it makes
-
-    Raises
-    ------
-    InputError
-        The content has another SHA-256; or as :func:`planar_robot` and
-        :func:`~floatplan.certificate.planar.urdf.read_urdf`.
-    NotReadError
-        The record holds no URDF of an MJCF; or as :func:`~floatplan.certificate.planar.taken.as_recorded`.
-    """
-    check_hash(content, record.sha256, path)
-    digest = record.sha256
-    if record.kind == "mjcf":
-        path = Path("robot.resolved.urdf")
-        content, digest = _resolved(record)
-    roles = [record.plane, record.joints, record.coupled, record.locked, record.armature]
-    taken = [record.balance_inertias, record.payload]
-    key = json.dumps(plain([record.kind, digest, *roles, *taken]))
-    if key not in _kept:
-        robot = planar_robot(read_urdf(content, path), record)
-        if len(_kept) >= MOST:
-            del _kept[next(iter(_kept))]
-        _kept[key] = robot
-    return _kept[key]
-
-
-def _resolved(record: RobotRecord) -> tuple[bytes, str]:
-    """The URDF that a record holds of an MJCF, and its SHA-256."""
-    if record.resolved is None:
-        raise NotReadError("the MJCF", ": the plan file does not hold the URDF that it was resolved to; plan again")
-    content = record.resolved["urdf"].encode(errors="surrogatepass")
-    digest = record.resolved["sha256"]
-    if hashlib.sha256(content).hexdigest() != digest:
-        raise InputError(
-            "its SHA-256 differs from robot.resolved.sha256", element="robot.resolved.urdf", advice="plan again"
-        )
-    return content, digest
+    """Return the robot of a record in its plane, see :func:`~floatplan.certificate.robots.kept.kept_robot`."""
+    return kept.kept_robot(content, path, record, planar_robot)
 
 
 @dataclass(frozen=True)
@@ -153,7 +105,8 @@ class PlanarRobot:
         """Point of a link, m: (horizontal, vertical) from its origin, with all planned positions zero."""
         if link not in self.segments:
             raise InputError(f'the robot has no link "{link}"', element="shapes")
-        origin, (x, y) = self.frames[link], place
+        origin = self.frames[link]
+        (x, y) = place
         with flint.ctx.workprec(PRECISION):
             return Point(origin.body, origin.local + flint.acb(flint.arb(float(x)), self.sigma * flint.arb(float(y))))
 
@@ -198,7 +151,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
 
         by_name = {joint.name: joint for joint in urdf.joints}
         motors = (*record.joints, *(name for name in record.coupled if not is_geared(by_name, record, name)))
-        ratios = _ratios(record, motors)
+        ratios = joint_ratios(record, motors)
         bodies = [_Body(-1, [flint.arb(0)] * len(record.joints), [flint.arb(0)] * len(motors), flint.acb(0))]
         body_of = {urdf.root: 0}
         for joint in urdf.joints:
@@ -274,19 +227,6 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
         position = float(record.locked.get(joint.name, offset))
         placed[joint.child] = at if joint.kind == "fixed" else at * turned.motion(position)
     return placed, signs
-
-
-def _ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
-    """Derivatives of the positions of the joints to be moved by those of the planned joints, and of the motors."""
-    ratios = {}
-    for name in (*record.joints, *record.coupled):
-        coupling = record.coupled.get(name, {"leader": name})
-        leader = coupling["leader"]
-        ratio = float(coupling.get("ratio", 1.0))
-        motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
-        by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
-        ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]
-    return ratios
 
 
 def _segments(

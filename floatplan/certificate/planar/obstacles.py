@@ -122,7 +122,8 @@ def self_finding(surroundings: Surroundings, pair: Mapping[str, Any]) -> Finding
     first, second = ([i for i, link in enumerate(surroundings.links) if link == name] for name in pair["links"])
     if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
-    one, other = np.repeat(first, len(second)), np.tile(second, len(first))
+    one = np.repeat(first, len(second))
+    other = np.tile(second, len(first))
     distances = PointSegments.of_bars(surroundings.shapes[one.tolist()], surroundings.shapes[other.tolist()])
     margin = float(pair.get("margin") or 0.0)
     return _finding(surroundings, "self_clearance", tuple(pair["links"]), distances, surroundings.cells, margin)[0]

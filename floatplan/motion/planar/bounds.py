@@ -1,190 +1,26 @@
-"""Extremes of D over the joint ranges, and the angular momentum that suits a flight of monotonic joints: (7)-(10).
+"""Necessary conditions: reasons, each provable in a line or two, why a problem in a plane has no plan.
 
-Every D_i is a trigonometric polynomial of the planned positions; its extremes are enclosed by branch and bound, never
-by sampling.
-
-They are among the necessary conditions: reasons, each provable in a line or two, why a problem has no plan. These are
-checked before the search, which is cut short where one is violated.
+They are checked before the search, which is cut short where one is violated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple, get_args
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles
+from floatplan.arrays import Array, ComplexArray
 from floatplan.motion.planar.clearance import point_distances
-from floatplan.motion.planar.closed_form import TurningBodies, ballistics
 from floatplan.motion.planar.contact_rates import End, at_end, equations_at, rates_at
 from floatplan.problem.parts import Bar, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION, RELATIVE
 
-RELATIVE_GAP = 1e-9  # of the sum of amplitudes: where an enclosure counts as exact
-MOST_WORK = 50_000  # cosines per extreme, after which the enclosure reached is taken; it is safe at any time
-BOXES_AT_ONCE = 256
 PATH_INSTANTS, FEW_INSTANTS = 2001, 51  # [-] of the flight
 POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
-
-
-@dataclass(frozen=True, eq=False)
-class TrigonometricPolynomial:
-    """``constant + sum_l amplitude_l cos(frequency_l . q + phase_l)``, amplitudes positive.
-
-    ``amplitude``, ``phase`` (L,), ``frequency`` (L, n).
-    """
-
-    constant: float
-    amplitude: Array
-    frequency: Array
-    phase: Array
-
-    def minimum(self, ranges: Array) -> float:
-        """Return a lower bound of the minimum over the box ``ranges`` (n, 2), by branch and bound in the kernel.
-
-        A box is a row: centres and half-widths, rad, and the best lower bound known of it. The kernel halves boxes
-        across the joint that moves the polynomial most, and bounds both halves by the better one of the sum of the
-        cosines' own bounds and the second-order Taylor bound about the centre, where it also gives the value. Tight to
-        ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
-        """
-        terms, n = self.frequency.shape
-        padded = np.zeros((n + 3, -(-terms // 8) * 8))  # eight terms at once, those beyond the last one zeros
-        padded[:2, :terms] = (self.amplitude, self.phase)
-        padded[2:-1, :terms] = self.frequency.T
-        boxes = np.empty((BOXES_AT_ONCE, 2 * n + 1))
-        halves = np.empty((2 * BOXES_AT_ONCE, 2 * n + 1))
-        values = np.empty(len(halves))
-        cosines = Struct(
-            "Cosines",
-            joints=n,
-            terms=padded.shape[1],
-            constant=self.constant,
-            amplitude=padded[0],
-            phase=padded[1],
-            frequency=padded[2:-1],
-            influence=doubles(self.amplitude @ np.abs(self.frequency)),
-            boxes=boxes,
-            parts=halves,
-            value=values,
-            pulls=padded[-1],
-        )
-        compiled = kernel()
-
-        gap = RELATIVE_GAP * float(self.amplitude.sum())
-        centres, widths = ranges.mean(axis=1), (ranges[:, 1] - ranges[:, 0]) / 2
-        next_boxes = np.concatenate((centres, widths, [-np.inf]))[None, :]
-        other_boxes = next_boxes[:0]
-        is_cut = False  # at first the whole box is bounded as it is
-        lowest_value = np.inf
-        work = 0
-        while True:
-            boxes[: len(next_boxes)] = next_boxes
-            cosines.pointer.count = len(next_boxes)
-            cosines.pointer.cuts = is_cut
-            compiled.bound(cosines.pointer, compiled.instructions)
-            count = 2 * len(next_boxes) if is_cut else len(next_boxes)
-            lowest_value = min(lowest_value, float(values[:count].min()))
-            open_boxes = np.concatenate((other_boxes, halves[:count]))
-            lowest_bound = float(open_boxes[:, -1].min())
-            work += count * self.amplitude.size
-            if work >= MOST_WORK or lowest_bound >= lowest_value - gap:
-                return min(lowest_bound, lowest_value)
-            open_boxes = open_boxes[open_boxes[:, -1] < lowest_value - gap]
-            if len(open_boxes) > BOXES_AT_ONCE:
-                open_boxes = open_boxes[np.argpartition(open_boxes[:, -1], BOXES_AT_ONCE)]
-            next_boxes, other_boxes = open_boxes[:BOXES_AT_ONCE], open_boxes[BOXES_AT_ONCE:]
-            is_cut = True
-
-
-def momentum_polynomials(robot: Robot) -> tuple[TrigonometricPolynomial, ...]:
-    """D_0, ..., D_n of (4) as trigonometric polynomials of the planned positions; (A.4), (A.5) for n = 2."""
-    bodies = TurningBodies.of(robot.tree)
-    i, j = np.triu_indices(len(bodies.turns), 1)
-    pairs = bodies.coupling[i, j]
-    constants = bodies.coupling.diagonal().real @ bodies.rates
-    turned = np.exp(1j * bodies.turn * np.angle(pairs))
-    phasors = np.abs(pairs)[:, None] * (bodies.rates[i] + bodies.rates[j]) * turned[:, None]
-    frequencies = bodies.turns[j] - bodies.turns[i]
-
-    # Pairs of bodies whose frequencies differ in no more than their sign are one term, in the order of appearance.
-    leading = np.take_along_axis(frequencies, (frequencies != 0).argmax(axis=1)[:, None], axis=1)
-    is_turned = leading < 0
-    upright = np.where(is_turned, -frequencies, frequencies) + 0.0  # no -0
-    distinct, first, number = np.unique(upright, axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    sums = np.zeros((len(distinct), phasors.shape[1]), dtype=np.complex128)
-    np.add.at(sums, number.ravel(), np.where(is_turned, phasors.conj(), phasors))
-    frequencies, sums = distinct[order], sums[order]
-    is_constant = ~frequencies.any(axis=1)
-
-    polynomials = []
-    for constant, column in zip(constants, sums.T, strict=True):
-        terms = np.flatnonzero(~is_constant & (column != 0))
-        polynomials.append(
-            TrigonometricPolynomial(
-                constant=constant + column[is_constant].real.sum(),
-                amplitude=read_only(np.abs(column[terms])),
-                frequency=read_only(frequencies[terms]),
-                phase=read_only(np.angle(column[terms])),
-            )
-        )
-    return tuple(polynomials)
-
-
-def inertia_extremes(robot: Robot, position_limits: Array) -> tuple[Array, Array]:
-    """Least and largest D_i over the joint ranges: two arrays (n+1,), kg m^2.
-
-    Exact to ``RELATIVE_GAP`` for a few joints; for many, safe outer bounds.
-
-    Parameters
-    ----------
-    position_limits : (n, 2) rad
-    """
-    return _inertia_extremes(robot, tuple(map(tuple, position_limits.tolist())))
-
-
-@lru_cache(maxsize=64)
-def _inertia_extremes(robot: Robot, position_limits: tuple[tuple[float, float], ...]) -> tuple[Array, Array]:
-    ranges = np.array(position_limits)
-    low, high = [], []
-    for polynomial in momentum_polynomials(robot):
-        negated = replace(polynomial, constant=-polynomial.constant, phase=polynomial.phase + np.pi)
-        low.append(polynomial.minimum(ranges))
-        high.append(-negated.minimum(ranges))
-    low[0] = max(low[0], robot.tree.inertia.sum())  # D_0 is that and a sum of mass times squared distance
-    return read_only(low), read_only(high)
-
-
-@lru_cache(maxsize=8)
-def angular_momentum_interval(problem: Problem) -> tuple[float, float]:
-    """(9): where h lies if orientation and joints all move monotonically, kg m^2/s; its middle is (10).
-
-    (7) and (8) bound the integrals of ``D_i q_i'`` by the extremes of D_i times the change of q_i, which holds only
-    where q_i does not turn back. Outside (9) a flight may exist, whose joints swing out and back: a falling cat's.
-    """
-    turn = problem.final.orientation - problem.initial.orientation
-    changes = np.array([turn, *(problem.final.positions - problem.initial.positions)])
-    low, high = momentum_intervals(problem, changes, np.array(problem.flight.duration))
-    return float(low), float(high)
-
-
-def momentum_asked(problem: Problem, asked: float | str) -> float:
-    """Return an h that is asked for as a number, kg m^2/s: as it is, else (10)."""
-    return sum(angular_momentum_interval(problem)) / 2 if isinstance(asked, str) else float(asked)
-
-
-def momentum_intervals(problem: Problem, changes: Array, durations: Array) -> tuple[Array, Array]:
-    """(9) for other ``changes`` (.., n+1) of orientation and joints, rad, and durations (..), s: low, high (..)."""
-    low, high = inertia_extremes(problem.robot, problem.position_limits)
-    ends = changes * low, changes * high  # (7), (8)
-    return np.minimum(*ends).sum(axis=-1) / durations, np.maximum(*ends).sum(axis=-1) / durations
 
 
 def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
@@ -202,7 +38,7 @@ def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
 
 def _path_from(problem: Problem, obstacle: Obstacle, instants: int) -> tuple[Array, ComplexArray, ComplexArray]:
     """Instants (K,) s, and the path of the centre of mass, m, and its velocity, m/s, as seen from an obstacle."""
-    times, fall = np.linspace(0, problem.flight.duration, instants), ballistics(problem)
+    times, fall = np.linspace(0, problem.flight.duration, instants), problem.path
     com = complex(*fall.position0) + complex(*fall.velocity0) * times - fall.gravity / 2 * 1j * times**2
     velocity = complex(*fall.velocity0) - fall.gravity * 1j * times - complex(*obstacle.velocity)
     return times, np.asarray(com - complex(*obstacle.velocity) * times), np.asarray(velocity, np.complex128)
@@ -217,7 +53,7 @@ def _stays_out(problem: Problem, obstacle: Obstacle) -> bool:
 
 def difficulties(problem: Problem) -> list[str]:
     """Return sentences about a given angular momentum outside (9)."""
-    low, high = angular_momentum_interval(problem)
+    low, high = problem.momentum_interval
     given = problem.flight.momentum_in_plane
     if isinstance(given, str) or low <= given <= high:
         return []
@@ -288,8 +124,7 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     """A frame leaves or meets the ground at rest with rates within the limits, or not at all."""
     if not np.isfinite(problem.velocity_limits).any():
         return
-    asked = problem.flight.momentum_in_plane
-    momentum = None if asked == "free" else momentum_asked(problem, asked)
+    momentum = problem.angular_momentum
     takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
     for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
@@ -305,11 +140,11 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
 
 def _turning(problem: Problem) -> Iterator[str]:
     """By (4) the base turns with ``(h - sum_i D_i q_i') / D_0``, which bounds on D, q' and h enclose."""
-    if problem.flight.momentum_in_plane == "free" or not np.isfinite(problem.velocity_limits).all():
+    if problem.angular_momentum is None or not np.isfinite(problem.velocity_limits).all():
         return
-    low, high = inertia_extremes(problem.robot, problem.position_limits)
+    low, high = problem.inertia_extremes
     swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
-    momentum = momentum_asked(problem, problem.flight.momentum_in_plane)
+    momentum = problem.angular_momentum
     duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
     least, most = momentum - swing, momentum + swing
     slowest = duration * least / (high[0] if least > 0 else low[0])

@@ -20,10 +20,6 @@ from floatplan.robot.robot import LinkCapsule
 IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
 
 
-def _facing(obstacle: Obstacle, capsules: int, hulls: int) -> range:
-    return range(capsules, capsules + hulls) if hulls and isinstance(obstacle, Ground) else range(capsules)
-
-
 @dataclass(frozen=True, eq=False)
 class Segments:
     """The capsules of some links over K instants.
@@ -39,8 +35,14 @@ class Segments:
 
     def facing(self, obstacle: Obstacle) -> Segments:
         """Return those whose distances to an obstacle count: the hulls' where it is the ground."""
-        facing = _facing(obstacle, len(self.radius) - self.hulls, self.hulls)
-        return self.of(slice(facing.start, facing.stop)) if self.hulls else self
+        if not self.hulls:
+            return self
+        capsules = len(self.radius) - self.hulls
+        return self.of(slice(capsules, None) if isinstance(obstacle, Ground) else slice(capsules))
+
+    def distances(self, obstacle: Obstacle, times: Array) -> Array:
+        """Return :func:`obstacle_distances` (K, r), m."""
+        return obstacle_distances(self, obstacle, times)
 
     def of(self, capsules: IntArray | slice) -> Segments:
         """Return some of the capsules, by index."""
@@ -70,7 +72,10 @@ class LinkShapes:
 
     def facing(self, obstacle: Obstacle) -> range:
         """Indices of the shapes whose distances to an obstacle count: the hulls' where it is the ground."""
-        return _facing(obstacle, len(self.links), self.hulls)
+        capsules = len(self.links)
+        if self.hulls and isinstance(obstacle, Ground):
+            return range(capsules, capsules + self.hulls)
+        return range(capsules)
 
     def place(self, com: ComplexArray, angles: Array) -> Segments:
         """Place the capsules for centres of mass (K,) and absolute angles (K, m)."""

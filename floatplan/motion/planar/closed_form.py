@@ -1,7 +1,5 @@
 """Flight of a planar tree in closed form, over many instants at once.
 
-The centre of mass flies along a parabola that takeoff, landing and duration determine: (2), (3) and (6).
-
 With E_k = exp(i sigma phi_k) for the absolute angles phi of the bodies, and K_kj = conj(E_k) C_kj E_j, the momentum is
 ``h = sum_kj Re(K_kj) phi_j' + sum_k I_k phi_k'`` and the moment that turns body k
 ``F_k = sum_j Re(K_kj (phi_j'' + i sigma phi_j'^2)) + I_k phi_k''``: the Appendix of the paper, (A.1), (A.4) and (A.5),
@@ -12,44 +10,15 @@ Gravity, the path of the centre of mass and the orientation do not enter. Deriva
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
-from floatplan.arrays import Array, ComplexArray, read_only
-from floatplan.motion.dynamics import Ballistics
+from floatplan.arrays import Array, ComplexArray
 from floatplan.problem.parts import JointState
-from floatplan.problem.problem import Problem
+from floatplan.robot.planar.inertia import TurningBodies
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import Frame, Robot
-
-
-@dataclass(frozen=True, eq=False)
-class TurningBodies:
-    """The g bodies of a tree that turn differently.
-
-    Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right, are one here.
-
-    ``turns`` (g, n) as of the tree; ``coupling`` (g, g) kg m^2, C for angles that are 0 at planned positions 0, with
-    the moments of inertia on its diagonal; ``turn`` the tree's; ``rates`` (g, n+1) derivatives of the absolute angles
-    by orientation and planned positions.
-    """
-
-    turns: Array
-    coupling: ComplexArray
-    turn: float
-    rates: Array
-
-    @classmethod
-    def of(cls, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> TurningBodies:
-        """Put together what turns alike: rotations are the same there but for a constant; as of :class:`Dynamics`."""
-        turns, group = tree.distinct_turns
-        rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
-        each = (tree.coupling if coupling is None else coupling) + np.diag(tree.inertia if inertia is None else inertia)
-        rates = np.concatenate((np.ones((len(turns), 1)), turns), axis=1)
-        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn, rates)
 
 
 class Dynamics:
@@ -107,54 +76,6 @@ def tree_dynamics(tree: PlanarTree) -> Dynamics:
     return Dynamics(tree)
 
 
-@lru_cache(maxsize=64)
-def frame_weights(robot: Robot, frame: Frame) -> ComplexArray:
-    """Weights (m,) of a frame's place relative to the centre of mass; see ``PlanarTree.point_weights``."""
-    weights: ComplexArray = robot.tree.point_weights(np.array([frame.body]), np.array([frame.local]))[0]
-    weights.setflags(write=False)
-    return weights
-
-
 def frame_from_com(robot: Robot, frame: Frame, state: JointState) -> complex:
     """Place of a frame relative to the centre of mass, (6), m, as a complex number."""
-    weights = frame_weights(robot, frame)
-    return complex(places_from_com(robot.tree, weights, np.array(state.orientation), state.positions))
-
-
-def places_from_com(tree: PlanarTree, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
-    """Places (..) of points by their weights (m,) or (.., m), for orientations (..) and positions (.., n), rad.
-
-    Each is computed as if it were alone: to the same bits.
-    """
-    angles = orientation[..., None] + (positions[..., None, :] * tree.turns).sum(axis=-1) + tree.offsets
-    return np.asarray((tree.rotations(angles) * weights).sum(axis=-1))
-
-
-def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any) -> Any:
-    """Vertical velocity of the centre of mass at takeoff, m/s, by (2), (3) and (6), of one flight or of many.
-
-    ``takeoff`` is where it takes off, ``landing`` where the landing frame is relative to it at landing, as complex
-    numbers, m; ``height`` is that frame's, m.
-    """
-    return (height - landing.imag - takeoff.imag) / duration + gravity * duration / 2
-
-
-@lru_cache(maxsize=8)
-def ballistics(problem: Problem) -> Ballistics:
-    """CM path of a problem: (2), (3) integrated, with boundary conditions from (6) at takeoff and at landing."""
-    robot, flight = problem.robot, problem.flight
-    ends = (problem.initial, problem.final)
-    by_name = robot.layout.frames
-    frames = (by_name[problem.takeoff.frame], by_name[problem.landing.frame])
-    weights = np.array([frame_weights(robot, frame) for frame in frames])
-    orientations = np.array([state.orientation for state in ends])
-    positions = np.array([state.positions for state in ends])
-    foot, landing = places_from_com(robot.tree, weights, orientations, positions).tolist()
-    horizontal, vertical = problem.takeoff.position[:2]
-    takeoff = complex(horizontal, vertical) - foot
-    vertical_velocity = rising(takeoff, landing, problem.landing_height, flight.gravity, flight.duration)
-    return Ballistics(
-        position0=read_only([takeoff.real, takeoff.imag]),
-        velocity0=read_only(np.array([flight.horizontal_velocity, vertical_velocity])),
-        gravity=float(flight.gravity),
-    )
+    return complex(robot.tree.places_from_com(frame.weights, np.array(state.orientation), state.positions))

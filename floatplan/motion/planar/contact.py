@@ -13,8 +13,6 @@ from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import plain
-from floatplan.motion.planar.bounds import momentum_asked
-from floatplan.motion.planar.closed_form import frame_weights
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
     End,
@@ -230,7 +228,7 @@ def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) ->
     if asked == "free":
         shared = shared_momentum(problem)
         asked = "midpoint" if shared is None else shared
-    return asked, momentum_asked(problem, asked)
+    return asked, sum(problem.momentum_interval) / 2 if isinstance(asked, str) else float(asked)
 
 
 def reachable_sets(problem: Problem) -> dict[str, Reachable]:
@@ -244,7 +242,7 @@ def reachable_sets(problem: Problem) -> dict[str, Reachable]:
 
 def no_common_momentum(problem: Problem) -> str | None:
     """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
-    if problem.flight.momentum_in_plane != "free":
+    if problem.angular_momentum is not None:
         return None
     ends: tuple[End, ...] = ("takeoff", "landing")
     best = [contact_rates(problem, end, None) for end in ends if has_contact(problem, end)]
@@ -299,9 +297,10 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
     for shape in shapes:
         down = -1j * np.conj(rotations[shape.body])  # in the body's axes
         for corner in (shape.start, shape.end):
-            point = Frame(shape.body, complex(corner + shape.radius * down), frame.link)
-            points.append(point)
-            heights.append(float((frame_weights(robot, point) @ rotations).imag))
+            place = complex(corner + shape.radius * down)
+            weights = tree.point_weights(np.array([shape.body]), np.array([place]))[0]
+            points.append(Frame(shape.body, place, frame.link, weights))
+            heights.append(float((weights @ rotations).imag))
     lowest = min(heights, default=0.0)
     return [point for point, height in zip(points, heights, strict=True) if height < lowest + LEVEL]
 

@@ -18,7 +18,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.planar.closed_form import ballistics, frame_weights, tree_dynamics
+from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Frame, Robot
 
@@ -116,7 +116,7 @@ def at_end(problem: Problem, end: End) -> tuple[Frame, float, Array, Array]:
         "takeoff": (problem.takeoff_frame, problem.initial, 0.0),
         "landing": (problem.landing_frame, problem.final, problem.flight.duration),
     }[end]
-    return frame, state.orientation, state.positions, ballistics(problem).velocities(np.array([instant]))[0]
+    return frame, state.orientation, state.positions, problem.path.velocities(np.array([instant]))[0]
 
 
 def equations_at(
@@ -125,7 +125,7 @@ def equations_at(
     """Return the equations for a frame at rest in any posture; ``com_velocity`` (2,) m/s."""
     tree = robot.tree
     rotations = tree.rotations(tree.absolute_angles(np.array(orientation), positions))
-    swings = 1j * tree.turn * rotations * frame_weights(robot, frame)
+    swings = 1j * tree.turn * rotations * frame.weights
     of_frame = np.append(swings.sum(), swings @ tree.turns)
     inertia = tree_dynamics(tree).momentum_map(positions[None])[0]
     return ContactEquations(read_only([inertia, of_frame.real, of_frame.imag]), read_only(com_velocity))

@@ -9,7 +9,7 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError, refuse
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.planar.closed_form import ballistics, tree_dynamics
+from floatplan.motion.planar.closed_form import tree_dynamics
 from floatplan.motion.planar.contact_rates import End, contact_rates, has_contact
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
@@ -153,7 +153,7 @@ def _slowest_contact(
     problem: Problem, state: JointState, instant: float, sign: float, angular_momentum: float
 ) -> tuple[str, float]:
     """Of the points on the ground the one that is slowest upwards, or downwards for sign -1: its link, m/s."""
-    robot, path = problem.robot, ballistics(problem)
+    robot, path = problem.robot, problem.path
     tree, shapes = robot.tree, problem.ground_shapes
     rate = tree_dynamics(tree).base_rate(state.positions[None], state.velocities[None], angular_momentum)[0]
     rotations = tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions))

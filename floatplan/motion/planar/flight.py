@@ -13,14 +13,15 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.motion.dynamics import Ballistics, MomentumSet
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar import bounds, clearance
 from floatplan.motion.planar.clearance import LinkShapes
-from floatplan.motion.planar.closed_form import Dynamics, ballistics, tree_dynamics
+from floatplan.motion.planar.closed_form import Dynamics, tree_dynamics
 from floatplan.motion.planar.end_rates import EndRates, end_rates, motion_into_ground
 from floatplan.motion.planar.whole import PlanarMotion
 from floatplan.motion.quadrature import NODE_COUNTS, GaussLegendre, gauss_legendre
 from floatplan.motion.sine_polynomial import WrittenMotion
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.tree import PlanarTree
@@ -84,25 +85,22 @@ class PlanarFlight:
     other_equations: Dynamics | None = None
 
     @cached_property
-    def momentum_interval(self) -> tuple[float, float]:
-        """(9)."""
-        return bounds.angular_momentum_interval(self.problem)
-
-    @cached_property
     def momentum_set(self) -> MomentumSet:
         """The h that is given, or (10), the middle of (9), or a free one in (9).
 
         A free h has at least the reach that turns the whole robot by a radian in the time of the flight.
         """
-        requested = self.problem.flight.angular_momentum
-        if not isinstance(requested, str):
-            return MomentumSet(read_only(np.array([requested])), read_only(np.empty((1, 0))))
-        low, high = self.momentum_interval
-        middle = read_only([(low + high) / 2])
-        if requested != "free":
-            return MomentumSet(middle, read_only(np.empty((1, 0))))
-        _, largest = bounds.inertia_extremes(self.problem.robot, self.problem.position_limits)
-        return MomentumSet(middle, read_only([[max((high - low) / 2, largest[0] / self.duration)]]))
+        if self.problem.angular_momentum is not None:
+            return MomentumSet(read_only([self.problem.angular_momentum]), read_only(np.empty((1, 0))))
+        low, high = self.problem.momentum_interval
+        _, largest = self.problem.inertia_extremes
+        reach = max((high - low) / 2, largest[0] / self.duration)
+        return MomentumSet(read_only([(low + high) / 2]), read_only([[reach]]))
+
+    @property
+    def central_reach(self) -> float:
+        """How far the robot's point that stays nearest to the centre of mass is from it, m."""
+        return bounds.central_reach(self.problem.robot)
 
     @property
     def equations(self) -> Dynamics:
@@ -160,7 +158,7 @@ def planar_flight(problem: Problem) -> PlanarFlight:
     return PlanarFlight(
         problem=problem,
         tree=problem.robot.tree,
-        ballistics=ballistics(problem),
+        ballistics=problem.path,
         initial_orientation=initial,
         final_orientation=final,
         duration=problem.flight.duration,

@@ -10,11 +10,12 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion import quadrature
-from floatplan.motion.dynamics import Ballistics, FlightState
+from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances
 from floatplan.motion.planar.full_model import FlightCoordinates, FullMotion, PinocchioDynamics
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.pool import one_thread
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.problem import Problem
 
 RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none

@@ -9,10 +9,10 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.motion.spatial.dynamics import spatial_dynamics
-from floatplan.motion.spatial.goal import attitude_of
+from floatplan.problem.attitude import required
 from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import LinkSolid, frame_place
+from floatplan.robot.shapes.solids import LinkSolid, frame_position
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -48,7 +48,7 @@ class BodyPoses:
     @classmethod
     def posed(cls, robot: Robot, state: JointState, com: Array) -> BodyPoses:
         """Poses of a given posture, K = 1, with the centre of mass at (3,), m."""
-        return cls.of(robot, attitude_of(state).matrix[None], state.positions[None], com[None])
+        return cls.of(robot, required(state.attitude).matrix[None], state.positions[None], com[None])
 
     def points(self, body: int, local: Array) -> Array:
         """Places (K, k, 3) of points (k, 3) of a body, m."""
@@ -56,7 +56,7 @@ class BodyPoses:
 
     def frame(self, robot: Robot, name: str) -> Array:
         """Places (K, 3) of a link's or joint's origin, m."""
-        body, place = frame_place(robot.model, robot.joint_tree, name)
+        body, place = frame_position(robot.model, robot.joint_tree, name)
         return self.points(body, place[None])[:, 0]
 
     def lowest(self, solid: LinkSolid) -> Array:

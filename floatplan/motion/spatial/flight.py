@@ -11,19 +11,21 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.dynamics import Ballistics, MomentumSet, RatesAtEnds
+from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import LEVELS
+from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES, SpatialShapes, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dynamics
-from floatplan.motion.spatial.goal import angle_changes, attitude_of
+from floatplan.motion.spatial.ground import motion_into_ground
 from floatplan.motion.spatial.momentum import spatial_momentum_set
-from floatplan.motion.spatial.whole import SpatialMotion, spatial_ballistics
-from floatplan.problem.attitude import Attitude
+from floatplan.motion.spatial.whole import SpatialMotion
+from floatplan.problem.attitude import Attitude, required
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
+from floatplan.problem.spatial_obstacles import LevelGround
 
 WORK_OF_A_BODY = 10  # [instants of one body of a plane]: what an instant of one in space costs
-NO_SHAPES = "the distances of a robot in space are not known yet"
 SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved relative to themselves
 
 
@@ -33,7 +35,7 @@ class SpatialFlight:
 
     Dynamics, attitudes (3, 3) at takeoff and as asked for at landing, by how much (3,) rad the goal's angles differ
     from those at takeoff, and the duration, s. What the other members are,
-    :class:`~floatplan.motion.dynamics.FlightDynamics` says; what is not known yet in space is empty.
+    :class:`~floatplan.motion.dynamics.FlightDynamics` says.
     """
 
     problem: Problem
@@ -48,8 +50,7 @@ class SpatialFlight:
     duration: float
     bodies: int
     tangent: int = 3
-    momentum_interval: None = None
-    links: tuple[str, ...] = ()
+    central_reach: float = np.inf
     node_counts: tuple[int, ...] = tuple(count * stages for count, stages in LEVELS)
 
     @cached_property
@@ -63,8 +64,8 @@ class SpatialFlight:
         return lambda h: given
 
     def motion_into_ground(self, angular_momentum: Array) -> Sequence[InputError]:
-        """Nothing is known of the ground."""
-        return ()
+        """What on the ground moves down at takeoff, or up at landing, for h (3,)."""
+        return motion_into_ground(self.problem, angular_momentum) if self.problem.ground else ()
 
     def difficulties(self) -> list[str]:
         """None are known."""
@@ -78,26 +79,38 @@ class SpatialFlight:
         """The whole robot's motion."""
         return SpatialMotion(self.problem, joints, np.asarray(angular_momentum), path)
 
+    @property
+    def link_shapes(self) -> SpatialShapes:
+        """The links' capsules, made when first asked for: a mesh that cannot be read stops nothing that needs none."""
+        return shapes_in_space(self.problem.robot, self.problem.ground)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Link of each capsule."""
+        return self.link_shapes.links
+
     def links_measured(self, obstacle: Obstacle) -> tuple[str, ...]:
-        """No link is measured yet."""
-        raise NotImplementedError(NO_SHAPES)
+        """Return each capsule's link, or each hull's; for a half-space twice, since it is measured to both ends."""
+        if isinstance(obstacle, LevelGround):
+            return tuple(hull.link for hull in self.link_shapes.hulls)
+        return self.links * SPATIAL_DISTANCES[obstacle.kind][1]
 
 
 @lru_cache(maxsize=8)
 def spatial_flight(problem: Problem) -> SpatialFlight:
     """Prepare a problem's flight once for all motions."""
     robot = problem.robot
-    start, goal = attitude_of(problem.initial), attitude_of(problem.final)
+    start, goal = required(problem.initial.attitude), required(problem.final.attitude)
     return SpatialFlight(
         problem=problem,
         dynamics=spatial_dynamics(robot),
         transmission=robot.transmission[BASE:],
-        ballistics=spatial_ballistics(problem),
+        ballistics=problem.path,
         start=start,
         goal=goal,
         initial_attitude=start.matrix,
         final_attitude=goal.matrix,
-        change=angle_changes(start, goal),
+        change=goal.turned_from(start),
         duration=problem.flight.duration,
         bodies=WORK_OF_A_BODY * robot.model.njoints,
     )

@@ -16,8 +16,8 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments
 from floatplan.motion.spatial.attitude import LEVELS, IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import spatial_dynamics
-from floatplan.motion.spatial.goal import angle_changes, attitude_of
 from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
+from floatplan.problem.attitude import required
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import reference_at
 
@@ -56,8 +56,8 @@ def suggested_momentum(problem: Problem) -> Array:
     alone, h is along that.
     """
     plain = _PlainMotion(problem)
-    start, goal = attitude_of(problem.initial), attitude_of(problem.final)
-    change = angle_changes(start, goal)
+    start, goal = required(problem.initial.attitude), required(problem.final.attitude)
+    change = goal.turned_from(start)
     if np.abs(change).max() < SHORT:
         turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
         return plain.reaching(plain.mean_inertia_W @ turn / problem.flight.duration)
@@ -82,8 +82,8 @@ class _PlainMotion:
 
     def __init__(self, problem: Problem) -> None:
         self.duration = problem.flight.duration
-        self.initial_attitude = attitude_of(problem.initial).matrix
-        self.final_attitude = attitude_of(problem.final).matrix
+        self.initial_attitude = required(problem.initial.attitude).matrix
+        self.final_attitude = required(problem.final.attitude).matrix
         self.cells = cells(*LEVELS[LEVEL])
         low, high = problem.position_limits.T
         centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration

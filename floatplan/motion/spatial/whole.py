@@ -7,22 +7,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.dynamics import Ballistics, FlightState
+from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
+from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn, wrong_way
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
-from floatplan.motion.spatial.goal import attitude_of, wrong_way
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
+from floatplan.problem.attitude import required
+from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
@@ -30,21 +32,6 @@ FINER = (16, 32, 64, 128)  # [-] cells
 STAGES = 10  # [-] of each
 RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
 UP = np.array([0.0, 0.0, 1.0])
-
-
-@lru_cache(maxsize=8)
-def spatial_ballistics(problem: Problem) -> Ballistics:
-    """Path of the centre of mass, as (2), (3) and (6) are in space."""
-    robot, flight, duration = problem.robot, problem.flight, problem.flight.duration
-    attitudes = np.array([attitude_of(problem.initial).matrix, attitude_of(problem.final).matrix])
-    positions = np.array([problem.initial.positions, problem.final.positions])
-    poses = BodyPoses.of(robot, attitudes, positions, np.zeros((2, 3)))  # with the centre of mass at the origin
-    takeoff = np.array(problem.takeoff.position) - poses.frame(robot, problem.takeoff.frame)[0]
-    landing = poses.frame(robot, problem.landing.frame)[1]
-    rise = problem.landing_height - landing[2] - takeoff[2]
-    across = flight.horizontal_velocity if isinstance(flight.horizontal_velocity, tuple) else (0.0, 0.0)
-    velocity = [*across, rise / duration + flight.gravity * duration / 2]
-    return Ballistics(read_only(takeoff), read_only(velocity), float(flight.gravity))
 
 
 class SpatialMotion:
@@ -64,7 +51,7 @@ class SpatialMotion:
             positions, velocities, _ = self.joints.at(fine.s * duration)
             inertia, joint_map = self.dynamics.momentum_maps(positions)
             relative = np.einsum("kan,kn->ka", joint_map, velocities)
-            start = attitude_of(self.problem.initial).matrix
+            start = required(self.problem.initial.attitude).matrix
             try:
                 turning = turn(fine, duration, inertia, relative, self.angular_momentum, start)
             except IntegrationError:
@@ -142,30 +129,33 @@ class SpatialMotion:
         joints, com = self.joints.at(instants)[0], self.path.positions(instants)
         return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
 
+    def segments(self, instants: Array, hulls: bool = False) -> SpatialSegments:
+        """The links' capsules at times (N,) s."""
+        return shapes_in_space(self.problem.robot).place(self.bodies(instants))
+
     def posture(self, state: JointState, time: float) -> BodyPoses:
         """Where they are in a given posture, the centre of mass where it is at a time, s."""
         return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
+
+    def orientation(self, times: Array) -> Array:
+        """Refused: the orientation is no number."""
+        raise self.problem.robot.not_in_plane
+
+    @property
+    def final_orientation(self) -> float:
+        """Refused as well."""
+        raise self.problem.robot.not_in_plane
 
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses, solids = self.bodies(instants), self.problem.robot.solids
         heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
-        return heights - self.ground, tuple(solid.link for solid in solids)
-
-    @cached_property
-    def ground(self) -> float:
-        """Height, m, of the lowest point with which the takeoff link stands, or of its frame where it has no shape."""
-        robot, frame = self.problem.robot, self.problem.takeoff.frame
-        joint = robot.joint_tree.joint.get(frame)
-        standing = robot.contact_link(frame if joint is None else joint.child)
-        start = self.posture(self.problem.initial, 0.0)
-        lowest = [start.lowest(solid)[0] for solid in robot.solids if solid.link == standing]
-        return float(min(lowest, default=start.frame(robot, frame)[0, 2]))
+        return heights - self.problem.ground_plane.point[-1], tuple(solid.link for solid in solids)
 
     @property
     def orientation_at_ends(self) -> Mapping[str, Any]:
         """Quaternions x, y, z, w at the start, at the end and of the goal, with w not negative."""
-        start, goal = (attitude_of(state).quaternion for state in (self.problem.initial, self.problem.final))
+        start, goal = (required(state.attitude).quaternion for state in (self.problem.initial, self.problem.final))
         end = quaternions_of(self.turning.ends[-1:])[0]
         named = (("start", start), ("end", read_only(end)), ("goal", goal))
         return {name: {"quaternion_xyzw": quaternion} for name, quaternion in named}
@@ -173,14 +163,14 @@ class SpatialMotion:
     @property
     def missed(self) -> float:
         """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
-        start, goal = attitude_of(self.problem.initial), attitude_of(self.problem.final)
+        start, goal = required(self.problem.initial.attitude), required(self.problem.final.attitude)
         missed = float(np.linalg.norm(logarithm(goal.matrix.T[None] @ self.turning.ends[-1:])))
         return math.inf if wrong_way(start, goal, self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
         """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
         found = unwrapped_angles(axes, self.turning.way)
-        asked = attitude_of(self.problem.initial).angles_about(axes)
+        asked = required(self.problem.initial.attitude).angles_about(axes)
         found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
         return found
 

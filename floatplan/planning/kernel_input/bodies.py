@@ -21,6 +21,8 @@ NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
 class Bodies:
     """Bodies (m,) of a tree that turn differently, for joint ranges of the given centres and amplitudes (n,), rad.
 
+    Left out, the bodies are by the joints' own positions, of any range.
+
     Body 0 does not turn against the base.
 
     Attributes
@@ -41,9 +43,14 @@ class Bodies:
     rotors : (M, n) kg m^2 rad
         Moments on the links that turn rotors, by the accelerations of sin p; None where there are none.
     is_mirrored : whether angles count the other way
+    struct : Struct
+        The same for the kernel.
     """
 
-    def __init__(self, tree: PlanarTree, centre: Array, amplitude: Array) -> None:
+    def __init__(self, tree: PlanarTree, centre: Array | None = None, amplitude: Array | None = None) -> None:
+        joints = tree.turns.shape[1]
+        centre = np.zeros(joints) if centre is None else centre
+        amplitude = np.ones(joints) if amplitude is None else amplitude
         constant = np.exp(1j * tree.turn * (tree.offsets + tree.turns @ centre))
         turns, self.group = tree.distinct_turns
         # Of each body's turns (m, n) the one before it that needs fewest terms to become it, and these terms.
@@ -68,38 +75,30 @@ class Bodies:
         self.links = links
         self.rotors = None if tree.rotors is None else tree.rotors * amplitude
 
+        is_real = bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
+        self.struct = Struct(
+            "Robot",
+            joints=joints,
+            bodies=len(turns),
+            real=self.real,
+            imaginary=self.imaginary,
+            is_real=is_real,
+            parent=integers(self.parent),
+            first=integers(self.first),
+            joint=integers(self.joint),
+            ratio=doubles(self.ratio),
+            links=len(self.group),
+            group=integers(self.group),
+            link_real=doubles(links.real),
+            link_imaginary=doubles(links.imag),
+            has_rotors=self.rotors is not None,
+            rotors=self.rotors,
+        )
+
     def of_points(self, weights: ComplexArray) -> ComplexArray:
         """Weights (.., m) that give points by the rotations of these bodies, from those (.., M) by the tree's."""
         points = weights @ self.rotations.T
         return np.asarray(points.conj() if self.is_mirrored else points)
 
 
-def robot_struct(bodies: Bodies, joints: int) -> Struct:
-    """Return a robot of so many joints."""
-    is_real = bool(np.abs(bodies.imaginary).max() <= NEGLIGIBLE * np.abs(bodies.real).max())
-    return Struct(
-        "Robot",
-        joints=joints,
-        bodies=len(bodies.real),
-        real=doubles(bodies.real),
-        imaginary=doubles(bodies.imaginary),
-        is_real=is_real,
-        parent=integers(bodies.parent),
-        first=integers(bodies.first),
-        joint=integers(bodies.joint),
-        ratio=doubles(bodies.ratio),
-        links=len(bodies.group),
-        group=integers(bodies.group),
-        link_real=doubles(bodies.links.real),
-        link_imaginary=doubles(bodies.links.imag),
-        has_rotors=bodies.rotors is not None,
-        rotors=None if bodies.rotors is None else doubles(bodies.rotors),
-    )
-
-
-@lru_cache(maxsize=64)
-def unscaled_robot(tree: PlanarTree) -> tuple[Bodies, Struct]:
-    """Return a tree's bodies by its joints' own positions, of any range, and the robot of these."""
-    joints = tree.turns.shape[1]
-    bodies = Bodies(tree, np.zeros(joints), np.ones(joints))
-    return bodies, robot_struct(bodies, joints)
+unscaled_bodies = lru_cache(maxsize=64)(Bodies)  # of a tree alone: they are made once

@@ -15,13 +15,13 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.planar.bounds import momentum_intervals
-from floatplan.motion.planar.closed_form import frame_weights, places_from_com, rising
 from floatplan.planning.kernel_input.rows import can_write, obstacle_numbers
+from floatplan.problem.ballistics import rising
 from floatplan.problem.family import Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import least_of_motors, sum_of_motors
+from floatplan.robot.planar.inertia import momentum_intervals
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
 
@@ -40,32 +40,16 @@ OF_LIMITS = ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope
 NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
 
 
-def is_plain(problem: Problem) -> bool:
-    """Whether a problem asks for no more than the kernel does: (17) between given states, h given, no inequalities."""
-    return _is_given(problem) and not problem.has_inequalities
-
-
-def _is_given(problem: Problem) -> bool:
-    """Whether a problem asks for (17), between given states, with h given."""
-    return (
-        problem.robot.in_plane is not None
-        and problem.motion.objective == "coefficients"
-        and problem.flight.angular_momentum != "free"
-        and not problem.chooses_ends
-        and len(problem.robot.joints) > 0
-    )
-
-
 def goes_together(problem: Problem) -> bool:
     """Whether problems that differ from this one in numbers are planned together, plain or not."""
     always = all(obstacle.window is None and can_write(obstacle) for obstacle in problem.obstacles)
     steers = max(problem.degrees, default=0) >= CONDITIONS
-    return is_plain(problem) or (_is_given(problem) and steers and not problem.ground and always)
+    return problem.is_plain or (problem.is_standard and steers and not problem.ground and always)
 
 
 def is_plain_family(family: Family) -> bool:
     """Whether all problems of a family are plain, with the same joint ranges and degrees."""
-    return is_plain(family.base) and all(_is_plain(path, family.base.robot) for path in family.arrays)
+    return family.base.is_plain and all(_is_plain(path, family.base.robot) for path in family.arrays)
 
 
 def is_together(family: Family) -> bool:
@@ -109,11 +93,11 @@ def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
 class Numbers:
     """What N problems of one robot, joint ranges, degrees and kinds of rows differ in.
 
-    ``values`` are ``duration`` (N,) s; ``angular_momentum`` (N,) kg m^2/s, left out for the middle of (9); at both ends
-    ``orientation`` (N, 2) rad and ``positions, velocities, accelerations`` (N, 2, n). ``sound`` (N,) says whether all
-    else is in its range. Where there are inequalities: ``position`` (N, 2) m at takeoff, ``height`` (N,) m at landing,
-    ``horizontal_velocity`` (N,) m/s, ``gravity`` (N,) m/s^2, the ``obstacles`` of each, and ``limits``, which may be
-    one problem's where they are the same.
+    ``values`` are ``duration`` (N,) s; ``angular_momentum`` (N,) kg m^2/s, left out where it is (10) of the others; at
+    both ends ``orientation`` (N, 2) rad and ``positions, velocities, accelerations`` (N, 2, n). ``sound`` (N,) says
+    whether all else is in its range. Where there are inequalities: ``position`` (N, 2) m at takeoff, ``height`` (N,) m
+    at landing, ``horizontal_velocity`` (N,) m/s, ``gravity`` (N,) m/s^2, the ``obstacles`` of each, and ``limits``,
+    which may be one problem's where they are the same.
     """
 
     like: Problem
@@ -124,14 +108,12 @@ class Numbers:
 
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
-        """Of problems as they are; all of them give h, or all take the middle."""
+        """Of problems as they are."""
         like, states = problems[0], [state for problem in problems for state in (problem.initial, problem.final)]
         arrays = {name: np.array([getattr(state, name) for state in states]) for name in OF_STATES}
         values = {name: array.reshape(-1, 2, *array.shape[1:]) for name, array in arrays.items()}
-        middle = isinstance(like.flight.angular_momentum, str)
-        given = ("duration",) if middle else ("duration", "angular_momentum")
-        for name in given:
-            values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
+        values["duration"] = np.array([problem.flight.duration for problem in problems], dtype=np.float64)
+        values["angular_momentum"] = np.array([problem.angular_momentum for problem in problems], dtype=np.float64)
         sound = np.ones(len(problems), dtype=np.bool_)
         if not like.has_inequalities:
             return cls(like, values, sound)
@@ -152,6 +134,8 @@ class Numbers:
         base, like = family.base, cls.of_problems([family.base])
         values = {name: np.repeat(array, len(rows), axis=0) for name, array in like.values.items()}
         varied = {path: array[rows].astype(np.float64) for path, array in family.arrays.items()}
+        if isinstance(base.flight.angular_momentum, str):
+            del values["angular_momentum"]  # it follows from what is varied
         sound = np.ones(len(rows), dtype=np.bool_)
         for path, array in varied.items():
             if place := _place(path, base.robot):
@@ -189,7 +173,7 @@ class Numbers:
         if "angular_momentum" in values:
             return values["angular_momentum"]
         changes = np.diff(np.concatenate((values["orientation"][..., None], values["positions"]), axis=2), axis=1)
-        low, high = momentum_intervals(self.like, changes[:, 0], values["duration"])
+        low, high = momentum_intervals(self.like.inertia_extremes, changes[:, 0], values["duration"])
         return (low + high) / 2
 
     def paths(self) -> Array:
@@ -197,11 +181,11 @@ class Numbers:
         like, values = self.like, self.values
         orientation, positions, gravity = values["orientation"], values["positions"], values["gravity"]
         foot, landing = (
-            places_from_com(like.robot.tree, frame_weights(like.robot, frame), orientation[:, end], positions[:, end])
+            like.robot.tree.places_from_com(frame.weights, orientation[:, end], positions[:, end])
             for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
         )
         takeoff = values["position"][:, 0] + 1j * values["position"][:, 1] - foot
-        upwards = rising(takeoff, landing, values["height"], gravity, values["duration"])
+        upwards = rising(takeoff.imag, landing.imag, values["height"], gravity, values["duration"])
         return np.stack((takeoff.real, takeoff.imag, values["horizontal_velocity"], upwards, gravity), axis=1)
 
     def obstacle_numbers(self) -> Array:
@@ -252,8 +236,7 @@ def _within(key: str, values: Array) -> BoolArray:
 
 def key(problem: Problem) -> tuple[Any, ...]:
     """What problems must share to be planned in one batch."""
-    given = not isinstance(problem.flight.angular_momentum, str)
-    of_motion = problem.robot, problem.position_limits.tobytes(), problem.degrees, given
+    of_motion = problem.robot, problem.position_limits.tobytes(), problem.degrees
     if not problem.has_inequalities:
         return of_motion
     limits = str(_finite(problem)), problem.limits.orientation_rate

@@ -11,23 +11,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise, product
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, enumeration, integers
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, SETTINGS, Exchange, Settings
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.flight import PlanarFlight
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
 from floatplan.motion.sine_polynomial import Form, basis
-from floatplan.planning.kernel_input.bodies import unscaled_robot
+from floatplan.planning.kernel_input.bodies import unscaled_bodies
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Shares
+from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, LevelGround, Sphere
 from floatplan.robot.planar.tree import PlanarTree
 
-SUM, SHARE, CIRCLE, BAR, HALF_PLANE_START, HALF_PLANE_END, PAIR = map(int, enumeration("RowKind"))
+SUM, SHARE, BALL, BAR, WALL_START, WALL_END, BOX, PAIR = map(int, enumeration("RowKind"))
 SUMMED = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # quantities of sums
 
 
@@ -46,6 +48,13 @@ class SumRows:
 
     constant: Array
     weights: Mapping[str, Array]
+
+
+class Shapes(Protocol):
+    """The capsules of the links of a flight."""
+
+    def facing(self, obstacle: Obstacle) -> range:
+        """Return the indices of those whose distances to an obstacle count."""
 
 
 Block: TypeAlias = DistanceRows | SumRows | Shares  # of shares what is left of limits: 1 less both magnitudes
@@ -116,6 +125,7 @@ class KernelRows:
     bodies : how many an evaluation moves, by which its work is counted
     work_of_body : of one at an instant, relative to one in a plane
     node_counts : of the grids, by their level, rising
+    settings, exchange : numbers of their search, see :mod:`floatplan.kernel.tolerances`
     attempt, evaluate : functions of the kernel
         They follow starts, and evaluate a program.
     nodes : function
@@ -125,11 +135,20 @@ class KernelRows:
     bodies: int
     work_of_body: float = 1.0
     node_counts: tuple[int, ...]
+    settings: Settings
+    exchange: Exchange
     attempt: Any
     evaluate: Any
     nodes: Callable[[Form], StructArray]
 
-    def __init__(self, sums: Sums, blocks: Sequence[Block], also: str, places: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        sums: Sums,
+        blocks: Sequence[Block],
+        also: str,
+        places: Mapping[str, Any],
+        shapes: Shapes | None,
+    ) -> None:
         self.sums = sums
         written: list[Row] = []
         obstacles: list[list[float]] = []
@@ -137,7 +156,8 @@ class KernelRows:
         self.block_first = [0]
         for block in blocks:
             if isinstance(block, DistanceRows):
-                written += self._distances(block, obstacles)
+                assert shapes, "distances are of a flight"
+                written += _distances(block, shapes, obstacles)
             else:
                 kind = SUM
                 own = [sums.rows(block)] if isinstance(block, SumRows) else []
@@ -177,10 +197,6 @@ class KernelRows:
             **places,
         )
 
-    def _distances(self, block: DistanceRows, obstacles: list[list[float]]) -> list[Row]:
-        """Return the rows of distances, and add the pieces of obstacles that they are measured to."""
-        raise TypeError("there are no distances in space")
-
     def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
         """Return what these functions are given first: structs of what flies, with an angular momentum of a set."""
         raise NotImplementedError
@@ -203,46 +219,50 @@ class PlanarRows(KernelRows):
         self.evaluate = compiled.evaluate
         self.bodies = len(tree.mass)
         self.node_counts = NODE_COUNTS
+        self.settings = CONSTRAINED_SETTINGS if blocks else SETTINGS
+        self.exchange = EXCHANGE
         self.nodes = nodes_of_levels
-        self.own_bodies, self.robot = unscaled_robot(tree)
-        self._flight = flight
+        self.own_bodies = unscaled_bodies(tree)
         self.path: Array = np.full(5, np.nan)
         if flight:
             path = flight.ballistics
             self.path = np.array([*path.position0, *path.velocity0, path.gravity])
         needs_places = any(isinstance(block, DistanceRows) for block in blocks)
+        shapes = flight.link_shapes if flight and needs_places else None
         ends: ComplexArray = np.empty((0, 2, 0), np.complex128)  # (S, 2, m) of capsules, by the bodies' rotations
         radius = np.empty(0)
-        if needs_places:
-            assert flight, "distances are of a flight"
-            ends = self.own_bodies.of_points(flight.link_shapes.ends)
-            radius = flight.link_shapes.radius
+        if shapes:
+            ends = self.own_bodies.of_points(shapes.ends)
+            radius = shapes.radius
         places = {
             "needs_places": needs_places,
             "capsules": len(ends),
             "ends_real": doubles(ends.real),
             "ends_imaginary": doubles(ends.imag),
+            **dict.fromkeys(("body", "ends", "hull_first", "hull_points", "hull_axes")),
+            "hulls": 0,
             "radius": doubles(radius),
             "turn": tree.turn,
             "path": self.path,
         }
-        super().__init__(Sums(tree.turns, tree.motor_turns), blocks, also, places)
-
-    def _distances(self, block: DistanceRows, obstacles: list[list[float]]) -> list[Row]:
-        assert self._flight, "distances are of a flight"
-        if isinstance(block.between, tuple):
-            return [(PAIR, i, j, block.least, 1 / block.scale) for i, j in product(*block.between)]
-        capsules = self._flight.link_shapes.facing(block.between)
-        rows: list[Row] = []
-        for piece in block.between.pieces:
-            sides, numbers = _written_obstacle(piece)
-            rows += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
-            obstacles.append(numbers)
-        return rows
+        super().__init__(Sums(tree.turns, tree.motor_turns), blocks, also, places, shapes)
 
     def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
         """Return the robot: h comes with the class of motions."""
-        return (self.robot.pointer,)
+        return (self.own_bodies.struct.pointer,)
+
+
+def _distances(block: DistanceRows, shapes: Shapes, obstacles: list[list[float]]) -> list[Row]:
+    """Return rows of distances, and add the pieces of obstacles that they are measured to."""
+    if isinstance(block.between, tuple):
+        return [(PAIR, i, j, block.least, 1 / block.scale) for i, j in product(*block.between)]
+    capsules = shapes.facing(block.between)
+    rows: list[Row] = []
+    for piece in block.between.pieces:
+        sides, numbers = _written_obstacle(piece)
+        rows += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
+        obstacles.append(numbers)
+    return rows
 
 
 @lru_cache(maxsize=32)
@@ -265,7 +285,7 @@ def nodes_of_levels(form: Form) -> StructArray:
             antiderivative=doubles(rule.antiderivative),
         )
         levels.append(nodes)
-    return StructArray("Nodes", levels)
+    return StructArray(levels)
 
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:
@@ -279,14 +299,27 @@ def can_write(obstacle: Obstacle) -> bool:
 
 
 def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]:
-    """Return kinds of the rows of an obstacle's piece, and its numbers: place, end or normal, velocity, radius."""
-    if isinstance(obstacle, Circle):
-        return (CIRCLE,), [*obstacle.center, 0.0, 0.0, *obstacle.velocity, obstacle.radius]
-    if isinstance(obstacle, Bar):
+    """Return kinds of the rows of an obstacle's piece, and its numbers.
+
+    These are a place, an end or normal or half the edges, velocity, and radius.
+    """
+    if isinstance(obstacle, Circle | Sphere):
+        return (BALL,), [
+            *obstacle.center,
+            *np.zeros(len(obstacle.center)).tolist(),
+            *obstacle.velocity,
+            obstacle.radius,
+        ]
+    if isinstance(obstacle, Bar | Capsule):
         return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
+    if isinstance(obstacle, HalfSpace):
+        both_ends = (WALL_START,) if isinstance(obstacle, LevelGround) else (WALL_START, WALL_END)
+        return both_ends, [*obstacle.point, *obstacle.unit_normal, *obstacle.velocity, 0.0]
+    if isinstance(obstacle, Box):
+        return (BOX,), [*obstacle.center, *(edge / 2 for edge in obstacle.size), *obstacle.velocity, 0.0]
     assert isinstance(obstacle, HalfPlane), f"the kernel knows no obstacles of kind {obstacle.kind!r}"
     normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
-    return (HALF_PLANE_START, HALF_PLANE_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
+    return (WALL_START, WALL_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
 
 
 def opposite_rows(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:

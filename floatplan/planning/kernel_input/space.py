@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, integers
-from floatplan.kernel.tolerances import WORK_IN_SPACE
+from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE_IN_SPACE, WORK_IN_SPACE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
+from floatplan.motion.spatial.clearance import SpatialShapes
 from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
-from floatplan.motion.spatial.goal import A_TURN_OFF
-from floatplan.planning.kernel_input.rows import Block, KernelRows, Sums
-from floatplan.problem.attitude import STEEPEST
+from floatplan.planning.kernel_input.rows import Block, DistanceRows, KernelRows, Sums
+from floatplan.tables import A_TURN_OFF, STEEPEST
 
 
 class SpatialRows(KernelRows):
-    """Rows of a flight in space, which are sums: there are no distances yet."""
+    """Rows of a flight in space."""
 
     def __init__(self, flight: SpatialFlight, blocks: Sequence[Block], also: str = "") -> None:
         compiled = kernel()
@@ -30,18 +32,48 @@ class SpatialRows(KernelRows):
         self.bodies = flight.bodies
         self.work_of_body = WORK_IN_SPACE
         self.node_counts = flight.node_counts
+        self.settings = CONSTRAINED_SETTINGS
+        self.exchange = replace(EXCHANGE_IN_SPACE, watched_at_most=len(flight.node_counts) - 1)
         self.nodes = nodes_in_space
         self._flight = flight
         self._bodies: dict[MomentumSet, Struct] = {}
-        none = dict.fromkeys(("ends_real", "ends_imaginary", "radius", "path"))
-        places = {"needs_places": False, "capsules": 0, "turn": 1.0, **none}
-        super().__init__(Sums(flight.dynamics.selection, flight.transmission), blocks, also, places)
+        needs_places = any(isinstance(block, DistanceRows) for block in blocks)
+        shapes = flight.link_shapes if needs_places else None
+        path = flight.ballistics
+        places = {
+            "needs_places": needs_places,
+            "turn": 1.0,
+            "path": doubles([*path.position0, *path.velocity0, path.gravity]),
+            "ends_real": None,
+            "ends_imaginary": None,
+            **_shapes(shapes),
+        }
+        super().__init__(Sums(flight.dynamics.selection, flight.transmission), blocks, also, places, shapes)
+        self.needs_rates |= needs_places
 
     def flying(self, momentum: MomentumSet) -> tuple[Pointer, ...]:
         """Return what flies, with an angular momentum of a set, and the cells of all levels."""
         if momentum not in self._bodies:
             self._bodies[momentum] = spatial_body(self._flight, momentum, self.needs_rates)
         return self._bodies[momentum].pointer, cells_of_levels().pointer
+
+
+def _shapes(shapes: SpatialShapes | None) -> dict[str, Any]:
+    """Return the capsules of the links, and the hulls among them; none where nothing is about places."""
+    if shapes is None:
+        arrays = ("body", "ends", "radius", "hull_first", "hull_points", "hull_axes")
+        return {"capsules": 0, "hulls": 0, **dict.fromkeys(arrays)}
+    points = [hull.points for hull in shapes.hulls]
+    return {
+        "capsules": len(shapes.radius),
+        "body": integers(shapes.body - 1),  # the base is the model's first joint
+        "ends": doubles(shapes.ends),
+        "radius": doubles(shapes.radius),
+        "hulls": len(shapes.hulls),
+        "hull_first": integers(np.cumsum([0, *map(len, points)])),
+        "hull_points": doubles(np.concatenate([np.empty((0, 3)), *points])),
+        "hull_axes": doubles([hull.axes.T for hull in shapes.hulls]),
+    }
 
 
 def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Struct:
@@ -75,7 +107,7 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
 @cache
 def cells_of_levels() -> StructArray:
     """Return the cells of all levels."""
-    return StructArray("Cells", [_cells(cells(*level)) for level in LEVELS])
+    return StructArray([_cells(cells(*level)) for level in LEVELS])
 
 
 def _cells(of: Cells) -> Struct:
@@ -99,7 +131,7 @@ def nodes_in_space(form: Form) -> StructArray:
         of_level = cells(*level)
         weights = np.tile(of_level.gauss.weights, of_level.count) / of_level.count
         levels.append(_nodes(of_level.s, weights, form))
-    return StructArray("Nodes", levels)
+    return StructArray(levels)
 
 
 @lru_cache(maxsize=64)

@@ -15,15 +15,10 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, import_optional, install_advice
-from floatplan.robot.mjcf.process import compiler_answer
+from floatplan.robot.mjcf.process import compiler_response
 from floatplan.robot.mjcf.text import MjcfText
 
 ONE_AT_A_TIME = threading.Lock()  # MuJoCo waits for ever where two threads ask for its warnings at once
-BALANCE = "have it balanced: balance_inertias = true under [robot], or --balance-inertias"
-PLACES = re.compile(r",? line \d+(, column \d+)?|,? id \d+|Element name ''")  # in a text that nobody has seen
-# Their Newton solver factors a sparse Hessian wrongly: https://github.com/google-deepmind/mujoco/releases/tag/4.0.1.
-WRONG_VERSIONS = ("4.0.0",)
-MOST_CACHED = 16  # [-] compiled files; a command reads few, and some of them many times
 ARRAYS = (  # of an MjModel, as far as its version has them
     *("body_rootid", "body_parentid", "body_pos", "body_quat", "body_mass", "body_inertia", "body_ipos", "body_iquat"),
     *("body_gravcomp", "dof_bodyid", "dof_armature", "dof_damping", "dof_frictionloss", "eq_active0"),
@@ -37,12 +32,11 @@ ARRAYS = (  # of an MjModel, as far as its version has them
     *("tendon_limited", "tendon_actfrclimited", "tendon_stiffness", "tendon_damping", "tendon_frictionloss"),
     *("tendon_armature", "opt.gravity", "opt.density", "opt.viscosity", "opt.wind", "opt.disableflags"),
 )
-CONSTANTS = ("mjtJoint", "mjtGeom", "mjtTrn", "mjtDyn", "mjtGain", "mjtBias", "mjtDisableBit")  # enumerations
 
 
 @dataclass(frozen=True, eq=False)
 class CompiledMjcf:
-    """What is read of an MJCF that MuJoCo has compiled.
+    """The data of an MJCF that MuJoCo has compiled.
 
     Attributes
     ----------
@@ -76,7 +70,9 @@ def import_mujoco(element: str = "engine", extra: str = "replay") -> ModuleType:
     """
     with ONE_AT_A_TIME:
         mujoco = import_optional("mujoco", name="MuJoCo", element=element, extra=extra)
-        if mujoco.__version__ in WRONG_VERSIONS:
+        # 4.0.0's Newton solver factors a sparse Hessian wrongly:
+        # https://github.com/google-deepmind/mujoco/releases/tag/4.0.1
+        if mujoco.__version__ == "4.0.0":
             reason = f"MuJoCo {mujoco.__version__} computes wrong accelerations under contacts"
             raise InputError(reason, element=element, advice=install_advice(extra))
         if mujoco.get_mju_user_warning() is None:  # else it writes MUJOCO_LOG.TXT where the user is
@@ -85,7 +81,7 @@ def import_mujoco(element: str = "engine", extra: str = "replay") -> ModuleType:
 
 
 def _ignore(_: str) -> None:
-    """Take a warning: whether the robot lands as planned is what counts, and what it is made of is looked at."""
+    """Ignore a warning: the landing counts, and the robot's data are checked by themselves."""
 
 
 def compiled_mjcf(text: MjcfText) -> CompiledMjcf:
@@ -107,7 +103,8 @@ class _Contents:
     """An MJCF and its files, equal where their digests are."""
 
     def __init__(self, xml: bytes, files: Mapping[str, bytes]) -> None:
-        self.xml, self.files = xml, files
+        self.xml = xml
+        self.files = files
         digest = hashlib.sha256(xml)
         for name, content in sorted(files.items()):
             digest.update(f"\0{name}\0{len(content)}\0".encode())
@@ -121,23 +118,28 @@ class _Contents:
         return isinstance(other, _Contents) and other.digest == self.digest
 
 
-@lru_cache(maxsize=MOST_CACHED)
+@lru_cache(maxsize=16)  # files; a command reads few, and some of them many times
 def _compiled(contents: _Contents) -> CompiledMjcf:
-    request = {"arrays": ARRAYS, "constants": CONSTANTS}
-    answer = compiler_answer(request, contents.xml, contents.files)
-    if "missing" in answer:
+    # of the enumerations all members, of the arrays those that this version of MuJoCo has
+    enumerations = ("mjtJoint", "mjtGeom", "mjtTrn", "mjtDyn", "mjtGain", "mjtBias", "mjtDisableBit")
+    response = compiler_response({"arrays": ARRAYS, "constants": enumerations}, contents.xml, contents.files)
+    if "missing" in response:
         raise _missing()
-    if "error" in answer:
-        reason = " ".join(PLACES.sub("", answer["error"]).split())
-        advice = BALANCE if "balanceinertia" in reason else None
+    if "error" in response:
+        # lines and numbers are of the text that MuJoCo got, which nobody has seen
+        where = r",? line \d+(, column \d+)?|,? id \d+|Element name ''"
+        reason = " ".join(re.sub(where, "", response["error"]).split())
+        advice = None
+        if "balanceinertia" in reason:
+            advice = "have it balanced: balance_inertias = true under [robot], or --balance-inertias"
         raise InputError(f"MuJoCo refuses it: {reason}", advice=advice)
     arrays = {}
-    for name, given in answer["arrays"].items():
-        array = np.array(given["values"], dtype=given["dtype"]).reshape(given["shape"])
+    for name, written in response["arrays"].items():
+        array = np.array(written["values"], dtype=written["dtype"]).reshape(written["shape"])
         array.flags.writeable = False
         arrays[name.replace(".", "_")] = array
-    names = {kind: tuple(of_kind) for kind, of_kind in answer["names"].items()}
-    return CompiledMjcf(arrays, names, answer["constants"])
+    names = {kind: tuple(of_kind) for kind, of_kind in response["names"].items()}
+    return CompiledMjcf(arrays, names, response["constants"])
 
 
 def _missing() -> InputError:

@@ -1,6 +1,6 @@
 """MuJoCo's compiler in a process of its own, started by ``process.py``; it imports none of floatplan.
 
-Argument: the largest memory, bytes. Requests come on standard input and answers go to where standard output was, one
+Argument: the largest memory, bytes. Requests come on standard input and responses go to where standard output was, one
 after the other, until the input ends. Each is a line of JSON; a request is followed by the bytes that it announces.
 """
 
@@ -13,8 +13,6 @@ from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
-
-SLACK = 2  # [s] of processor time beyond that of a request, for what goes on beside it
 
 
 def compiled(mujoco: Any, request: dict[str, Any], xml: str, files: dict[str, bytes]) -> dict[str, Any]:
@@ -31,16 +29,19 @@ def compiled(mujoco: Any, request: dict[str, Any], xml: str, files: dict[str, by
     arrays = {}
     for name in request["arrays"]:
         value: Any = model
-        for part in name.split("."):
-            value = getattr(value, part, None)
+        for attribute in name.split("."):
+            value = getattr(value, attribute, None)
         if value is not None:  # else of another version of MuJoCo
             arrays[name] = _array(value)
     counts = {"body": model.nbody, "joint": model.njnt, "actuator": model.nu, "equality": model.neq}
     counts |= {"tendon": model.ntendon, "key": model.nkey, "mesh": model.nmesh}
-    names = {kind: [str(getattr(model, kind)(number).name) for number in range(n)] for kind, n in counts.items()}
-    constants = {
-        name: int(member) for kind in request["constants"] for name, member in getattr(mujoco, kind).__members__.items()
-    }
+    names = {}
+    for kind, count in counts.items():
+        names[kind] = [str(getattr(model, kind)(number).name) for number in range(count)]
+    constants = {}
+    for kind in request["constants"]:
+        for name, member in getattr(mujoco, kind).__members__.items():
+            constants[name] = int(member)
     return {"arrays": arrays, "names": names, "constants": constants}
 
 
@@ -50,8 +51,8 @@ def _array(value: Any) -> dict[str, Any]:
     return {"dtype": kind, "shape": array.shape, "values": array.ravel().tolist()}
 
 
-def answered(mujoco: Any, stream: BinaryIO) -> dict[str, Any] | None:
-    """Return the answer to the next request; None where there is none any more."""
+def next_response(mujoco: Any, stream: BinaryIO) -> dict[str, Any] | None:
+    """Return the response to the next request; None where there is none any more."""
     line = stream.readline()
     if not line:
         return None
@@ -59,7 +60,9 @@ def answered(mujoco: Any, stream: BinaryIO) -> dict[str, Any] | None:
     xml = stream.read(request["xml"]).decode()
     files = {name: stream.read(size) for name, size in request["files"].items()}
     used = resource.getrusage(resource.RUSAGE_SELF)
-    bound(resource.RLIMIT_CPU, int(used.ru_utime + used.ru_stime + request["seconds"]) + SLACK)
+    used_seconds = used.ru_utime + used.ru_stime
+    # 2 s more than the request, for work that does not belong to it
+    bound(resource.RLIMIT_CPU, int(used_seconds + request["seconds"]) + 2)
     try:
         return compiled(mujoco, request, xml, files)
     except MemoryError:
@@ -78,22 +81,22 @@ def bound(limit: int, most: int) -> None:
 
 
 def main() -> None:
-    """Answer requests, or say that MuJoCo is not there."""
+    """Respond to requests, or say that MuJoCo is not there."""
     memory = int(sys.argv[1])
-    with os.fdopen(os.dup(1), "wb") as answers:
-        os.dup2(2, 1)  # whatever MuJoCo prints is no answer
+    with os.fdopen(os.dup(1), "wb") as output:
+        os.dup2(2, 1)  # whatever MuJoCo prints is no response
         try:
             import mujoco
         except ImportError as error:
-            answers.write(json.dumps({"missing": str(error)}).encode() + b"\n")
+            output.write(json.dumps({"missing": str(error)}).encode() + b"\n")
             return
         mujoco.set_mju_user_warning(lambda _: None)  # else it writes a log
         warnings.simplefilter("ignore")  # about what newer versions will no longer read
         bound(resource.RLIMIT_AS, memory)
         bound(resource.RLIMIT_FSIZE, 0)  # it writes no file at all
-        while (answer := answered(mujoco, sys.stdin.buffer)) is not None:
-            answers.write(json.dumps(answer).encode() + b"\n")
-            answers.flush()
+        while (response := next_response(mujoco, sys.stdin.buffer)) is not None:
+            output.write(json.dumps(response).encode() + b"\n")
+            output.flush()
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """The process in which MuJoCo compiles: with bounds on time and memory, and ended by Ctrl-C here.
 
-It is started for the first MJCF and answers all later ones, so that MuJoCo is imported once. It ends with this process,
-and is ended where it does not answer in time.
+It is started for the first MJCF and compiles all later ones, so that MuJoCo is imported once. It ends with this
+process, and is killed where it does not respond in time.
 """
 
 import atexit
@@ -22,10 +22,8 @@ from floatplan.errors import InputError
 from floatplan.pool import same_modules
 
 LONGEST = 60.0  # [s] of one file; robots with a hundred meshes take seconds
-MEMORY = 2_000_000_000  # [bytes] of address space; MuJoCo itself takes 0.15e9, what meshes need comes on top
-LARGEST_ANSWER = 50_000_000  # [bytes]; of a thousand bodies it is a megabyte
-SCRIPT = Path(__file__).with_name("other_process.py")
-CHUNK = 1 << 20  # [bytes] read at once
+MEMORY = 2_000_000_000  # [bytes] of address space: 0.15e9 for MuJoCo itself, and what meshes need
+LARGEST_RESPONSE = 50_000_000  # [bytes]; of a thousand bodies it is a megabyte
 
 
 class CompilerProcess:
@@ -33,8 +31,9 @@ class CompilerProcess:
 
     def __init__(self) -> None:
         with same_modules():
+            script = Path(__file__).with_name("other_process.py")
             self._process = subprocess.Popen(
-                [sys.executable, str(SCRIPT), str(MEMORY)],
+                [sys.executable, str(script), str(MEMORY)],
                 cwd=tempfile.gettempdir(),
                 env={**os.environ, "MUJOCO_GL": "disable"},  # it draws nothing, and a library of windows loads slowly
                 stdin=subprocess.PIPE,
@@ -45,7 +44,7 @@ class CompilerProcess:
         self.owner = os.getpid()  # a process that is forked off has pipes of its parent's
 
     def ask(self, request: Mapping[str, Any], xml: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
-        """Return the answer to a request; see ``other_process.py``.
+        """Return the response to a request; see ``other_process.py``.
 
         Raises
         ------
@@ -55,37 +54,38 @@ class CompilerProcess:
         sizes = {"xml": len(xml), "files": {name: len(content) for name, content in files.items()}}
         line = json.dumps({**request, **sizes, "seconds": LONGEST}).encode() + b"\n"
         try:
-            return self._exchanged([line, xml, *files.values()], time.monotonic() + LONGEST)
-        except BaseException:  # also Ctrl-C: what it is at is of no use any more
+            return self._response([line, xml, *files.values()], time.monotonic() + LONGEST)
+        except BaseException:  # also Ctrl-C: nobody needs the result of its work any more
             self.end()
             raise
 
-    def _exchanged(self, parts: list[bytes], deadline: float) -> dict[str, Any]:
-        stdin, stdout = self._process.stdin, self._process.stdout
+    def _response(self, contents: list[bytes], deadline: float) -> dict[str, Any]:
+        stdin = self._process.stdin
+        stdout = self._process.stdout
         if stdin is None or stdout is None:
             raise RuntimeError("the process was started without pipes")
         try:
-            for part in parts:
-                stdin.write(part)
+            for content_to_send in contents:
+                stdin.write(content_to_send)
             stdin.flush()
         except BrokenPipeError:
-            raise self._ended() from None
+            raise self._unexpected_end() from None
         content = bytearray()
         with selectors.DefaultSelector() as selector:
             selector.register(stdout, selectors.EVENT_READ)
             while not content.endswith(b"\n"):
                 if not selector.select(max(0.0, deadline - time.monotonic())):
                     raise InputError(f"MuJoCo takes more than {LONGEST:g} s to compile it")
-                chunk = os.read(stdout.fileno(), CHUNK)
+                chunk = os.read(stdout.fileno(), 1 << 20)  # [bytes] at once
                 if not chunk:
-                    raise self._ended()
+                    raise self._unexpected_end()
                 content += chunk
-                if len(content) > LARGEST_ANSWER:
-                    raise InputError(f"makes a model of more than {LARGEST_ANSWER // 1_000_000} MB, as no robot is")
-        answer: dict[str, Any] = json.loads(content)
-        return answer
+                if len(content) > LARGEST_RESPONSE:
+                    raise InputError(f"makes a model of more than {LARGEST_RESPONSE // 1_000_000} MB, as no robot is")
+        response: dict[str, Any] = json.loads(content)
+        return response
 
-    def _ended(self) -> InputError:
+    def _unexpected_end(self) -> InputError:
         self.end()
         code = self._process.returncode
         advice = f"it may need more than {MEMORY / 1e9:g} GB, or {LONGEST:g} s of processor time"
@@ -107,7 +107,7 @@ class CompilerProcess:
 
     @property
     def usable(self) -> bool:
-        """Whether it can be asked from this process."""
+        """Whether this process can use it."""
         return self.owner == os.getpid() and self._process.poll() is None
 
 
@@ -122,8 +122,8 @@ def _end() -> None:
         _process.end()
 
 
-def compiler_answer(request: Mapping[str, Any], xml: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
-    """Return what the one process of this one answers, started where there is none; errors as of its ``ask``."""
+def compiler_response(request: Mapping[str, Any], xml: bytes, files: Mapping[str, bytes]) -> dict[str, Any]:
+    """Return the response of the compiler's process, started where there is none; errors as of its ``ask``."""
     global _process
     with _lock:
         if _process is not None and not _process.usable:

@@ -13,10 +13,8 @@ from floatplan.errors import InputError
 from floatplan.files import LARGEST_URDF, check_depth, parsed_xml, read_regular
 from floatplan.robot.shapes.collisions import LARGEST_MESH
 
-MOST = {"*": 20_000, "body": 1000}  # [-] elements of a file with its includes: many times those of any robot
 MOST_FILES = 200  # [-] included files, and meshes
-LARGEST_TOTAL = 500_000_000  # [bytes] of all of them, which are held at once
-FOLDERS = ("meshdir", "assetdir", "texturedir", "strippath")  # of a <compiler>: where files are
+LARGEST_TOTAL = 500_000_000  # [bytes] of all of them, which are in memory at once
 LEFT_OUT = (
     *("size", "visual", "statistic", "custom", "sensor", "texture", "material", "hfield", "skin"),
     "lengthrange",  # of a <compiler>: for how long to simulate each actuator
@@ -26,7 +24,6 @@ ATTRIBUTES_LEFT_OUT = (
     *("nsample", "delay", "interp", "actdim"),  # of actuators: buffers of any size
     "octree_maxdepth",  # of meshes: trees of any size
 )
-OPTIONS = ("gravity", "density", "viscosity", "wind")  # attributes of an <option> that say what the robot is in
 SAVED = "load the file in MuJoCo and save it with mj_saveLastXML, which writes out what they make"
 REFUSED = {  # elements: why, and what to do about it
     **dict.fromkeys(("replicate", "composite"), ("makes many bodies out of one", SAVED)),
@@ -40,8 +37,8 @@ REFUSED = {  # elements: why, and what to do about it
 class MjcfText:
     """A ``<mujoco>`` element without includes, of the file at ``path``.
 
-    ``files`` is the content of what it is read with, by paths from its folder; ``meshes`` are the paths of mesh assets;
-    ``askers`` the included files that elements which name a further file are in.
+    ``files`` are contents by paths from its folder: of included files and meshes; ``meshes`` the paths of mesh assets;
+    ``askers`` the included files of the elements that name a further file.
     """
 
     root: Element
@@ -51,9 +48,9 @@ class MjcfText:
     askers: dict[Element, Path] = field(default_factory=dict)
 
     def refused(self, reason: str, element: Element, advice: str | None = None) -> InputError:
-        """What is said of an element, which names the file that it is in."""
+        """The refusal of an element, which names its file."""
         source = self.askers.get(element, self.path)
-        return InputError(reason, source=source, element=_place(element), advice=advice)
+        return InputError(reason, source=source, element=_element_name(element), advice=advice)
 
 
 def whole_mjcf(root: Element, path: Path) -> MjcfText:
@@ -62,21 +59,21 @@ def whole_mjcf(root: Element, path: Path) -> MjcfText:
     Raises
     ------
     InputError
-        It includes a file that is not to be found, lies outside its folder or was included already; a mesh is not to be
-        found or has no file; there are too many elements; or one of them is not read.
+        It includes a file that does not exist, lies outside its folder or was included already; a mesh does not exist
+        or has no file; there are too many elements; or one of them is not read.
     """
     text = MjcfText(root, path)
-    while include := next(((each, child) for each in root.iter() for child in each if child.tag == "include"), None):
-        parent, child = include
-        index = list(parent).index(child)
-        parent[index : index + 1] = list(_included(text, child))
+    while (pair := _first_include(root)) is not None:
+        parent, include = pair
+        index = list(parent).index(include)
+        parent[index : index + 1] = list(_included(text, include))
         _check_size(root)
     _check_size(root)
     check_depth(root, Element)
     for element in root.iter():
         if element.tag in REFUSED:
             reason, advice = REFUSED[element.tag]
-            raise InputError(f"{reason}; it is not read", element=_place(element), advice=advice)
+            raise InputError(f"{reason}; it is not read", element=_element_name(element), advice=advice)
         for name in ATTRIBUTES_LEFT_OUT:
             element.attrib.pop(name, None)
         for child in list(element):
@@ -91,23 +88,35 @@ def whole_mjcf(root: Element, path: Path) -> MjcfText:
 
 
 def _keep_surroundings(option: Element) -> None:
-    """Leave of an ``<option>`` what the robot is in: compiling ends with a step of simulation, by any solver."""
+    """Leave of an ``<option>`` the robot's surroundings: compiling ends with a step of simulation, by any solver."""
     flags = [flag.get("gravity") for flag in option.findall("flag") if flag.get("gravity") is not None]
-    attributes = {name: value for name, value in option.attrib.items() if name in OPTIONS}
+    attributes: dict[str, str] = {}
+    for name in ("gravity", "density", "viscosity", "wind"):
+        if name in option.attrib:
+            attributes[name] = option.attrib[name]
     option.clear()
     option.attrib.update(attributes)
     for flag in flags:
         SubElement(option, "flag", gravity=str(flag))
 
 
+def _first_include(root: Element) -> tuple[Element, Element] | None:
+    """An ``<include>`` and its parent; None where there is none any more."""
+    for parent in root.iter():
+        for child in parent:
+            if child.tag == "include":
+                return parent, child
+    return None
+
+
 def _check_size(root: Element) -> None:
-    for tag, most in MOST.items():
+    for tag, most in (("*", 20_000), ("body", 1000)):  # many times those of any robot
         count = sum(1 for _ in root.iter(tag))
         if count > most:
             raise InputError(f"has {count} elements, more than the {most} that can be handled", element=f"<{tag}>")
 
 
-def _place(element: Element) -> str:
+def _element_name(element: Element) -> str:
     name = element.get("name") or element.get("file")
     return f'<{element.tag}> "{name}"' if name else f"<{element.tag}>"
 
@@ -120,7 +129,8 @@ def _included(text: MjcfText, include: Element) -> Element:
         raise text.refused("names no file", include, 'write one: <include file=".."/>, or remove the element')
     target = (folder / written).resolve()
     if not target.is_relative_to(folder):
-        reason, advice = "lies outside the folder of the file that includes it", "put it into that folder"
+        reason = "lies outside the folder of the file that includes it"
+        advice = "put it into that folder"
         raise text.refused(reason, include, advice)
     name = target.relative_to(folder).as_posix()
     if name in text.files or target == text.path.resolve():
@@ -134,7 +144,7 @@ def _included(text: MjcfText, include: Element) -> Element:
 
 
 def _content(text: MjcfText, name: str, largest: int, element: Element) -> bytes:
-    """Content of a file, which ``text`` then holds."""
+    """Content of a file, which ``text`` then contains."""
     if len(text.files) >= MOST_FILES:
         raise InputError(f"is read with more than {MOST_FILES} other files, as no robot is")
     try:
@@ -153,7 +163,9 @@ def _read_meshes(text: MjcfText) -> None:
     """Read the files of the mesh assets, whose elements then have a name, and the path from the MJCF's folder."""
     compiler: dict[str, str] = {}
     for element in text.root.findall("compiler"):
-        compiler |= {key: element.attrib.pop(key) for key in FOLDERS if key in element.attrib}
+        for key in ("meshdir", "assetdir", "texturedir", "strippath"):  # where files are
+            if key in element.attrib:
+                compiler[key] = element.attrib.pop(key)
     folder = compiler.get("meshdir", compiler.get("assetdir", ""))
     for mesh in text.root.iterfind("asset/mesh"):
         if not mesh.get("file") or mesh.get("refpos") or mesh.get("refquat"):

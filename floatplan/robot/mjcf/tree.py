@@ -1,4 +1,4 @@
-"""Which bodies of a compiled MJCF are the robot, what they are called, and what of them is no tree of rigid links."""
+"""The bodies of a compiled MJCF that are the robot, their names, and the refusal of all but a tree of rigid links."""
 
 import math
 from collections.abc import Callable
@@ -12,36 +12,31 @@ from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import CompiledMjcf
 from floatplan.robot.urdf.base import moves_freely
 
-PLANAR = 3  # joints of a base that moves in a plane
-DIGITS = 12  # of a unit vector; the rest is rounding of the quaternion that turned it
-LOSSES = ("dof_armature", "dof_damping", "dof_frictionloss")
-TENDON_ACTS = ("limited", "actfrclimited", "stiffness", "damping", "frictionloss", "armature")  # where one is not zero
-
 
 class MjcfTree:
-    """The robot in a compiled MJCF: the one body of the world that moves, and what it carries.
+    """The robot in a compiled MJCF: the one body of the world that moves, and all that it carries.
 
     Attributes
     ----------
     bodies : numbers of its bodies, the base first and parents before children
     joints : numbers of the joints of each body
     moving : numbers of the joints between the bodies
-    warnings : what the file has and a flight has not
+    warnings : about properties of the file that a flight has not
 
     Raises
     ------
     InputError
-        No body of the world moves, or several do; or the robot has what a tree of rigid links has not.
+        No body of the world moves, or several do; or the robot is no tree of rigid links.
     """
 
     def __init__(self, model: CompiledMjcf) -> None:
         self.model = model
-        moved = sorted(set(model.body_rootid[model.jnt_bodyid].tolist()))
-        if len(moved) != 1:
-            listed = f": {', '.join(self.body_names[body] for body in moved[:5])}" if moved else ""
-            reason = f"{len(moved)} bodies of the world move, where one robot flies{listed}"
+        roots = sorted(set(model.body_rootid[model.jnt_bodyid].tolist()))
+        if len(roots) != 1:
+            listed = f": {', '.join(self.body_names[body] for body in roots[:5])}" if roots else ""
+            reason = f"{len(roots)} bodies of the world move, where one robot flies{listed}"
             raise InputError(reason, element="<worldbody>", advice="let one alone move, by a <freejoint/>")
-        self.bodies: list[int] = np.flatnonzero(model.body_rootid == moved[0]).tolist()
+        self.bodies: list[int] = np.flatnonzero(model.body_rootid == roots[0]).tolist()
         self.joints = {body: np.flatnonzero(model.jnt_bodyid == body).tolist() for body in self.bodies}
         self.moving: list[int] = [joint for body in self.bodies[1:] for joint in self.joints[body]]
         self._check_base()
@@ -66,23 +61,26 @@ class MjcfTree:
         disabled = int(self.model.opt_disableflags) & self.model.constants["mjDSBL_GRAVITY"]
         if disabled or not 0.0 < strength < math.inf:
             return None
-        turned = pin.Quaternion(*self.model.body_quat[self.bodies[0]].tolist()).normalized().inverse()
-        return read_only((turned * (gravity / strength)).round(DIGITS) + 0.0)
+        rotation = pin.Quaternion(*self.model.body_quat[self.bodies[0]].tolist()).normalized().inverse()
+        # from the 13th digit on it is rounding of the quaternion
+        return read_only((rotation * (gravity / strength)).round(12) + 0.0)
 
     def slides(self, joint: int) -> bool:
-        """Whether a joint slides; it turns otherwise."""
+        """Whether a joint slides; it rotates otherwise."""
         return bool(self.model.jnt_type[joint] == self.model.constants["mjJNT_SLIDE"])
 
     def _check_base(self) -> None:
-        """The base is free, or its joints let it move as freely in a plane or in space, or nothing at all holds it."""
-        kinds, base = self.model.constants, self.joints[self.bodies[0]]
+        """Check that the base is free, by a free joint, by joints as free in a plane or in space, or by none at all."""
+        kinds = self.model.constants
+        base = self.joints[self.bodies[0]]
         of_type: dict[int, list[Array]] = {}
         for joint in base:
             of_type.setdefault(int(self.model.jnt_type[joint]), []).append(self.model.jnt_axis[joint])
-        slides, turns = of_type.get(kinds["mjJNT_SLIDE"], []), of_type.get(kinds["mjJNT_HINGE"], [])
-        if len(of_type.get(kinds["mjJNT_BALL"], [])) == 1 and not turns:
-            turns = list(np.eye(3))  # as freely as three hinges about these axes
-        if base and kinds["mjJNT_FREE"] not in of_type and not moves_freely(slides, turns):
+        slides = of_type.get(kinds["mjJNT_SLIDE"], [])
+        rotations = of_type.get(kinds["mjJNT_HINGE"], [])
+        if len(of_type.get(kinds["mjJNT_BALL"], [])) == 1 and not rotations:
+            rotations = list(np.eye(3))  # as freely as three hinges about these axes
+        if base and kinds["mjJNT_FREE"] not in of_type and not moves_freely(slides, rotations):
             reason = (
                 f"is held to the world by {', '.join(self.joint_names[joint] for joint in base)}, which do not let it "
                 "move freely, in a plane or in space"
@@ -94,44 +92,55 @@ class MjcfTree:
             raise InputError(reason, element=f'body "{self.body_names[self.bodies[0]]}"', advice=advice)
 
     def _check_rigid(self) -> None:
-        model, constants = self.model, self.model.constants
+        model = self.model
+        constants = self.model.constants
         for joint in self.moving:
             if model.jnt_type[joint] == constants["mjJNT_BALL"]:
-                reason, advice = "is a ball joint, and only joints of one axis can be planned", "write three hinges"
+                reason = "is a ball joint, and only joints of one axis can be planned"
+                advice = "write three hinges"
                 raise InputError(reason, element=f'joint "{self.joint_names[joint]}"', advice=advice)
         for number in np.flatnonzero(model.eq_active0).tolist():
             reason = "is a constraint between bodies or joints, and a robot that is planned is a tree of joints"
             advice = "remove it; joints that follow others can be coupled to them: coupled ="
             raise InputError(reason, element=_called(model, "equality", number), advice=advice)
         pulled = model.actuator_trnid[model.actuator_trntype == constants["mjTRN_TENDON"], 0].tolist()
-        tendons = range(len(model.names["tendon"]))
-        acting = [getattr(model, f"tendon_{key}", np.zeros(len(tendons))) for key in TENDON_ACTS]
-        for number in tendons:
-            if number in pulled or any(np.any(values[number]) for values in acting):
+        for number in range(len(model.names["tendon"])):
+            acts = number in pulled
+            for key in ("limited", "actfrclimited", "stiffness", "damping", "frictionloss", "armature"):
+                values = getattr(model, f"tendon_{key}", None)
+                acts = acts or (values is not None and bool(np.any(values[number])))
+            if acts:
                 reason = "is a tendon that pulls, and only joints with a motor of their own can be planned"
                 raise InputError(reason, element=_called(model, "tendon", number), advice="remove it")
 
     def _left_out(self) -> list[str]:
-        """Warnings about what is in the file and not planned with."""
-        model, base = self.model, self.bodies[0]
+        """Warnings about properties of the file that planning ignores."""
+        model = self.model
+        base = self.bodies[0]
+        base_name = self.body_names[base]
         springs = [self.joint_names[joint] for joint in self.moving if model.jnt_stiffness[joint]]
-        losses = np.stack([getattr(model, key) for key in LOSSES])[:, model.dof_bodyid == base]
+        losses = np.stack((model.dof_armature, model.dof_damping, model.dof_frictionloss))[:, model.dof_bodyid == base]
         others = [self.body_names[body] for body in range(1, len(model.body_rootid)) if model.body_rootid[body] != base]
-        there = {
-            f"the springs of {', '.join(springs)}": bool(springs),
-            f"armature, damping and friction of {self.body_names[base]}": losses.any(),
-            "gravity compensation": model.body_gravcomp[self.bodies].any(),
-            "the forces of a medium": model.opt_density or model.opt_viscosity or model.opt_wind.any(),
-            f"bodies of the world ({', '.join(others)})": bool(others),
-        }
-        left_out = [what for what, present in there.items() if present]
-        held = (
-            [] if self.joints[base] else [f"{self.body_names[base]} is fixed to the world in the file; here it flies"]
-        )
-        if len(self.joints[base]) > PLANAR:
+        left_out = []
+        if springs:
+            left_out.append(f"the springs of {', '.join(springs)}")
+        if losses.any():
+            left_out.append(f"armature, damping and friction of {base_name}")
+        if model.body_gravcomp[self.bodies].any():
+            left_out.append("gravity compensation")
+        if model.opt_density or model.opt_viscosity or model.opt_wind.any():
+            left_out.append("the forces of a medium")
+        if others:
+            left_out.append(f"bodies of the world ({', '.join(others)})")
+        warnings = []
+        if not self.joints[base]:
+            warnings.append(f"{base_name} is fixed to the world in the file; here it flies")
+        if len(self.joints[base]) > 3:  # more than a base in a plane has
             names = ", ".join(self.joint_names[joint] for joint in self.joints[base])
-            held = [f"read as the free base: {names}, by which the file lets the robot float"]
-        return [*held, *([f"left out: {'; '.join(left_out)}"] if left_out else [])]
+            warnings.append(f"read as the free base: {names}, by which the file lets the robot float")
+        if left_out:
+            warnings.append(f"left out: {'; '.join(left_out)}")
+        return warnings
 
 
 def body_names(model: CompiledMjcf) -> dict[int, str]:
@@ -141,14 +150,15 @@ def body_names(model: CompiledMjcf) -> dict[int, str]:
 
 def joint_names(model: CompiledMjcf) -> dict[int, str]:
     """Return names of all joints by their numbers; one without is called after its body."""
-    bodies, of_bodies = model.jnt_bodyid.tolist(), body_names(model)
+    bodies = model.jnt_bodyid.tolist()
+    of_bodies = body_names(model)
     return _names(model, "joint", lambda joint: f"{of_bodies[bodies[joint]]}_joint")
 
 
 def _names(model: CompiledMjcf, kind: str, otherwise: Callable[[int], str]) -> dict[int, str]:
-    given = dict(enumerate(model.names[kind]))
-    taken = set(given.values())
-    return {number: name or new_name(otherwise(number), taken) for number, name in given.items()}
+    names = dict(enumerate(model.names[kind]))
+    taken = set(names.values())
+    return {number: name or new_name(otherwise(number), taken) for number, name in names.items()}
 
 
 def new_name(name: str, taken: set[str]) -> str:

@@ -1,7 +1,7 @@
-"""An MJCF as the URDF that the rest of the house knows, of the same links, joints, masses, shapes and motors.
+"""An MJCF as the URDF that the other rooms read, of the same links, joints, masses, shapes and motors.
 
 Every body is a link with its own frame, every joint keeps its name and the zero of its position. A joint whose anchor
-is not the body's origin, or that is not the last of its body, moves a link that is a frame alone.
+is not the body's origin, or that is not the last of its body, moves a link that is nothing but a frame.
 """
 
 import hashlib
@@ -21,10 +21,8 @@ from floatplan.robot.mjcf.tree import MjcfTree, new_name
 from floatplan.robot.urdf.inertias import balanced_warning
 from floatplan.robot.urdf.tree import UrdfText, read_xml
 
-FULL = ("xx", "yy", "zz", "xy", "xz", "yz")  # order of MuJoCo's fullinertia
 
-
-@np.errstate(all="ignore")  # numbers may be huge, and are looked at as those of any URDF
+@np.errstate(all="ignore")  # numbers may be huge, and are checked as those of any URDF
 def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool = False) -> UrdfText:
     """Return the URDF of an MJCF file, from its content and root element.
 
@@ -42,25 +40,28 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
     tree = MjcfTree(model)
     motors, of_motors = joint_motors(tree)
     meshes = {number: text.meshes[mesh] for number, mesh in enumerate(model.names["mesh"])}
-    parts = [*_links(tree, meshes), *_joints(tree, motors)]
-    xml = f"<robot {_written(name=name)}>{''.join(parts)}</robot>"
-    keys = dict(zip(model.names["key"], model.key_qpos, strict=True))
+    elements = [*_links(tree, meshes), *_joints(tree, motors)]
+    xml = f"<robot {_written(name=name)}>{''.join(elements)}</robot>"
     entries = {tree.joint_names[joint]: int(model.jnt_qposadr[joint]) for joint in tree.moving}
+    keyframes = {}
+    for key, q in zip(model.names["key"], model.key_qpos, strict=True):
+        if key:
+            keyframes[key] = {joint: float(q[entry]) for joint, entry in entries.items()}
     return UrdfText(
         path=path,
         xml=xml,
         sha256=hashlib.sha256(content).hexdigest(),
         root=fromstring(xml),
         kind="mjcf",
-        files={name: hashlib.sha256(each).hexdigest() for name, each in text.files.items()},
-        keyframes={key: {name: float(q[entry]) for name, entry in entries.items()} for key, q in keys.items() if key},
+        files={name: hashlib.sha256(content_of_file).hexdigest() for name, content_of_file in text.files.items()},
+        keyframes=keyframes,
         warnings=(*tree.warnings, *of_motors, *balanced),
         gravity_direction=tree.gravity_direction,
     )
 
 
 def compiled_file(robot_file: Path, balance_inertias: bool = False) -> CompiledMjcf:
-    """Return an MJCF file as MuJoCo compiles it; errors as of :func:`read_mjcf`, of what the robot is apart."""
+    """Return an MJCF file as MuJoCo compiles it; errors as of :func:`read_mjcf`, but of checks of the robot."""
     _, root = read_xml(robot_file)
     return _compiled(whole_mjcf(root, robot_file), balance_inertias)[0]
 
@@ -84,7 +85,7 @@ def _unbalanced(body: Element) -> bool:
         return False
     try:
         full = [float(word) for word in inertial.get("fullinertia", "").split()]
-        if len(full) == len(FULL):
+        if len(full) == 6:
             xx, yy, zz, xy, xz, yz = full
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         else:
@@ -96,19 +97,19 @@ def _unbalanced(body: Element) -> bool:
 
 def _written(**values: Any) -> str:
     """Attributes: texts, numbers with all digits, or several of these."""
-    texts = {
-        key: value if isinstance(value, str) else " ".join(repr(float(each)) for each in np.atleast_1d(value))
-        for key, value in values.items()
-    }
-    return " ".join(f"{key}={quoteattr(value)}" for key, value in texts.items())
+    attributes = []
+    for key, value in values.items():
+        written = value if isinstance(value, str) else " ".join(map(repr, np.atleast_1d(value).astype(float).tolist()))
+        attributes.append(f"{key}={quoteattr(written)}")
+    return " ".join(attributes)
 
 
-def _origin(place: Any) -> str:
-    return f"<origin {_written(xyz=place.translation, rpy=pin.rpy.matrixToRpy(place.rotation))}/>"
+def _origin(placement: Any) -> str:
+    return f"<origin {_written(xyz=placement.translation, rpy=pin.rpy.matrixToRpy(placement.rotation))}/>"
 
 
-def _place(position: Any, quaternion: Any = (1.0, 0.0, 0.0, 0.0)) -> Any:
-    """``pinocchio.SE3`` of a place and a quaternion w x y z."""
+def _placement(position: Any, quaternion: Any = (1.0, 0.0, 0.0, 0.0)) -> Any:
+    """``pinocchio.SE3`` of a position and a quaternion w x y z."""
     return pin.SE3(pin.Quaternion(*quaternion).normalized().matrix(), np.array(position))
 
 
@@ -124,7 +125,7 @@ def _links(tree: MjcfTree, meshes: Mapping[int, str]) -> Iterator[str]:
         if model.body_mass[body] > 0.0:
             xx, yy, zz = model.body_inertia[body]
             moments = _written(ixx=xx, iyy=yy, izz=zz, ixy=0.0, ixz=0.0, iyz=0.0)
-            origin = _origin(_place(model.body_ipos[body], model.body_iquat[body]))
+            origin = _origin(_placement(model.body_ipos[body], model.body_iquat[body]))
             mass = _written(value=model.body_mass[body])
             inertial = f"<inertial>{origin}<mass {mass}/><inertia {moments}/></inertial>"
         geoms = np.flatnonzero(shapes & (model.geom_bodyid == body)).tolist()
@@ -133,11 +134,16 @@ def _links(tree: MjcfTree, meshes: Mapping[int, str]) -> Iterator[str]:
 
 
 def _collision(model: CompiledMjcf, geom: int, meshes: Mapping[int, str]) -> str:
-    kinds, kind, size = model.constants, int(model.geom_type[geom]), model.geom_size[geom]
-    place, mesh = _place(model.geom_pos[geom], model.geom_quat[geom]), int(model.geom_dataid[geom])
+    kinds = model.constants
+    kind = int(model.geom_type[geom])
+    size = model.geom_size[geom]
+    placement = _placement(model.geom_pos[geom], model.geom_quat[geom])
+    mesh = int(model.geom_dataid[geom])
     if kind == kinds["mjGEOM_MESH"]:
         shape = f"mesh {_written(filename=meshes[mesh], scale=model.mesh_scale[mesh])}"
-        place = place * _place(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()  # from where MuJoCo has it
+        placement = (
+            placement * _placement(model.mesh_pos[mesh], model.mesh_quat[mesh]).inverse()
+        )  # from its placement in MuJoCo
     else:
         shape = {
             kinds["mjGEOM_SPHERE"]: f"sphere {_written(radius=size[0])}",
@@ -146,38 +152,45 @@ def _collision(model: CompiledMjcf, geom: int, meshes: Mapping[int, str]) -> str
             kinds["mjGEOM_BOX"]: f"box {_written(size=2 * size)}",
             kinds["mjGEOM_ELLIPSOID"]: f"ellipsoid {_written(radii=size)}",
         }.get(kind, model.constant(kind, "mjGEOM_"))
-    return f"<collision>{_origin(place)}<geometry><{shape}/></geometry></collision>"
+    return f"<collision>{_origin(placement)}<geometry><{shape}/></geometry></collision>"
 
 
 def _joints(tree: MjcfTree, motors: Mapping[int, Mapping[str, float]]) -> Iterator[str]:
-    """What carries each body: its joints one after the other, and what then leads to the body's own frame."""
-    model, links = tree.model, set(tree.body_names.values())
+    """The joints that carry each body, one after the other, and a fixed one to the body's own frame where necessary."""
+    model = tree.model
+    links = set(tree.body_names.values())
     for body in tree.bodies[1:]:
-        own, carrier = tree.body_names[body], tree.body_names[int(model.body_parentid[body])]
-        place = _place(model.body_pos[body], model.body_quat[body])
+        own = tree.body_names[body]
+        carrier = tree.body_names[int(model.body_parentid[body])]
+        placement = _placement(model.body_pos[body], model.body_quat[body])
         for joint in tree.joints[body]:
-            slides, axis = tree.slides(joint), model.jnt_axis[joint]
-            anchor, back = np.zeros(3) if slides else model.jnt_pos[joint], -model.qpos0[model.jnt_qposadr[joint]]
-            turned = np.eye(3) if slides else pin.AngleAxis(back, axis).matrix()
-            place = place * _place(anchor) * pin.SE3(turned, back * axis if slides else np.zeros(3))
+            slides = tree.slides(joint)
+            axis = model.jnt_axis[joint]
+            anchor = np.zeros(3) if slides else model.jnt_pos[joint]
+            back = -model.qpos0[model.jnt_qposadr[joint]]
+            rotation = np.eye(3) if slides else pin.AngleAxis(back, axis).matrix()
+            placement = placement * _placement(anchor) * pin.SE3(rotation, back * axis if slides else np.zeros(3))
             child = own
             if anchor.any() or joint != tree.joints[body][-1]:
                 child = new_name(f"{own}/{tree.joint_names[joint]}", links)
                 yield f"<link {_written(name=child, type='frame')}/>"
-            limited, motor = bool(model.jnt_limited[joint]), motors[joint]
+            limited = bool(model.jnt_limited[joint])
+            motor = motors[joint]
             kind = "prismatic" if slides else "revolute" if limited else "continuous"
             lower, upper = model.jnt_range[joint] if limited else (0.0, 0.0)  # zeros are no limits
             limit = _written(lower=lower, upper=upper, effort=motor["effort"], velocity=0.0)
             losses = {key: value for key, value in motor.items() if key != "effort" and value}
-            inside = f"<axis {_written(xyz=axis)}/><limit {limit}/><dynamics {_written(**losses)}/>"
-            yield _joint(tree.joint_names[joint], kind, (carrier, child), place, inside)
-            carrier, place = child, _place(-anchor)
+            content = f"<axis {_written(xyz=axis)}/><limit {limit}/><dynamics {_written(**losses)}/>"
+            yield _joint(tree.joint_names[joint], kind, (carrier, child), placement, content)
+            carrier = child
+            placement = _placement(-anchor)
         if carrier != own:
             name = new_name(f"{own}/", set(tree.joint_names.values()))
-            yield _joint(name, "fixed", (carrier, own), place)
+            yield _joint(name, "fixed", (carrier, own), placement)
 
 
-def _joint(name: str, kind: str, links: tuple[str, str], place: Any, inside: str = "") -> str:
-    parent, child = (_written(link=link) for link in links)
-    ends = f"{_origin(place)}<parent {parent}/><child {child}/>"
-    return f"<joint {_written(name=name, type=kind)}>{ends}{inside}</joint>"
+def _joint(name: str, kind: str, links: tuple[str, str], placement: Any, content: str = "") -> str:
+    parent = _written(link=links[0])
+    child = _written(link=links[1])
+    ends = f"{_origin(placement)}<parent {parent}/><child {child}/>"
+    return f"<joint {_written(name=name, type=kind)}>{ends}{content}</joint>"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -19,9 +19,8 @@ from floatplan.tables import Unit
 
 LETTERS = "xyz"
 USUAL_PLANES = {"x": "yz", "y": "xz", "z": "xy"}  # by the normal's letter
-LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal: "1.5708" for pi/2 is 4e-6 off
+LARGEST_TILT = 1e-3  # [rad] between an axis and the normal that it is taken for: "1.5708" for pi/2 is 4e-6 off
 MOST_LEANING = math.sqrt(0.5)  # [-] cosine between a vertical and the upward line of the file
-TILT_ROUNDING = 1e-5  # [rad] below it lies a right angle written as 1.5708 or 1.570796; not worth a warning
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +36,7 @@ class Plane:
     normal : (3,)
         The axis that the planned joints share (majority sign): a unit vector along plus or minus the third letter.
     turn : float
-        +1 where a positive angle about the normal turns the horizontal axis towards the vertical one, else -1.
+        +1 where a positive angle about the normal rotates the horizontal axis towards the vertical one, else -1.
     """
 
     name: str
@@ -51,7 +50,9 @@ class Plane:
         """The plane called ``name``, its normal along most of ``axes`` (3,); a tie gives the positive one."""
         line = _unit((set(LETTERS) - set(name)).pop())
         votes = sum(np.sign(axis @ line) for axis in axes)
-        horizontal, vertical, normal = _unit(name[0]), _unit(name[1]), (-line if votes < 0.0 else line) + 0.0
+        horizontal = _unit(name[0])
+        vertical = _unit(name[1])
+        normal = (-line if votes < 0.0 else line) + 0.0
         turn = round(float(normal @ np.cross(horizontal, vertical)))
         return cls(name, read_only(horizontal), read_only(vertical), read_only(normal), float(turn))
 
@@ -70,24 +71,24 @@ class Plane:
 
 
 def _planes_of(axes: Iterable[Array]) -> list[str]:
-    """Planes in which some of the joints with these axes (3,) turn, in quotation marks."""
-    turning = list(axes)
-    normals = [letter for letter in LETTERS if any(_is_parallel(axis, _unit(letter)) for axis in turning)]
+    """Planes in which some of the joints with these axes (3,) rotate, in quotation marks."""
+    lines = list(axes)
+    normals = [letter for letter in LETTERS if any(_is_parallel(axis, _unit(letter)) for axis in lines)]
     return [f'"{USUAL_PLANES[normal]}"' for normal in normals]
 
 
-def _nothing_to_plan(name: str, axes: Iterable[Array], *, asked: bool) -> InputError:
-    """What is said where no joint turns in a plane, which was asked for or is left of all; ``axes`` are (3,)."""
+def _nothing_to_plan(name: str, axes: Iterable[Array], *, is_user_s: bool) -> InputError:
+    """The refusal of a plane in which no joint rotates: the user's, or the usual one; ``axes`` are (3,)."""
     others = _planes_of(axes)
-    advice = f"joints turn in {either(others)}" if asked and others else None
+    advice = f"joints turn in {either(others)}" if is_user_s and others else None
     reason = f'no joint is left to plan in the plane "{name}"'
-    return InputError(reason, element="plane" if asked else "joints", advice=advice)
+    return InputError(reason, element="plane" if is_user_s else "joints", advice=advice)
 
 
 def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Array | None = None) -> str:
-    """Return ``name``, or else that of the plane in which most joints turn.
+    """Return ``name``, or else that of the plane in which most joints rotate.
 
-    Where it is known which way gravity points, this is a plane with a vertical, if any joint turns in such a one, and
+    Where the direction of gravity is known, this is a plane with a vertical, if any joint rotates in such a one, and
     its vertical is the axis nearest to the line of gravity.
 
     Parameters
@@ -102,7 +103,7 @@ def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Arr
     Raises
     ------
     InputError
-        If the name is not two different letters of x, y, z; or if none is given, and no axis or more than one
+        If the name is not two different letters of x, y, z; or if there is none, and no axis or more than one
         has the most joints.
     """
     if name is not None:
@@ -110,10 +111,10 @@ def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Arr
             reason = f'"{name}" is not two different letters of x, y and z'
             raise InputError(reason, element="plane", advice='write the horizontal and the vertical axis, such as "xz"')
         return name
-    turning = list(axes)
-    if not turning:
+    lines = list(axes)
+    if not lines:
         raise InputError("no joint that turns is left to plan", element="joints")
-    counts = {letter: sum(_is_parallel(axis, _unit(letter)) for axis in turning) for letter in LETTERS}
+    counts = {letter: sum(_is_parallel(axis, _unit(letter)) for axis in lines) for letter in LETTERS}
     vertical = None if gravity_direction is None else LETTERS[int(np.argmax(np.abs(gravity_direction)))]
     if any(count for letter, count in counts.items() if letter != vertical):
         counts = {letter: count for letter, count in counts.items() if letter != vertical}
@@ -138,15 +139,14 @@ def _plane_about(normal: str, vertical: str | None) -> str:
 
 
 def against_gravity(vertical: Array, gravity_direction: Array | None) -> str | None:
-    """Say that a vertical (3,) is not the one of a robot's file, or None where it is, or where the file has none.
+    """Return why a vertical (3,) contradicts the one of a robot's file; None where it does not, or the file has none.
 
-    The file may draw the robot leaning: up to half a right angle, another axis of its root link is no better vertical.
+    The robot of the file may lean: up to half a right angle, another axis of its root link is no better vertical.
     """
     if gravity_direction is None or vertical @ -gravity_direction >= MOST_LEANING:
         return None
-    of_file, of_flights = (
-        ", ".join(f"{part:.3g}" for part in direction + 0.0) for direction in (gravity_direction, -vertical)
-    )
+    of_file = ", ".join(f"{component:.3g}" for component in gravity_direction + 0.0)
+    of_flights = ", ".join(f"{component:.3g}" for component in -vertical + 0.0)
     return (
         f"the file's gravity points along ({of_file}) in the root link's axes, "
         f"and that of flights along ({of_flights}): they contradict each other"
@@ -158,7 +158,7 @@ def _is_parallel(axis: Array, direction: Array) -> bool:
 
 
 def _unit(letter: str) -> Array:
-    return np.array([float(letter == each) for each in LETTERS])
+    return np.array([float(letter == other) for other in LETTERS])
 
 
 @dataclass(frozen=True)
@@ -177,7 +177,7 @@ class Choice:
 
     ``planned`` are names in order; ``coupled`` maps followers, ``locked`` all other moving joints to their positions
     (rad or m); ``geared`` are the followers that the file itself couples by ``<mimic>``: they have no motor of their
-    own; ``signs`` holds the direction of every turning joint about the normal, 0 where it is another; ``resting`` the
+    own; ``signs`` are the directions of all rotating joints about the normal, 0 where it is another; ``resting`` the
     positions of all moving joints if none were planned.
     """
 
@@ -191,7 +191,7 @@ class Choice:
     warnings: tuple[str, ...]
 
     @property
-    def in_plane(self) -> Plane:
+    def given_plane(self) -> Plane:
         """The plane, where there is one.
 
         Raises
@@ -212,14 +212,17 @@ class Choice:
     def ratios(self) -> Mapping[str, Array]:
         """Derivatives of the positions of the joints to be moved by those of the planned ones, (n,) each."""
         planned = dict(zip(self.planned, np.eye(len(self.planned)), strict=True))
-        return planned | {name: each.ratio * planned[each.leader] + 0.0 for name, each in self.coupled.items()}
+        followers = {name: rule.ratio * planned[rule.leader] + 0.0 for name, rule in self.coupled.items()}
+        return planned | followers
 
     @cached_property
     def motor_ratios(self) -> Mapping[str, Array]:
         """Derivatives of the positions of the joints to be moved by those of the motors, (m,) each."""
         motors = dict(zip(self.motors, np.eye(len(self.motors)), strict=True))
-        geared = {name: each for name, each in self.coupled.items() if name in self.geared}
-        return motors | {name: each.ratio * motors[each.leader] + 0.0 for name, each in geared.items()}
+        for name, rule in self.coupled.items():
+            if name in self.geared:
+                motors[name] = rule.ratio * motors[rule.leader] + 0.0
+        return motors
 
     @property
     def positions_at_zero(self) -> dict[str, float]:
@@ -240,19 +243,19 @@ def choose_joints(
 ) -> Choice:
     """Settle the plane and the role of every moving joint.
 
-    In space, with the base "free-flyer", there is no plane, and joints turn about any axis. ``gravity_direction`` is as
-    of :func:`choose_plane`.
+    In space, with the base "free-flyer", there is no plane, and joints rotate about any axis. ``gravity_direction`` is
+    as of :func:`choose_plane`.
 
     A joint is, in this order: locked if the user locks it; coupled if the user couples it; planned if ``joints``
-    names it; coupled if the file has it ``<mimic>`` a planned joint; planned if ``joints`` is not given and it turns
+    names it; coupled if the file has it ``<mimic>`` a planned joint; planned if there are no ``joints`` and it rotates
     about the plane's normal; else locked, at the position within its limits that is nearest to ``posture``'s, or to
     zero where that has none, or where it would tilt the axes of joints to be moved.
 
     Raises
     ------
     InputError
-        If a name is unknown or given two roles, a coupling is circular or a chain, a locked position is outside its
-        limits, a joint to be moved does not turn in the plane, or nothing is left to plan.
+        If a name does not exist or has two roles, a coupling is circular or a chain, a locked position is outside its
+        limits, a joint to be moved does not rotate in the plane, or nothing is left to plan.
     """
     user_locked = _checked_locks(tree, locked or {})
     user_coupled = _checked_couplings(tree, coupled or {}, user_locked)
@@ -261,11 +264,10 @@ def choose_joints(
     mimics = _mimics(tree, {*user_locked, *user_coupled, *(joints or ())})
     resting = _resting(tree, user_locked, mimics)
     placed = tree.placements(resting)
-    axes = {  # (3,) each, in the root link
-        joint.name: placed[joint.parent].rotation @ joint.origin.placement.rotation @ joint.axis
-        for joint in tree.joints
-        if joint.turns
-    }
+    axes = {}  # (3,), in the root link, of the joints that rotate
+    for joint in tree.joints:
+        if joint.turns:
+            axes[joint.name] = placed[joint.parent].rotation @ joint.origin.placement.rotation @ joint.axis
     free = [name for name in axes if name not in user_locked and name not in user_coupled and name not in mimics]
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
     if base != "planar":
@@ -274,35 +276,52 @@ def choose_joints(
             raise InputError("a flight in space has none", element="plane", advice=advice)
         return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
     plane_name = choose_plane(plane, [axes[name] for name in named or free], gravity_direction)
-    if joints is None:  # all that turn in the plane and are not held fast by their limits
-        ranges, any_sign = tree.joint, Plane.of_axes(plane_name, ())
+    if joints is None:  # all that rotate in the plane, but those whose limits leave no range
+        ranges = tree.joint
+        any_sign = Plane.of_axes(plane_name, ())
         free = [name for name in free if any_sign.sign(axes[name]) and ranges[name].lower != ranges[name].upper]
         if not free:
-            raise _nothing_to_plan(plane_name, axes.values(), asked=plane is not None)
+            raise _nothing_to_plan(plane_name, axes.values(), is_user_s=plane is not None)
     planned = tuple(free if joints is None else joints)
     chosen = Plane.of_axes(plane_name, [axes[name] for name in planned])
     signs = {name: chosen.sign(axis) for name, axis in axes.items()}
-    followers = {**user_coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
-    by_file = _mimics(tree, {*user_locked, *planned})
-    geared = frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
+    followers = _followers(planned, user_coupled, mimics)
+    geared = _geared(tree, {*user_locked, *planned}, followers)
     moving = (*planned, *followers)
     _check_moving(tree, planned, followers, axes, chosen)
+    # a right angle written as 1.5708 or 1.570796 is less than 1e-5 rad off, and not worth a warning
     tilts = {name: chosen.tilt(axes[name]) for name in moving}
-    tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > TILT_ROUNDING]
+    tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > 1e-5]
     warnings = [*tree.warnings, *_warning("axes slightly off the plane's normal, taken to be along it", tilted)]
     if posture:
         above = {joint.name for name in moving for joint in tree.path(tree.joint[name].parent)}
         tilting = {name for name in above if not signs.get(name, 1.0)}
         left_out = [name for name in tilting & posture.keys() if posture[name] != tree.joint[name].nearest(0.0)]
         warnings += _warning("not taken to the reference posture, as they would tilt planned joints", sorted(left_out))
-        kept = {name: position for name, position in posture.items() if name not in tilting}
-        resting = _resting(tree, {**kept, **user_locked}, mimics)
-    rest = {name: position for name, position in resting.items() if name not in moving}
+        used = {name: position for name, position in posture.items() if name not in tilting}
+        resting = _resting(tree, {**used, **user_locked}, mimics)
+    fixed = {name: position for name, position in resting.items() if name not in moving}
     if joints is None:
-        silent = [f"{name} = {at:g}" for name, at in rest.items() if name not in user_locked and signs.get(name) == 0.0]
+        silent = []
+        for name, position in fixed.items():
+            if name not in user_locked and signs.get(name) == 0.0:
+                silent.append(f"{name} = {position:g}")
         warnings += _warning("locked, because they do not turn about the plane's normal", silent)
-    warned = (*warnings, *_slides(tree, rest, user_locked))
-    return Choice(chosen, planned, followers, geared, rest, signs, resting, warned)
+    warned = (*warnings, *_slides(tree, fixed, user_locked))
+    return Choice(chosen, planned, followers, geared, fixed, signs, resting, warned)
+
+
+def _followers(
+    planned: Sequence[str], coupled: Mapping[str, Coupling], mimics: Mapping[str, Coupling]
+) -> dict[str, Coupling]:
+    """The user's couplings, and those of the file whose leaders are planned."""
+    return {**coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
+
+
+def _geared(tree: UrdfTree, settled: set[str], followers: Mapping[str, Coupling]) -> frozenset[str]:
+    """Followers that follow as the file itself says."""
+    by_file = _mimics(tree, settled)
+    return frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
 
 
 def _in_space(
@@ -314,31 +333,33 @@ def _in_space(
     joints: Sequence[str] | None,
     posture: Mapping[str, float] | None,
 ) -> Choice:
-    """The roles in space: planned are all that turn but those held fast by their limits, or those of ``joints``."""
+    """The roles in space: planned are all rotating joints with a range, or those of ``joints``."""
     ranges = tree.joint
     planned = tuple(joints or [name for name in free if ranges[name].lower != ranges[name].upper])
     if not planned:
         raise InputError("no joint is left to plan", element="joints")
-    followers = {**coupled, **{name: mimic for name, mimic in mimics.items() if mimic.leader in planned}}
-    by_file = _mimics(tree, {*locked, *planned})
-    geared = frozenset(name for name, coupling in followers.items() if by_file.get(name) == coupling)
+    followers = _followers(planned, coupled, mimics)
+    geared = _geared(tree, {*locked, *planned}, followers)
     _check_followers(tree, planned, followers)
     resting = _resting(tree, {**(posture or {}), **locked}, mimics)
-    rest = {name: position for name, position in resting.items() if name not in (*planned, *followers)}
-    warnings = (*tree.warnings, *_slides(tree, rest, locked))
-    return Choice(None, planned, followers, geared, rest, {}, resting, warnings)
+    fixed = {name: position for name, position in resting.items() if name not in (*planned, *followers)}
+    warnings = (*tree.warnings, *_slides(tree, fixed, locked))
+    return Choice(None, planned, followers, geared, fixed, {}, resting, warnings)
 
 
-def _slides(tree: UrdfTree, rest: Mapping[str, float], locked: Mapping[str, float]) -> list[str]:
-    """The warning that joints are held since they slide; those that the user locks are known to be."""
-    sliding = [f"{name} = {rest[name]:g} m" for name in rest if not tree.joint[name].turns and name not in locked]
+def _slides(tree: UrdfTree, fixed: Mapping[str, float], locked: Mapping[str, float]) -> list[str]:
+    """The warning about sliding joints that are locked though the user has not locked them."""
+    sliding = [f"{name} = {fixed[name]:g} m" for name in fixed if not tree.joint[name].turns and name not in locked]
     return _warning("locked, because joints that slide are not planned", sliding)
 
 
 def in_radians(tree: UrdfTree, locked: Mapping[str, float], angles: Unit) -> dict[str, float]:
-    """Positions of joints, rad, from those in a unit of angles; what slides is in m and stays so."""
-    turning = {name for name, joint in tree.joint.items() if joint.turns}
-    return {name: math.radians(at) if angles == "deg" and name in turning else at for name, at in locked.items()}
+    """Positions of joints, rad, from those in a unit of angles; sliding joints are in m and stay so."""
+    positions = {}
+    for name, position in locked.items():
+        rotates = name in tree.joint and tree.joint[name].turns
+        positions[name] = math.radians(position) if angles == "deg" and rotates else position
+    return positions
 
 
 def _checked_locks(tree: UrdfTree, locked: Mapping[str, float]) -> dict[str, float]:
@@ -388,7 +409,7 @@ def _checked_couplings(
 def _check_joints(
     tree: UrdfTree, joints: Sequence[str], locked: Mapping[str, float], coupled: Mapping[str, Coupling]
 ) -> None:
-    """Check the names of joints to be planned: each turns, is named once, and has no other role."""
+    """Check the names of joints to be planned: each rotates, is named once, and has no other role."""
     if not joints:
         raise InputError("is empty: no joint is left to plan", element="joints")
     for number, name in enumerate(joints):
@@ -407,8 +428,8 @@ def _moving_joint(tree: UrdfTree, name: str, where: str) -> UrdfJoint:
     """The joint called ``name``, which exists and moves; ``where`` is the element that errors name."""
     joint = tree.joint.get(name)
     if joint is None:
-        known = ", ".join(known.name for known in tree.joints if known.moves)
-        raise InputError(f'no joint is called "{name}"', element=where, advice=f"the joints that move are: {known}")
+        names = ", ".join(other.name for other in tree.joints if other.moves)
+        raise InputError(f'no joint is called "{name}"', element=where, advice=f"the joints that move are: {names}")
     if not joint.moves:
         raise InputError(f'joint "{name}" is fixed', element=where, advice="leave it out")
     return joint
@@ -425,7 +446,7 @@ def _turning_joint(tree: UrdfTree, name: str, where: str) -> UrdfJoint:
 def _check_moving(
     tree: UrdfTree, planned: Sequence[str], followers: Mapping[str, Coupling], axes: Mapping[str, Array], plane: Plane
 ) -> None:
-    """Check that followers turn and follow a planned joint, and that all joints to be moved turn in the plane."""
+    """Check that followers rotate and follow a planned joint, and that all joints to be moved rotate in the plane."""
     _check_followers(tree, planned, followers)
     for name in (*planned, *followers):
         if not plane.sign(axes[name]):
@@ -435,7 +456,7 @@ def _check_moving(
 
 
 def _check_followers(tree: UrdfTree, planned: Sequence[str], followers: Mapping[str, Coupling]) -> None:
-    """Check that followers turn and follow a planned joint."""
+    """Check that followers rotate and follow a planned joint."""
     for name, coupling in followers.items():
         where = f'coupled "{name}"'
         if coupling.leader not in planned:
@@ -445,18 +466,21 @@ def _check_followers(tree: UrdfTree, planned: Sequence[str], followers: Mapping[
 
 
 def _mimics(tree: UrdfTree, settled: set[str]) -> dict[str, Coupling]:
-    """The file's ``<mimic>`` joints that the user left alone, each with the leader at the end of its chain."""
+    """The file's ``<mimic>`` joints without a role by the user, each with the leader at the end of its chain."""
     mimics: dict[str, Coupling] = {}
     for joint in tree.joints:
         if joint.mimic is None or not joint.moves or joint.name in settled:
             continue
-        leader, ratio, offset = tree.joint[joint.mimic.joint], joint.mimic.multiplier, joint.mimic.offset
+        leader = tree.joint[joint.mimic.joint]
+        ratio = joint.mimic.multiplier
+        offset = joint.mimic.offset
         seen = {joint.name}
         while leader.mimic is not None and leader.name not in settled:
             if leader.name in seen:
                 raise InputError("mimics itself through others", element=f'joint "{joint.name}": mimic')
             seen.add(leader.name)
-            ratio, offset = ratio * leader.mimic.multiplier, offset + ratio * leader.mimic.offset
+            offset += ratio * leader.mimic.offset
+            ratio *= leader.mimic.multiplier
             leader = tree.joint[leader.mimic.joint]
         if ratio:
             mimics[joint.name] = Coupling(leader.name, ratio, offset)
@@ -475,24 +499,32 @@ def _warning(text: str, items: Sequence[str]) -> list[str]:
     return [f"{text}: {', '.join(items)}"] if items else []
 
 
-def with_motors(tree: UrdfTree, choice: Choice, asked: Mapping[str, float | Mapping[str, float] | None]) -> UrdfTree:
-    """Return the robot with motors as asked, which come before those of the file; joints that are locked have none.
+def with_motors(
+    tree: UrdfTree, choice: Choice, properties: Mapping[str, float | Mapping[str, float] | None]
+) -> UrdfTree:
+    """Return the robot with the user's properties of motors instead of the file's; locked joints have no motor.
 
-    ``asked`` are "armature" and "damping" of all motors, or by joint; None is as the file has it.
+    ``properties`` are "armature" and "damping" of all motors, or by joint; None is as the file has it.
 
     Raises
     ------
     InputError
-        A joint is unknown or does not move.
+        A joint does not exist or does not move.
     """
     joints = {name: tree.joint[name] for name in choice.ratios}
-    for key, given in asked.items():
-        for name in given if isinstance(given, Mapping) else ():
-            where = f'{key} "{name}"'
-            _moving_joint(tree, name, where)
-            if name not in joints:
-                raise InputError("the joint is locked, so that its motor does not turn", element=where)
-        own: Any = given if isinstance(given, Mapping) else {} if given is None else dict.fromkeys(choice.motors, given)
-        joints |= {name: replace(joints[name], **{key: value}) for name, value in own.items()}
-    rest = (replace(joint, armature=None, damping=None, friction=None) for joint in tree.joints)
-    return replace(tree, joints=tuple(joints.get(joint.name, joint) for joint in rest))
+    for key, value in properties.items():
+        if value is None:
+            continue
+        by_joint = value if isinstance(value, Mapping) else dict.fromkeys(choice.motors, value)
+        for name, number in by_joint.items():
+            if isinstance(value, Mapping):
+                where = f'{key} "{name}"'
+                _moving_joint(tree, name, where)
+                if name not in joints:
+                    raise InputError("the joint is locked, so that its motor does not turn", element=where)
+            joints[name] = replace(joints[name], **{key: number})  # type: ignore[arg-type]
+    all_joints = []
+    for joint in tree.joints:
+        without = replace(joint, armature=None, damping=None, friction=None)
+        all_joints.append(joints.get(joint.name, without))
+    return replace(tree, joints=tuple(all_joints))

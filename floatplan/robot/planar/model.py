@@ -6,9 +6,9 @@ that nq = nv and every angle is one unbounded number. ``JointModelPlanar`` carri
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from random import Random  # NumPy's takes longer to import than all postures to draw
+from random import Random  # NumPy's takes longer to import than all postures take
 from typing import Any
 
 import numpy as np
@@ -21,18 +21,14 @@ from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
 FREE_FLYER = 6  # velocities of the base in space; its configuration has one number more
-AXIS_ROUNDING = 1e-12  # [-] rotations from roll, pitch and yaw carry errors of this order
-UNBOUNDED = 1e6  # [rad, m, 1/s, N m] stands in Pinocchio for a limit that is not given
-UNLIMITED = (UNBOUNDED, UNBOUNDED, -UNBOUNDED, UNBOUNDED)  # of effort, of velocity, lower, upper
+UNBOUNDED = 1e6  # [rad, m, 1/s, N m] what Pinocchio is told where there is no limit
 POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
-WHOLE = 1e-9  # [-] of the robot's mass that may be missing from all of it
-LEAST_EIGENVALUE = 1e-10  # [-] of the mass matrix scaled to a unit diagonal; below it, accelerations lose all digits
 
 
 def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
     """Return the robot that is planned: the axes of planned and coupled joints exactly along or against the normal.
 
-    An axis slightly off is turned onto it, and nothing else: the joints' origins are those of the file. A robot with
+    An axis slightly off is replaced by it, and nothing else: the joints' origins are those of the file. A robot with
     tilted axes has no motion in the plane to restrict it to; this one moves in the plane exactly, and its momentum
     differs from the file's by the order of the tilt.
     """
@@ -41,20 +37,24 @@ def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
     joints = []
     for joint in tree.joints:
         rotation = rotations[joint.parent] @ joint.origin.placement.rotation
-        turned = joint
+        exact_joint = joint
         if joint.name in choice.ratios:
-            exact = choice.signs[joint.name] * rotation.T @ choice.in_plane.normal
-            if abs(exact - joint.axis).max() >= AXIS_ROUNDING:
-                turned = replace(joint, axis=exact / math.hypot(*exact))
-        joints.append(turned)
-        rotations[joint.child] = rotation @ turned.motion(positions.get(joint.name, 0.0)).rotation
+            exact = choice.signs[joint.name] * rotation.T @ choice.given_plane.normal
+            # rotations from roll, pitch and yaw carry errors of the order of 1e-12
+            if abs(exact - joint.axis).max() >= 1e-12:
+                exact_joint = replace(joint, axis=exact / math.hypot(*exact))
+        joints.append(exact_joint)
+        rotations[joint.child] = rotation @ exact_joint.motion(positions.get(joint.name, 0.0)).rotation
     return replace(tree, joints=tuple(joints))
 
 
-def largest_turn(written: UrdfTree, turned: UrdfTree) -> float:
+def largest_turn(written: UrdfTree, exact: UrdfTree) -> float:
     """Largest angle between the axes of a joint in the one and in the other, rad."""
-    pairs = [(joint.axis, turned.joint[joint.name].axis) for joint in written.joints]
-    return max(math.atan2(np.linalg.norm(np.cross(one, other)), one @ other) for one, other in pairs)
+    angles = []
+    for joint in written.joints:
+        axis = exact.joint[joint.name].axis
+        angles.append(math.atan2(np.linalg.norm(np.cross(joint.axis, axis)), joint.axis @ axis))
+    return max(angles)
 
 
 def build_model(tree: UrdfTree, choice: Choice) -> Any:
@@ -62,27 +62,33 @@ def build_model(tree: UrdfTree, choice: Choice) -> Any:
 
     It has the frames of the file's links and joints.
     """
-    model, joint = pin.Model(), 0
-    model.name, model.gravity = tree.name, pin.Motion.Zero()
+    model = pin.Model()
+    parent_joint = 0
+    unlimited = np.array([UNBOUNDED, UNBOUNDED, -UNBOUNDED, UNBOUNDED])  # effort, velocity, lower, upper
+    model.name = tree.name
+    model.gravity = pin.Motion.Zero()
     for name, kind in _base_joints(choice.plane):
         while name in tree.links or name in tree.joint:
             name += "_"
-        limits = np.repeat(np.array(UNLIMITED)[:, None], kind.nq, axis=1)
-        joint = model.addJoint(joint, kind, pin.SE3.Identity(), name, *limits[:2, : kind.nv], *limits[2:])
-        model.addJointFrame(joint)
-    links = {tree.root: _add_link(model, tree.links[tree.root], joint, model.nframes - 1, pin.SE3.Identity())}
-    for each in tree.joints:
-        parent = model.frames[links[each.parent]]
-        joint, placement = parent.parentJoint, parent.placement * each.origin.placement
-        if each.moves:
-            limits = np.clip([[each.effort], [each.velocity], [each.lower], [each.upper]], -UNBOUNDED, UNBOUNDED)
-            joint = model.addJoint(joint, _joint(each.turns, each.axis), placement, each.name, *limits)
-            frame, placement = model.addJointFrame(joint, links[each.parent]), pin.SE3.Identity()
-            model.armature[model.idx_vs[joint]] = each.armature or 0.0  # on the mass matrix: in RNEA, ABA and CRBA
+        limits = np.repeat(unlimited[:, None], kind.nq, axis=1)
+        parent_joint = model.addJoint(parent_joint, kind, pin.SE3.Identity(), name, *limits[:2, : kind.nv], *limits[2:])
+        model.addJointFrame(parent_joint)
+    root = _add_link(model, tree.links[tree.root], parent_joint, model.nframes - 1, pin.SE3.Identity())
+    links = {tree.root: root}
+    for joint in tree.joints:
+        parent = model.frames[links[joint.parent]]
+        carrier = parent.parentJoint
+        placement = parent.placement * joint.origin.placement
+        if joint.moves:
+            limits = np.clip([[joint.effort], [joint.velocity], [joint.lower], [joint.upper]], -UNBOUNDED, UNBOUNDED)
+            carrier = model.addJoint(carrier, _joint(joint.turns, joint.axis), placement, joint.name, *limits)
+            frame = model.addJointFrame(carrier, links[joint.parent])
+            placement = pin.SE3.Identity()
+            model.armature[model.idx_vs[carrier]] = joint.armature or 0.0  # on the mass matrix: in RNEA, ABA and CRBA
         else:
-            fixed = pin.Frame(each.name, joint, links[each.parent], placement, pin.FrameType.FIXED_JOINT)
+            fixed = pin.Frame(joint.name, carrier, links[joint.parent], placement, pin.FrameType.FIXED_JOINT)
             frame = model.addFrame(fixed)
-        links[each.child] = _add_link(model, tree.links[each.child], joint, frame, placement)
+        links[joint.child] = _add_link(model, tree.links[joint.child], carrier, frame, placement)
     return model
 
 
@@ -110,7 +116,8 @@ def _add_link(model: Any, link: UrdfLink, joint: int, above: int, placement: Any
     inertia = pin.Inertia.Zero()
     if link.inertial is not None:
         origin = link.inertial.origin.placement
-        inertia.mass, inertia.lever = link.inertial.mass, origin.translation
+        inertia.mass = link.inertial.mass
+        inertia.lever = origin.translation
         inertia.inertia = link.inertial.in_link
     return int(model.addFrame(pin.Frame(link.name, joint, above, placement, pin.FrameType.BODY, inertia)))
 
@@ -122,26 +129,29 @@ def coordinates(model: Any, choice: Choice) -> tuple[Array, Array, Array]:
     motor's torque is ``transmission.T`` times the torques of all joints: its own joint's, and those that the file gears
     to it, by their ratios.
     """
-    joints, positions = list(model.joints)[1:], choice.positions_at_zero
-    names = list(model.names)[1:]
+    positions = choice.positions_at_zero
     at_identity = pin.neutral(model)
-    for name, joint in zip(names, joints, strict=True):
+    names = []  # of the joint of each velocity
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        names += [name] * joint.nv
         if name in positions:
             at_identity[joint.idx_q] = positions[name]
-    rows = [name for name, joint in zip(names, joints, strict=True) for _ in range(joint.nv)]
-    selection, transmission = (
-        read_only([ratios.get(name, np.zeros(count)) for name in rows])
-        for ratios, count in ((choice.ratios, len(choice.planned)), (choice.motor_ratios, len(choice.motors)))
-    )
+    selection = _rows(choice.ratios, names, len(choice.planned))
+    transmission = _rows(choice.motor_ratios, names, len(choice.motors))
     return read_only(at_identity), selection, transmission
 
 
-def planned_limits(tree: UrdfTree, choice: Choice) -> tuple[Array, Array, Array]:
-    """Return limits of position (n, 2) rad, velocity (n,) rad/s and torque (n,) N m; infinite where not given.
+def _rows(ratios: Mapping[str, Array], names: Sequence[str], count: int) -> Array:
+    """Rows (names, count) of ratios, zero for joints that have none."""
+    return read_only([ratios.get(name, np.zeros(count)) for name in names])
 
-    Positions and velocities of a leader are those that keep its followers within their limits too. The torque of a
-    planned coordinate is that of all its motors together, by ratio; its limit is the sum of ``|ratio| * limit`` over
-    them. Followers that are geared to their leader by the file have no motor, and add nothing.
+
+def planned_limits(tree: UrdfTree, choice: Choice) -> tuple[Array, Array, Array]:
+    """Return limits of position (n, 2) rad, velocity (n,) rad/s and torque (n,) N m; infinite where there is none.
+
+    Positions and velocities of a leader are those at which its followers are within their limits too. The torque of a
+    planned coordinate is the sum of all its motors', by ratio; its limit is the sum of ``|ratio| * limit`` over them.
+    Followers that are geared to their leader by the file have no motor, and add nothing.
 
     Raises
     ------
@@ -173,7 +183,7 @@ def check_model(model: Any, reference: Array, selection: Array, joints: Sequence
     model : pinocchio.Model
     reference, selection : (nv,), (nv, n)
     joints : (n) names
-    limits : (n, 2) rad, infinite where not given
+    limits : (n, 2) rad, infinite where there is none
 
     Raises
     ------
@@ -197,10 +207,11 @@ def check_model(model: Any, reference: Array, selection: Array, joints: Sequence
         if diagonal.min() > 0.0:
             scale = 1.0 / np.sqrt(diagonal)
             values, vectors = np.linalg.eigh(scale[:, None] * mass_matrix * scale)
-            if values[0] > LEAST_EIGENVALUE:
+            if values[0] > 1e-10:  # of a matrix with unit diagonal: below it, accelerations lose all digits
                 continue
             culprit = int(np.argmax(abs(vectors[base:, 0])))
-        reason, advice = "moves no inertia of its own: the mass matrix is singular", "give the links beyond it mass"
+        reason = "moves no inertia of its own: the mass matrix is singular"
+        advice = "give the links beyond it mass"
         if _carries_everything(model, joints[culprit]):
             reason = "moves the whole robot, as what carries it weighs nothing: the mass matrix is singular"
             advice = "give the links before it mass"
@@ -211,17 +222,19 @@ def _carries_everything(model: Any, joint: str) -> bool:
     """Whether all of the robot's mass is beyond a joint."""
     data = model.createData()
     pin.computeSubtreeMasses(model, data)
-    return bool(data.mass[model.getJointId(joint)] >= data.mass[0] * (1.0 - WHOLE))
+    return bool(data.mass[model.getJointId(joint)] >= data.mass[0] * (1.0 - 1e-9))
 
 
 def sample_postures(limits: Array, count: int, generator: Random) -> Array:
-    """Return postures (count, n) within ``limits`` (n, 2); joints without limits turn within [-pi, pi].
+    """Return postures (count, n) within ``limits`` (n, 2); joints without limits rotate within [-pi, pi].
 
     The first is the one nearest to zero.
     """
-    lower, upper = np.clip(limits[:, 0], -np.pi, None), np.clip(limits[:, 1], None, np.pi)
+    lower = np.clip(limits[:, 0], -np.pi, None)
+    upper = np.clip(limits[:, 1], None, np.pi)
     beyond = lower > upper  # limits that leave [-pi, pi] out altogether
-    lower[beyond], upper[beyond] = limits[beyond, 0], limits[beyond, 1]
+    lower[beyond] = limits[beyond, 0]
+    upper[beyond] = limits[beyond, 1]
     fractions = [[generator.random() for _ in limits] for _ in range(count)]
     postures: Array = lower + (upper - lower) * np.array(fractions).reshape(count, len(limits))
     postures[0] = np.clip(0.0, lower, upper)

@@ -1,4 +1,4 @@
-"""The robot as seen in its plane: bodies that turn as one, and where their points are.
+"""The robot in its plane: bodies that rotate as one, and the positions of their points.
 
 With the absolute angle of body b written as ``phi_b = orientation + turns_b @ positions + offsets_b`` (radians about
 the plane's normal), every point of the robot relative to the centre of mass is a fixed linear combination of the
@@ -19,7 +19,6 @@ from floatplan.arrays import Array, ComplexArray, IntArray, read_only
 from floatplan.robot.planar.choice import Choice, Plane
 from floatplan.robot.urdf.tree import UrdfTree
 
-DRAWN = 3  # [-] postures, in which bodies that are in one place always are
 SAME = 1e-9  # [m] points that are nowhere farther apart are one
 
 
@@ -34,14 +33,14 @@ class PlanarTree:
     parent : (m,) int
         Index of the parent body, -1 for body 0.
     anchor : (m,) complex
-        Place of the body's joint in its parent's frame, m; 0 for body 0.
+        Position of the body's joint in its parent's frame, m; 0 for body 0.
     mass : (m,) kg
     center : (m,) complex
         Centre of mass in the body's frame, m.
     inertia : (m,) kg m^2
         About the body's own centre of mass and the plane's normal.
     armature : (m,) kg m^2
-        Of the rotor that turns with the joint between the body and its parent, as that joint feels it; 0 for body 0.
+        Of the rotor that is geared to the joint between the body and its parent, as that joint feels it; 0 for body 0.
     turns : (m, n)
         Derivative of each body's absolute angle by the planned positions: entries 0, +-1, or coupling ratios.
     motor_turns : (m, motors)
@@ -49,7 +48,7 @@ class PlanarTree:
     offsets : (m,) rad
         Absolute angle of each body at orientation 0 and planned positions 0.
     turn : float
-        +1 where a positive angle about the normal turns the horizontal axis towards the vertical one, else -1.
+        +1 where a positive angle about the normal rotates the horizontal axis towards the vertical one, else -1.
     origins : (m, m) complex, m
         Weights of rotations that give the bodies' origins, from the base's origin.
     com : (m,) complex, m
@@ -57,7 +56,7 @@ class PlanarTree:
     coupling : (m, m) complex, kg m^2
         The matrix C, Hermitian: ``W^H diag(mass) W``, W the weights of the bodies' mass centres.
     rotors : (m, n) kg m^2, or None where there are none
-        Moments that turn the bodies' rotors, by the planned accelerations. Momentum does not count rotors.
+        Moments that accelerate the bodies' rotors, by the planned accelerations. Momentum does not count rotors.
     distinct_turns : (g, n), and (m,) int
         Rows of the turns that differ, in the order of their first appearance, and which of them each body has.
     """
@@ -80,7 +79,7 @@ class PlanarTree:
     distinct_turns: tuple[Array, IntArray] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compute what follows from the bodies: where they are, the matrix C, what turns rotors, who turns alike."""
+        """Compute what follows from the bodies: origins, the matrix C, moments of rotors, which bodies rotate alike."""
         count = len(self.mass)
         origins = np.zeros((count, count), dtype=np.complex128)
         for body, parent in enumerate(self.parent.tolist()[1:], 1):
@@ -91,8 +90,8 @@ class PlanarTree:
         from_com = centers - com
         coupling = np.asarray(from_com.conj().T @ (self.mass[:, None] * from_com))
 
-        # A joint's torque turns its rotor too: a moment of the joint's body, against its parent, so that it is in no
-        # other joint's torque.
+        # A joint's torque accelerates its rotor too: a moment of the joint's body, against its parent, so that it is in
+        # no other joint's torque.
         rotors = None
         if self.armature.any():
             own = self.armature[1:, None] * (self.turns[1:] - self.turns[self.parent[1:]])
@@ -123,28 +122,37 @@ class PlanarTree:
         return rotations
 
     def point_weights(self, body: IntArray, local: ComplexArray) -> ComplexArray:
-        """Weights W (points, m): a point's place relative to the centre of mass is ``rotations @ W.T``.
+        """Weights W (points, m): a point's position relative to the centre of mass is ``rotations @ W.T``.
 
         Parameters
         ----------
         body : (points,) int
             The body that each point is fixed to.
         local : (points,) complex
-            Its place in that body's frame, m.
+            Its position in that body's frame, m.
         """
         weights: ComplexArray = self.origins[body]
         weights[np.arange(len(body)), body] += local
         return np.asarray(weights - self.com, dtype=np.complex128)
 
+    def places_from_com(self, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
+        """Places (..), m, of points by their weights (m,) or (.., m), for orientations (..) and positions (.., n), rad.
+
+        Each is computed as if it were alone: to the same bits.
+        """
+        angles = orientation[..., None] + (positions[..., None, :] * self.turns).sum(axis=-1) + self.offsets
+        return np.asarray((self.rotations(angles) * weights).sum(axis=-1))
+
     @cached_property
     def coincident(self) -> IntArray:
-        """Of each body the first (m,) that always is where it is, turned as it is: of legs coupled left to right."""
-        count, rng = len(self.mass), np.random.default_rng(0)
-        postures = rng.uniform(-1.0, 1.0, (DRAWN, self.turns.shape[1]))
-        rotations = self.rotations(self.absolute_angles(np.zeros(DRAWN), postures))
+        """Of each body the first (m,) that always has the same pose, such as of legs coupled left to right."""
+        count = len(self.mass)
+        samples = 3  # postures: bodies that coincide in three random ones always do
+        postures = np.random.default_rng(0).uniform(-1.0, 1.0, (samples, self.turns.shape[1]))
+        rotations = self.rotations(self.absolute_angles(np.zeros(samples), postures))
         weights = self.point_weights(np.repeat(np.arange(count), 2), np.tile(np.array([0j, 1 + 0j]), count))
-        where = (rotations @ weights.T).reshape(DRAWN, count, 2)
-        apart = abs(where[:, :, None] - where[:, None, :]).max(axis=(0, 3))
+        positions = (rotations @ weights.T).reshape(samples, count, 2)
+        apart = abs(positions[:, :, None] - positions[:, None, :]).max(axis=(0, 3))
         return np.asarray(np.argmax(apart <= SAME, axis=1))
 
 
@@ -152,12 +160,14 @@ class PlanarTree:
 class Frame:
     """A named point of the robot: a link's or joint's origin, fixed to a body of the :class:`PlanarTree`, m.
 
-    ``link`` is the link itself, or the joint's child.
+    ``link`` is the link itself, or the joint's child; ``weights`` (m,) give its place relative to the centre of mass,
+    see :meth:`PlanarTree.point_weights`.
     """
 
     body: int
     local: complex
     link: str
+    weights: ComplexArray = field(compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +203,17 @@ class TreeLayout:
 
     def __post_init__(self) -> None:
         """Make what every problem of the robot needs."""
-        links = {
-            link: Frame(body, self.local(body, self.placements[link].translation), link)
-            for link, body in self.body_of.items()
-        }
+        planar_tree = self._planar_tree()
+        bodies = np.array(list(self.body_of.values()))
+        origins = [self.local(body, self.placements[link].translation) for link, body in self.body_of.items()]
+        weights = planar_tree.point_weights(bodies, np.array(origins))
+        weights.setflags(write=False)
+        links = {}
+        for index, (link, body) in enumerate(self.body_of.items()):
+            links[link] = Frame(body, origins[index], link, weights[index])
         joints = {joint.name: links[joint.child] for joint in self.tree.joints}
         frames = joints | {link: links[link] for link in self.tree.links}
-        vars(self).update(planar_tree=self._planar_tree(), frames=frames)
+        vars(self).update(planar_tree=planar_tree, frames=frames)
 
     @classmethod
     def of(cls, tree: UrdfTree, choice: Choice) -> TreeLayout:
@@ -207,50 +221,56 @@ class TreeLayout:
         positions = choice.positions_at_zero
         placements = tree.placements(positions)
         bodies = [_Body(tree.root, -1, np.zeros(len(choice.planned)), np.zeros(len(choice.motors)), 0.0, 0j)]
-        body_of, angle = {tree.root: 0}, {tree.root: 0.0}
+        body_of = {tree.root: 0}
+        angle = {tree.root: 0.0}
         for joint in tree.joints:
-            parent, sign = body_of[joint.parent], choice.signs.get(joint.name, 0.0)
+            parent = body_of[joint.parent]
+            sign = choice.signs.get(joint.name, 0.0)
             angle[joint.child] = angle[joint.parent] + sign * positions.get(joint.name, 0.0)
             body_of[joint.child] = parent
             if joint.name in choice.ratios:
                 body_of[joint.child] = len(bodies)
                 turns = bodies[parent].turns + sign * choice.ratios[joint.name]
                 motor_turns = bodies[parent].motor_turns + sign * choice.motor_ratios[joint.name]
-                origin = choice.in_plane.project(placements[joint.child].translation)
+                origin = choice.given_plane.project(placements[joint.child].translation)
                 bodies.append(_Body(joint.child, parent, turns, motor_turns, angle[joint.child], origin))
-        return cls(tree, choice.in_plane, tuple(bodies), body_of, placements)
+        return cls(tree, choice.given_plane, tuple(bodies), body_of, placements)
 
     def back(self, body: int) -> complex:
         """Rotation, as a factor, from the plane to a body's frame at planned positions zero."""
         return complex(np.exp(-1j * self.plane.turn * self.bodies[body].offset))
 
     def local(self, body: int, point: Array) -> complex:
-        """Place in a body's frame of a ``point`` (3,) of the root link, at planned positions zero."""
+        """Position in a body's frame of a ``point`` (3,) of the root link, at planned positions zero."""
         return (self.plane.project(point) - self.bodies[body].origin) * self.back(body)
 
     def _planar_tree(self) -> PlanarTree:
         """The bodies with their masses, centres of mass and inertias about the plane's normal."""
         count = len(self.bodies)
-        mass, inertia = np.zeros(count), np.zeros(count)
+        mass = np.zeros(count)
+        inertia = np.zeros(count)
         moment = np.zeros(count, dtype=np.complex128)
-        parts = []
+        members = []  # body, mass and position of each link
         for link in self.tree.links.values():
             if link.inertial is None:
                 continue
             body = self.body_of[link.name]
             placement = self.placements[link.name] * link.inertial.origin.placement
-            place = self.local(body, placement.translation)
+            position = self.local(body, placement.translation)
             normal = placement.rotation.T @ self.plane.normal
             mass[body] += link.inertial.mass
-            moment[body] += link.inertial.mass * place
+            moment[body] += link.inertial.mass * position
             inertia[body] += normal @ link.inertial.inertia @ normal
-            parts.append((body, link.inertial.mass, place))
+            members.append((body, link.inertial.mass, position))
         center = np.divide(moment, mass, out=np.zeros_like(moment), where=mass > 0.0)
-        for body, part_mass, place in parts:
-            inertia[body] += part_mass * abs(place - center[body]) ** 2
-        anchors = [self.local(body.parent, self.placements[body.name].translation) for body in self.bodies[1:]]
+        for body, link_mass, position in members:
+            inertia[body] += link_mass * abs(position - center[body]) ** 2
         parent = np.array([body.parent for body in self.bodies], dtype=np.int64)
-        anchor = np.array([0j, *anchors])
+        anchor = np.zeros(count, dtype=np.complex128)
+        armature = np.zeros(count)
+        for index, body_below in enumerate(self.bodies[1:], 1):
+            anchor[index] = self.local(body_below.parent, self.placements[body_below.name].translation)
+            armature[index] = self.tree.carrier[body_below.name].armature or 0.0
         for array in (parent, anchor, center):
             array.setflags(write=False)
         return PlanarTree(
@@ -260,7 +280,7 @@ class TreeLayout:
             mass=read_only(mass),
             center=center,
             inertia=read_only(inertia),
-            armature=read_only([0.0, *(self.tree.carrier[body.name].armature or 0.0 for body in self.bodies[1:])]),
+            armature=read_only(armature),
             turns=read_only([body.turns for body in self.bodies]),
             motor_turns=read_only([body.motor_turns for body in self.bodies]),
             offsets=read_only([body.offset for body in self.bodies]),

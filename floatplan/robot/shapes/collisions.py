@@ -26,14 +26,12 @@ from floatplan.robot.urdf.tree import number, only, triple
 MESH_KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives: a small one can hold gigabytes
 LARGEST_MESH = 100_000_000  # [bytes]
 LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
-MIXER = np.uint64(0x9E3779B97F4A7C15)  # odd, 2^64 over the golden ratio: multiplying by it spreads bits
 FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
 STL_HEADER = 84  # [bytes] of a binary STL file; the last four are the number of triangles
-STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-ROUND_CORNERS = 32  # [-] of the polygon around a disc seen aslant: it is 0.5 % larger
+ROUND_CORNERS = 32  # [-] of the polygon around a disc seen at an angle: it is 0.5 % larger
 AROUND = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
 KINDS = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")
-UNMOVED = complex(-0.0, -0.0)  # [m] added, it changes nothing, not even the sign of zero
+UNMOVED = complex(-0.0, -0.0)  # [m] a shift that changes nothing, not even the sign of zero
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 AXIS = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
@@ -74,7 +72,7 @@ def check_mesh_file(path: Path, element: str) -> None:
 
 
 def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
-    """Read a mesh file, every part of it: a part that cannot be read is an error.
+    """Read a mesh file, all its geometries: one that cannot be read is an error.
 
     Parameters
     ----------
@@ -82,7 +80,7 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
     scale : (3,)
         Of the file's units along its axes.
     element : str
-        What error messages name as the place in the URDF.
+        The element of the URDF that error messages name.
 
     Raises
     ------
@@ -101,15 +99,15 @@ def load_mesh(path: Path, scale: Array, element: str) -> Mesh:
     if reason:
         raise InputError(reason, source=path, element=element, advice="repair the mesh, or remove the <collision>")
     used, numbers = np.unique(faces, return_inverse=True)
-    places, merged = _merged(corners[used] * scale)
+    distinct_corners, merged = _merged(corners[used] * scale)
     triangles = merged[numbers.reshape(faces.shape)]
-    return Mesh(places, triangles, _edges(triangles), hashlib.sha256(content).hexdigest())
+    return Mesh(distinct_corners, triangles, _edges(triangles), hashlib.sha256(content).hexdigest())
 
 
 def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
-    """All corners (k, 3) and faces (f, 3) as they are written: what trimesh calls processing would drop and move some.
+    """All corners (k, 3) and faces (f, 3) as they are written: trimesh's "processing" would drop and move some.
 
-    Files that the content refers to are not read: it alone is the mesh.
+    Files that the content refers to are not read: it is the whole mesh.
     """
     import trimesh
 
@@ -123,8 +121,9 @@ def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
     options = {"ignore_broken": False} if kind == "dae" else {}
     with np.errstate(all="ignore"):
         parsed = loaders[kind](io.BytesIO(content), file_type=kind, **options)
-        for part in (parsed, *parsed.get("geometry", {}).values()):
-            part |= {"process": False} if "faces" in part else {}
+        for geometry in (parsed, *parsed.get("geometry", {}).values()):
+            if "faces" in geometry:
+                geometry["process"] = False
         mesh = trimesh.load_scene(parsed).to_mesh()
         return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
 
@@ -137,9 +136,10 @@ def _binary_stl(content: bytes) -> Array | None:
     if len(content) < STL_HEADER:
         return None
     count = int.from_bytes(content[STL_HEADER - 4 : STL_HEADER], "little")
-    if not count or len(content) != STL_HEADER + count * STL_TRIANGLE.itemsize:
+    triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+    if not count or len(content) != STL_HEADER + count * triangle.itemsize:
         return None
-    triangles = np.frombuffer(content, STL_TRIANGLE, count, STL_HEADER)
+    triangles = np.frombuffer(content, triangle, count, STL_HEADER)
     return triangles["corners"].reshape(-1, 3).astype(np.float64)
 
 
@@ -175,8 +175,10 @@ def _merged(corners: Array) -> tuple[Array, IntArray]:
 
 def _mixed(bits: Any) -> Any:
     """Integers (k,) of 64 bits, each bit spread over all others: a hash, of which equal ones are rare."""
+    # 2^64 over the golden ratio, odd: multiplying by it spreads bits; integers of arrays wrap around in silence
+    mixer = np.uint64(0x9E3779B97F4A7C15)
     for _ in range(2):
-        bits = (bits ^ (bits >> np.uint64(32))) * MIXER  # of arrays, which wrap around in silence
+        bits = (bits ^ (bits >> np.uint64(32))) * mixer
     return bits
 
 
@@ -212,13 +214,13 @@ def _candidates(filename: str, folder: Path) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class Projection:
-    """From a link's frame to the plane: place = (2, 3) ``rows`` @ point + ``shift``, the rows as a complex (3,)."""
+    """From a link's frame to the plane: position = (2, 3) ``rows`` @ point + ``shift``, the rows as a complex (3,)."""
 
     row: ComplexArray
     shift: complex
 
     def __call__(self, points: Array) -> ComplexArray:
-        """Places (k,) of points (k, 3)."""
+        """Positions (k,) of points (k, 3)."""
         return np.asarray(points @ self.row + self.shift, dtype=np.complex128)
 
     def after(self, placement: Any) -> Projection:
@@ -246,11 +248,12 @@ class Geometry:
     mesh: Mesh | None = None
 
     def outline(self, projection: Projection) -> tuple[Outline, complex]:
-        """Return the outline in a plane, and what it is shifted by, m.
+        """Return the outline in a plane, and its shift, m.
 
-        That of a mesh is about the origin of its file, so that its capsules do not depend on where it is.
+        That of a mesh is about the origin of its file, so that its capsules do not depend on its position.
         """
-        placed, radius = projection.after(self.placement), float(self.size[0])
+        placed = projection.after(self.placement)
+        radius = float(self.size[0])
         if self.mesh is not None:
             return Outline(self.mesh.corners @ placed.row, self.mesh.edges), placed.shift
         if self.kind == "box":
@@ -268,16 +271,22 @@ class Geometry:
 
         The geometry is the convex hull of the points, grown by the ellipsoid of these semi-axes; of a mesh its hull.
         """
-        radius, length = float(self.size[0]), float(self.size[2])
+        radius = float(self.size[0])
+        length = float(self.size[2])
         if self.mesh is not None:
-            points, axes = hull_corners(self.mesh.corners), np.zeros(3)
+            points = hull_corners(self.mesh.corners)
+            axes = np.zeros(3)
         elif self.kind == "box":
-            points, axes = CUBE * self.size, np.zeros(3)
+            points = CUBE * self.size
+            axes = np.zeros(3)
         elif self.kind in ("ellipsoid", "sphere"):
-            points, axes = np.zeros((1, 3)), self.size if self.kind == "ellipsoid" else np.full(3, radius)
+            points = np.zeros((1, 3))
+            axes = self.size if self.kind == "ellipsoid" else np.full(3, radius)
         else:
-            points, axes = AXIS * length, np.array([radius, radius, radius * (self.kind == "capsule")])
-        rotation, shift = self.placement.rotation, self.placement.translation
+            points = AXIS * length
+            axes = np.array([radius, radius, radius * (self.kind == "capsule")])
+        rotation = self.placement.rotation
+        shift = self.placement.translation
         return points @ rotation.T + shift, rotation * axes
 
 
@@ -305,18 +314,19 @@ def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[
     Raises
     ------
     InputError
-        If a number in it is not one, a length is negative, or a mesh file is none, or not the one that it was.
+        If a number in it is not one, a length is negative, or a mesh file is none, or has changed.
     """
-    place = f'link "{link}": collision'
-    geometry = only(place, collision, "geometry")
+    collision_name = f'link "{link}": collision'
+    geometry = only(collision_name, collision, "geometry")
     if geometry is None or len(geometry) == 0:
         return None
-    placement = read_origin(place, collision).placement
+    placement = read_origin(collision_name, collision).placement
     shape = geometry[0]
-    where = f"{place}: {shape.tag}"
+    where = f"{collision_name}: {shape.tag}"
     if shape.tag == "mesh":
         filename = shape.get("filename", "")
-        path, scale = find_mesh(filename, folder), triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
+        path = find_mesh(filename, folder)
+        scale = triple(f"{where}: scale", shape, "scale", (1.0, 1.0, 1.0))
         if not scale.all():
             reason = "has a zero, which leaves nothing of the mesh"
             raise InputError(reason, element=f"{where}: scale", advice="give three numbers")
@@ -324,7 +334,8 @@ def read_collision(link: str, collision: Element, folder: Path, meshes: Mapping[
             return None
         mesh = load_mesh(path, scale, where)
         if mesh.sha256 != meshes.get(filename):
-            reason, advice = "has changed since the robot was read", "read the robot again"
+            reason = "has changed since the robot was read"
+            advice = "read the robot again"
             raise InputError(reason, source=path, element=where, advice=advice)
         return Geometry(shape.tag, placement, scale, mesh)
     if shape.tag == "box":

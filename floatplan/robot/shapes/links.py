@@ -1,10 +1,10 @@
 """The links' shapes in the plane.
 
-A link with ``<collision>`` geometry is the capsules around its projection; they hold it, so that a clearance of the
+A link with ``<collision>`` geometry is the capsules around its projection; they contain it, so that a clearance of the
 capsules is one of the link. A link without is the segments from its own origin to the origins of its children's joints,
-of radius 0: the paper's links. A joint's origin is where the URDF puts it; a locked prismatic joint holds its child
+of radius 0: the paper's links. A joint's origin is where the URDF puts it; a locked prismatic joint moves its child
 away from there, and the child then has the segment between the two as well. Over the ground a link is as high as its
-convex hull, whose corners are kept beside the capsules; hulls of what moves as one have far fewer corners.
+convex hull, whose corners are stored with the capsules; hulls of bodies that move as one have far fewer corners.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from floatplan.robot.shapes.capsules import Outline, PlaneCapsule, fit, with_few
 from floatplan.robot.shapes.collisions import KINDS, LARGEST_MESH, Projection, find_mesh, read_collision
 from floatplan.robot.urdf.tree import UrdfTree
 
-LINE_RADIUS = 0.055  # [-] radius of links that are lines, as drawn and as they may overlap, over their median length
+LINE_RADIUS = 0.055  # [-] radius of links that are lines, in pictures and for overlaps, over their median length
 MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 112
 
 
@@ -31,7 +31,7 @@ MOST_COLLISIONS = 500  # [-] of a robot; those of example-robot-data have up to 
 class LinkCapsule:
     """A link's shape in the plane: all points within ``radius`` of the segment from ``start`` to ``end``.
 
-    ``body`` indexes :class:`PlanarTree`; ``start`` and ``end`` are complex places in that body's frame, m.
+    ``body`` indexes :class:`PlanarTree`; ``start`` and ``end`` are complex positions in that body's frame, m.
     """
 
     link: str
@@ -52,13 +52,12 @@ def link_shapes(
     folder : path
         Of the URDF, from which mesh files are searched.
     meshes : mapping
-        What :func:`mesh_digests` said of the files.
+        Of the files, from :func:`mesh_digests`.
 
     Raises
     ------
     InputError
-        If there are too many collisions, the geometry of one is wrong, or its file is not a mesh, or not the one that
-        it was.
+        If there are too many collisions, the geometry of one is wrong, or its file is not a mesh, or has changed.
     """
     count = sum(len(link.collisions) for link in layout.tree.links.values())
     if count > MOST_COLLISIONS:
@@ -69,29 +68,31 @@ def link_shapes(
         fitted: list[PlaneCapsule] = []
         points: dict[float, list[ComplexArray]] = {}
         for outline, shift in _collisions(layout, link, folder, meshes):
-            fitted += [PlaneCapsule(each.start + shift, each.end + shift, each.radius) for each in fit(outline)]
+            fitted += [PlaneCapsule(one.start + shift, one.end + shift, one.radius) for one in fit(outline)]
             points.setdefault(outline.radius, []).append(outline.points + shift)
         body = layout.body_of[link]
-        capsules = [LinkCapsule(link, body, each.start, each.end, each.radius) for each in _outermost(fitted)]
+        capsules = [LinkCapsule(link, body, one.start, one.end, one.radius) for one in _outermost(fitted)]
         capsules = capsules or _segments(layout, link)
         shapes += capsules
         if capsules:
-            convex = {radius: Outline.convex(np.concatenate(of_radius)).points for radius, of_radius in points.items()}
-            ends = [(*pair, radius) for radius, corners in convex.items() for pair in _pairs(corners)]
-            hulls[link] = [LinkCapsule(link, body, *each) for each in ends] or capsules
+            hull = []
+            for radius, of_radius in points.items():
+                corners = Outline.convex(np.concatenate(of_radius)).points
+                hull += [LinkCapsule(link, body, start, end, radius) for start, end in _pairs(corners)]
+            hulls[link] = hull or capsules
     return tuple(shapes), hulls
 
 
 def link_outlines(layout: TreeLayout, folder: Path, meshes: Mapping[str, str]) -> list[tuple[int, Outline]]:
-    """Return the collision geometry in the plane, which the capsules hold, each with the body whose frame it is in.
+    """Return the collision geometry in the plane, which the capsules cover, each with the body whose frame it is in.
 
     Parameters and errors are those of :func:`link_shapes`.
     """
-    return [
-        (layout.body_of[link], replace(outline, points=outline.points + shift))
-        for link in layout.tree.links
-        for outline, shift in _collisions(layout, link, folder, meshes)
-    ]
+    outlines = []
+    for link in layout.tree.links:
+        for outline, shift in _collisions(layout, link, folder, meshes):
+            outlines.append((layout.body_of[link], replace(outline, points=outline.points + shift)))
+    return outlines
 
 
 def mesh_digests(tree: UrdfTree, folder: Path) -> dict[str, str]:
@@ -105,7 +106,7 @@ def mesh_digests(tree: UrdfTree, folder: Path) -> dict[str, str]:
 
 
 def missing_meshes(tree: UrdfTree, folder: Path) -> list[tuple[str, str]]:
-    """Return the link and the file name of each mesh of a collision element that is not to be found."""
+    """Return the link and the file name of each mesh of a collision element that does not exist."""
     return [(link, filename) for link, filename, path in _meshes(tree, folder) if path is None]
 
 
@@ -118,7 +119,8 @@ def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
     for link, element in tree.links.items():
         for collision in element.collisions:
             if collision.find("geometry/*") is None:
-                reason, advice = "has a <collision> without geometry", "give its <geometry>, or remove it"
+                reason = "has a <collision> without geometry"
+                advice = "give its <geometry>, or remove it"
                 return InputError(reason, element=f'link "{link}"', advice=advice)
             for number, shape in enumerate(collision.iterfind("geometry/*")):
                 if number or shape.tag not in KINDS:
@@ -129,7 +131,7 @@ def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
 
 
 def moving_hulls(
-    tree: PlanarTree, hulls: Mapping[str, Sequence[LinkCapsule]], apart: Collection[str], bodies: Collection[int]
+    tree: PlanarTree, hulls: Mapping[str, Sequence[LinkCapsule]], separate: Collection[str], bodies: Collection[int]
 ) -> tuple[LinkCapsule, ...]:
     """Return capsules whose ends reach as far as the links in every direction.
 
@@ -137,22 +139,23 @@ def moving_hulls(
     ----------
     tree : PlanarTree
     hulls : link -> capsules whose ends are the corners of its own hull
-    apart : links that keep all of these
+    separate : links whose own capsules are all among the result
     bodies : those taken exactly; others reach up to a millimetre farther
     """
-    place = tree.coincident.tolist()
-    exact = {place[body] for body in bodies}
-    own = [each for link in apart for each in hulls[link]]
-    kept: dict[tuple[int, float], list[LinkCapsule]] = {}
-    for each in (each for hull in hulls.values() for each in hull):
-        kept.setdefault((place[each.body], each.radius), []).append(each)
+    merged = tree.coincident.tolist()  # bodies that always have the same pose are one
+    exact = {merged[body] for body in bodies}
+    own = [capsule for link in separate for capsule in hulls[link]]
+    groups: dict[tuple[int, float], list[LinkCapsule]] = {}
+    for hull in hulls.values():
+        for capsule in hull:
+            groups.setdefault((merged[capsule.body], capsule.radius), []).append(capsule)
     joined: list[LinkCapsule] = []
-    for (body, radius), members in kept.items():
+    for (body, radius), members in groups.items():
         ends = _ends(members)
         around = Outline.convex(ends, radius)
         corners = around.points if body in exact else with_fewer_corners(around).points
-        known = [each for each in own if place[each.body] == body and each.radius == radius]
-        distance = abs(corners[:, None] - _ends(known)[None, :])
+        own_here = [capsule for capsule in own if merged[capsule.body] == body and capsule.radius == radius]
+        distance = abs(corners[:, None] - _ends(own_here)[None, :])
         for start, end in _pairs(corners[distance.min(axis=1, initial=np.inf) > SAME]):
             nearest = members[int(abs(ends - start).argmin()) % len(members)]
             joined.append(LinkCapsule(nearest.link, nearest.body, start, end, radius))
@@ -160,7 +163,7 @@ def moving_hulls(
 
 
 def _meshes(tree: UrdfTree, folder: Path) -> Iterator[tuple[str, str, Path | None]]:
-    """The link, the file name and the file, where it is to be found, of each mesh of a collision element."""
+    """The link, the file name and the file, where it exists, of each mesh of a collision element."""
     for link in tree.links.values():
         for collision in link.collisions:
             for mesh in collision.iterfind("geometry/mesh"):
@@ -171,8 +174,9 @@ def _meshes(tree: UrdfTree, folder: Path) -> Iterator[tuple[str, str, Path | Non
 def _collisions(
     layout: TreeLayout, link: str, folder: Path, meshes: Mapping[str, str]
 ) -> Iterator[tuple[Outline, complex]]:
-    """A link's collision geometry in the plane, each with what it is shifted by, m."""
-    body, placement = layout.body_of[link], layout.placements[link]
+    """A link's collision geometry in the plane, each with its shift, m."""
+    body = layout.body_of[link]
+    placement = layout.placements[link]
     row = (layout.plane.horizontal + 1j * layout.plane.vertical) @ placement.rotation * layout.back(body)
     projection = Projection(row, layout.local(body, placement.translation))
     for collision in layout.tree.links[link].collisions:
@@ -183,11 +187,14 @@ def _collisions(
 
 def _pairs(corners: ComplexArray) -> list[tuple[complex, complex]]:
     """Segments from corner to corner, whose ends are all of them."""
-    return [(complex(corners[i]), complex(corners[min(i + 1, len(corners) - 1)])) for i in range(0, len(corners), 2)]
+    last = len(corners) - 1
+    return [(complex(corners[i]), complex(corners[min(i + 1, last)])) for i in range(0, last + 1, 2)]
 
 
 def _ends(capsules: Sequence[LinkCapsule]) -> ComplexArray:
-    return np.array([*(each.start for each in capsules), *(each.end for each in capsules)], dtype=np.complex128)
+    starts = [capsule.start for capsule in capsules]
+    ends = [capsule.end for capsule in capsules]
+    return np.array([*starts, *ends], dtype=np.complex128)
 
 
 def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
@@ -197,9 +204,9 @@ def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
     radius = np.array([one.radius for one in different])
     inside = np.zeros(len(different), dtype=bool)
     for number, other in enumerate(different):
-        held = other.depth(ends.ravel()).reshape(-1, 2).min(axis=1) >= radius
-        held[number] = False
-        inside |= held
+        covered = other.depth(ends.ravel()).reshape(-1, 2).min(axis=1) >= radius
+        covered[number] = False
+        inside |= covered
     return [one for one, hidden in zip(different, inside.tolist(), strict=True) if not hidden]
 
 
@@ -209,11 +216,11 @@ def _segments(layout: TreeLayout, link: str) -> list[LinkCapsule]:
         return []
     body = layout.body_of[link]
     start = layout.local(body, layout.placements[link].translation)
-    ends = dict.fromkeys(
-        layout.local(body, (layout.placements[joint.parent] * joint.origin.placement).translation)
-        for joint in layout.tree.joints
-        if link in (joint.parent, joint.child)
-    )
+    ends: dict[complex, None] = {}
+    for joint in layout.tree.joints:
+        if link in (joint.parent, joint.child):
+            origin = layout.placements[joint.parent] * joint.origin.placement
+            ends[layout.local(body, origin.translation)] = None
     segments = [LinkCapsule(link, body, start, end, 0.0) for end in ends if end != start]
     if not segments and layout.tree.links[link].inertial is not None:
         return [LinkCapsule(link, body, start, start, 0.0)]

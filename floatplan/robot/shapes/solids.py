@@ -26,8 +26,8 @@ class LinkSolid:
 
     Attributes
     ----------
-    link : whose it is
-    body : which joint of the robot's model carries it
+    link : its name
+    body : joint of the robot's model that carries it
     points : (k, 3) m, in that joint's frame
     axes : (3, 3) m, the ellipsoid's semi-axes, as columns
     """
@@ -42,6 +42,33 @@ class LinkSolid:
         return np.asarray((directions @ self.points.T).max(axis=1) + np.linalg.norm(directions @ self.axes, axis=1))
 
 
+@dataclass(frozen=True, eq=False)
+class SolidCapsule:
+    """A link's shape in space: all points within ``radius`` of the segment from ``start`` to ``end``.
+
+    ``body`` is the joint of the robot's model that carries it; ``start`` and ``end`` (3,) are in that joint's frame, m.
+    """
+
+    link: str
+    body: int
+    start: Array
+    end: Array
+    radius: float
+
+    @property
+    def volume(self) -> float:
+        """Volume, m^3."""
+        length = float(np.linalg.norm(self.end - self.start))
+        return float(np.pi * self.radius**2 * (length + 4 / 3 * self.radius))
+
+    def depth(self, points: Array) -> Array:
+        """How far inside the capsule each point is (points,), m; negative outside."""
+        along = self.end - self.start
+        squared = float(along @ along)
+        share = np.clip((points - self.start) @ along / squared, 0.0, 1.0) if squared else np.zeros(len(points))
+        return np.asarray(self.radius - np.linalg.norm(points - self.start - share[:, None] * along, axis=1))
+
+
 def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, str]) -> tuple[LinkSolid, ...]:
     """Return the solids of all links, in the order of the links in the file.
 
@@ -52,7 +79,7 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
     folder : path
         Of the URDF, from which mesh files are searched.
     meshes : mapping
-        What :func:`~floatplan.robot.shapes.links.mesh_digests` said of the files.
+        Of the files, from :func:`~floatplan.robot.shapes.links.mesh_digests`.
 
     Raises
     ------
@@ -61,8 +88,10 @@ def link_solids(model: Any, tree: UrdfTree, folder: Path, meshes: Mapping[str, s
     """
     solids: list[LinkSolid] = []
     for link, body, placement, geometries in link_geometries(model, tree, folder, meshes):
-        found = [geometry.solid() for geometry in geometries]
-        for points, axes in found or [(points, np.zeros((3, 3))) for points in link_lines(tree, link)]:
+        solids_of_link = [geometry.solid() for geometry in geometries]
+        if not solids_of_link:
+            solids_of_link = [(points, np.zeros((3, 3))) for points in link_lines(tree, link)]
+        for points, axes in solids_of_link:
             placed = points @ placement.rotation.T + placement.translation
             solids.append(LinkSolid(link, body, placed, placement.rotation @ axes))
     return tuple(solids)
@@ -79,13 +108,17 @@ def link_geometries(
     if count > MOST_COLLISIONS:
         raise InputError(f"has {count} collision elements, more than {MOST_COLLISIONS}", advice="simplify its geometry")
     for name, link in tree.links.items():
-        read = [read_collision(name, collision, folder, meshes) for collision in link.collisions]
+        geometries = []
+        for collision in link.collisions:
+            geometry = read_collision(name, collision, folder, meshes)
+            if geometry is not None:
+                geometries.append(geometry)
         frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        yield name, int(frame.parentJoint), frame.placement, [each for each in read if each is not None]
+        yield name, int(frame.parentJoint), frame.placement, geometries
 
 
-def frame_place(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
-    """Return which joint of a model carries a link's or joint's origin, and its place (3,) in that joint's frame, m."""
+def frame_position(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
+    """Return the joint of a model that carries a link's or joint's origin, and its position (3,) in that frame, m."""
     link = name if name in tree.links else tree.joint[name].child  # which has the joint's origin
     frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return int(frame.parentJoint), frame.placement.translation.copy()
@@ -102,6 +135,7 @@ def link_lines(tree: UrdfTree, link: str) -> list[Array]:
 
 def evenly(count: int) -> Array:
     """Directions (count, 3), about evenly apart: a spiral from pole to pole."""
-    heights, angles = 1 - (2 * np.arange(count) + 1) / count, np.pi * (1 + math.sqrt(5)) * np.arange(count)
+    heights = 1 - (2 * np.arange(count) + 1) / count
+    angles = np.pi * (1 + math.sqrt(5)) * np.arange(count)
     rim = np.sqrt(1 - heights**2)
     return np.stack((rim * np.cos(angles), rim * np.sin(angles), heights), axis=1)

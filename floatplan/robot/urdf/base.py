@@ -1,8 +1,8 @@
 """The joints by which a file lets its own base float, read as the free base that every robot has here.
 
 A URDF may say that its robot floats: by a ``floating`` or ``planar`` joint from a massless root link, or by a chain of
-sliding and turning joints with massless links between them. In flight such joints are coordinates of the base, not
-joints with motors: they are held at zero, and the root link, which weighs nothing, moves with the base.
+sliding and rotating joints with massless links between them. In flight such joints are coordinates of the base, not
+joints with motors: they are fixed at zero, and the root link, which weighs nothing, moves with the base.
 """
 
 from collections.abc import Collection, Sequence
@@ -22,14 +22,15 @@ INDEPENDENT = 1e-3  # [-] sine of the angle between axes, or volume that three u
 def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
     """Return the joints that let the robot of a file float, from the root on; none where it has no such joints.
 
-    They are a ``floating`` or a ``planar`` joint; or three joints that slide and three that turn, in any order, which
-    reach every pose; or two that slide and one that turns about the normal of their plane. The links before the last of
-    them have neither mass nor collision geometry, and carry nothing else.
+    They are a ``floating`` or a ``planar`` joint; or three joints that slide and three that rotate, in any order, which
+    reach every pose; or two that slide and one that rotates about the normal of their plane. The links before the last
+    of them have neither mass nor collision geometry, and carry nothing else.
     """
     below: dict[str, list[UrdfJoint]] = {}
     for joint in tree.joints:
         below.setdefault(joint.parent, []).append(joint)
-    link, rotation = tree.root, np.eye(3)
+    link = tree.root
+    rotation = np.eye(3)
     chain: list[UrdfJoint] = []
     axes: list[Array] = []
     base: tuple[UrdfJoint, ...] = ()
@@ -42,32 +43,37 @@ def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
             if _floats(chain, axes):
                 base = tuple(chain)
         link = joint.child
-    followed = {joint.mimic.joint for joint in tree.joints if joint.mimic is not None}
-    return () if any(joint.mimic or joint.name in followed for joint in base) else base
+    leaders = {joint.mimic.joint for joint in tree.joints if joint.mimic is not None}
+    return () if any(joint.mimic or joint.name in leaders for joint in base) else base
 
 
 def _floats(chain: Sequence[UrdfJoint], axes: Sequence[Array]) -> bool:
     """Whether joints with these axes (3,), in the root link at zero, move freely in a plane or in space."""
     if len(chain) == 1 and chain[0].type in FREE_TYPES:
         return True
-    slides = [axis for joint, axis in zip(chain, axes, strict=True) if joint.type == "prismatic"]
-    turns = [axis for joint, axis in zip(chain, axes, strict=True) if joint.turns]
-    return len(slides) + len(turns) == len(chain) and moves_freely(slides, turns)
+    slides = []
+    rotations = []
+    for joint, axis in zip(chain, axes, strict=True):
+        if joint.type == "prismatic":
+            slides.append(axis)
+        elif joint.turns:
+            rotations.append(axis)
+    return len(slides) + len(rotations) == len(chain) and moves_freely(slides, rotations)
 
 
-def moves_freely(slides: Sequence[Array], turns: Sequence[Array]) -> bool:
-    """Whether joints that slide along, and turn about, axes (3,) move freely in a plane or in space.
+def moves_freely(slides: Sequence[Array], rotations: Sequence[Array]) -> bool:
+    """Whether joints that slide along, and rotate about, axes (3,) move freely in a plane or in space.
 
-    Three slides that are independent at zero and three turns of which none is about the axis of the one before reach
-    every direction of motion at almost every position, though not at zero (as Euler angles z, x, z).
+    Three slides that are independent at zero and three rotations of which none is about the axis of the one before
+    reach every direction of motion at almost every position, though not at zero (as Euler angles z, x, z).
     """
-    if (len(slides), len(turns)) == (3, 3):
-        pairs = pairwise(turns)
+    if (len(slides), len(rotations)) == (3, 3):
+        pairs = pairwise(rotations)
         spread = all(np.linalg.norm(np.cross(one, other)) > INDEPENDENT for one, other in pairs)
         return spread and bool(abs(np.linalg.det(slides)) > INDEPENDENT)
-    if (len(slides), len(turns)) == (2, 1):
-        in_plane = all(abs(axis @ turns[0]) < INDEPENDENT for axis in slides)
-        return in_plane and bool(np.linalg.norm(np.cross(slides[0], slides[1])) > INDEPENDENT)
+    if (len(slides), len(rotations)) == (2, 1):
+        is_normal = all(abs(axis @ rotations[0]) < INDEPENDENT for axis in slides)
+        return is_normal and bool(np.linalg.norm(np.cross(slides[0], slides[1])) > INDEPENDENT)
     return False
 
 
@@ -83,8 +89,8 @@ def with_free_base(tree: UrdfTree, with_role: Collection[str] = ()) -> UrdfTree:
     Raises
     ------
     InputError
-        A joint that floats, or moves in a plane, carries a part of the robot; or some joints of the base have a role,
-        and others none.
+        A joint that floats, or moves in a plane, carries some links of the robot; or some joints of the base have a
+        role, and others none.
     """
     base = free_base(tree)
     names = [joint.name for joint in base]
@@ -111,7 +117,7 @@ def with_free_base(tree: UrdfTree, with_role: Collection[str] = ()) -> UrdfTree:
 
 
 def _fixed(joint: UrdfJoint) -> UrdfJoint:
-    """The same joint, held at zero."""
+    """The same joint, fixed at zero."""
     return UrdfJoint(
         name=joint.name,
         type="fixed",

@@ -27,24 +27,30 @@ from floatplan.robot.urdf.tree import (
 )
 from floatplan.robot.urdf.written import urdf_of
 
-LARGEST_ANGLE = 1e3  # [rad] limits this large are placeholders: nobody means 159 turns
-LARGEST_RATE = 1e3  # [rad/s] the same
-LARGEST_TORQUE = 1e4  # [N m] the same
-LARGEST_TORQUE_BESIDE_RATE = 1e3  # [N m] beside a rate limit that is a placeholder
 MOST_JOINTS = 150  # [-] that move: Pinocchio's workspace grows as their cube, and thousands exhaust the memory
-MOST_FIXED_JOINTS = 2000  # [-] ten times those of any robot; URDF readers that call themselves link by link bear 3000
-JOINT_TYPES = (*MOVING, "fixed", *FREE_TYPES)
-LIMITS = "limits of"  # how the warnings about limits that are taken as not given begin
+MOST_FIXED_JOINTS = 2000  # [-] ten times those of any robot; URDF readers that recurse link by link bear 3000
+LIMITS = "limits of"  # beginning of the warnings about limits that are ignored
 AXISLESS = ("fixed", "floating")  # types of joints
 WITHOUT_RANGE = ("continuous", *AXISLESS, "planar")
-DYNAMICS = ("armature", "damping", "friction")  # attributes of a joint's <dynamics>
 SMALLEST_MASS = 1e-15  # [kg] of a link that has any
-SHORTEST_AXIS = 1e-9  # [-] length as written
+
+
+@dataclass(frozen=True)
+class LargestLimits:
+    """Limits as large as these are placeholders of a file."""
+
+    angle: float = 1e3  # [rad] nobody means 159 turns
+    rate: float = 1e3  # [rad/s]
+    torque: float = 1e4  # [N m]
+    torque_with_rate: float = 1e3  # [N m] where the rate limit is a placeholder, too
+
+
+LARGEST_LIMITS = LargestLimits()
 
 
 @dataclass(frozen=True)
 class Changes:
-    """In what a robot is taken otherwise than its URDF has it.
+    """Differences between a robot and its URDF.
 
     Attributes
     ----------
@@ -96,25 +102,21 @@ def _changed(tree: UrdfTree, changes: Changes) -> UrdfTree:
 
 
 def read_tree(root: Element) -> UrdfTree:
-    """Return links and joints as they are written, whose inertias are not looked at; errors as :func:`check_urdf`."""
+    """Return links and joints as they are written, whose inertias are not checked; errors as :func:`check_urdf`."""
     joint_elements = root.findall("joint")
     _check_counts(joint_elements)
-    link_elements, named = _by_name("link", root.findall("link")), _by_name("joint", joint_elements)
+    link_elements = _by_name("link", root.findall("link"))
+    named = _by_name("joint", joint_elements)
     if not link_elements:
         raise InputError("has no <link>", advice="a URDF has one for each part of the robot")
     name = (root.get("name") or "").strip()
     if not name:
         raise InputError("has no name", element="<robot>", advice='write <robot name="...">')
     check_name(name, "<robot>")
-    links = {
-        link: UrdfLink(
-            link,
-            _read_inertial(f'link "{link}"', element),
-            tuple(element.findall("collision")),
-            element.get("type") == "frame",
-        )
-        for link, element in link_elements.items()
-    }
+    links = {}
+    for link, element in link_elements.items():
+        inertial = _read_inertial(f'link "{link}"', element)
+        links[link] = UrdfLink(link, inertial, tuple(element.findall("collision")), element.get("type") == "frame")
     joints = [_read_joint(joint, element, named) for joint, element in named.items()]
     base, ordered = _order(links, joints)
     return UrdfTree(name, base, links, ordered, ())
@@ -144,149 +146,166 @@ def _by_name(kind: str, elements: Iterable[Element]) -> dict[str, Element]:
     return named
 
 
-def _read_inertial(place: str, link: Element) -> Inertial | None:
-    element = only(place, link, "inertial")
+def _read_inertial(where: str, link: Element) -> Inertial | None:
+    element = only(where, link, "inertial")
     if element is None:
         return None
-    origin = read_origin(place, element)
-    mass_element, moments = only(place, element, "mass"), only(place, element, "inertia")
+    origin = read_origin(where, element)
+    mass_element = only(where, element, "mass")
+    moments = only(where, element, "inertia")
     if mass_element is None:
         advice = 'write <mass value="..."/>, in kg; of a link that weighs nothing remove the <inertial>'
-        raise InputError("has no <mass>", element=f"{place}: inertial", advice=advice)
-    mass = number(f"{place}: mass", mass_element, "value", None)
+        raise InputError("has no <mass>", element=f"{where}: inertial", advice=advice)
+    mass = number(f"{where}: mass", mass_element, "value", None)
     if mass < 0.0:
-        raise InputError(f"is negative: {mass:g} kg", element=f"{place}: mass")
+        raise InputError(f"is negative: {mass:g} kg", element=f"{where}: mass")
     if 0.0 < mass < SMALLEST_MASS:
-        raise InputError(f"is smaller than any part's: {mass:g} kg", element=f"{place}: mass", advice="write 0")
-    xx, xy, xz, yy, yz, zz = (
-        0.0 if moments is None else number(f"{place}: inertia", moments, key, None)
-        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
+        raise InputError(f"is smaller than any part's: {mass:g} kg", element=f"{where}: mass", advice="write 0")
+    moment = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 0.0)
+    if moments is not None:
+        for key in moment:
+            moment[key] = number(f"{where}: inertia", moments, key, None)
+    xx, xy, xz, yy, yz, zz = moment.values()
     inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     return Inertial(origin, mass, inertia) if mass > 0.0 or inertia.any() else None
 
 
-def read_origin(place: str, element: Element) -> Origin:
+def read_origin(where: str, element: Element) -> Origin:
     """Return the ``<origin>`` of an element, the identity where it has none."""
-    origin = only(place, element, "origin")
-    xyz = triple(f"{place}: origin xyz", origin, "xyz", (0.0, 0.0, 0.0))
-    return Origin(xyz, triple(f"{place}: origin rpy", origin, "rpy", (0.0, 0.0, 0.0)))
+    origin = only(where, element, "origin")
+    xyz = triple(f"{where}: origin xyz", origin, "xyz", (0.0, 0.0, 0.0))
+    return Origin(xyz, triple(f"{where}: origin rpy", origin, "rpy", (0.0, 0.0, 0.0)))
 
 
 def _read_joint(name: str, element: Element, joints: Collection[str]) -> UrdfJoint:
-    place = f'joint "{name}"'
+    where = f'joint "{name}"'
     kind = element.get("type")
-    if kind not in JOINT_TYPES:
-        known = ", ".join(JOINT_TYPES)
+    types = (*MOVING, "fixed", *FREE_TYPES)
+    if kind not in types:
         reason = f'has type "{kind}", which URDF does not have' if kind else "has no type"
-        raise InputError(reason, element=place, advice=f"give one of {known}")
+        raise InputError(reason, element=where, advice=f"give one of {', '.join(types)}")
     ends = []
     for tag in ("parent", "child"):
-        end = only(place, element, tag)
+        end = only(where, element, tag)
         ends.append("" if end is None else end.get("link", ""))
         if not ends[-1]:
-            raise InputError(f"has no {tag} link", element=place)
-    lower, upper, velocity, effort = _read_limits(f"{place}: limit", kind, only(place, element, "limit"))
-    origin, axis = read_origin(place, element), _read_axis(place, element, kind)
-    mimic = _read_mimic(f"{place}: mimic", name, only(place, element, "mimic"), joints)
-    dynamics = only(place, element, "dynamics")
-    given = [] if dynamics is None else [(key, dynamics) for key in DYNAMICS if key in dynamics.attrib]
-    motor = {key: _magnitude(f"{place}: dynamics", each, key, None) for key, each in given}
+            raise InputError(f"has no {tag} link", element=where)
+    lower, upper, velocity, effort = _read_limits(f"{where}: limit", kind, only(where, element, "limit"))
+    origin = read_origin(where, element)
+    axis = _read_axis(where, element, kind)
+    mimic = _read_mimic(f"{where}: mimic", name, only(where, element, "mimic"), joints)
+    dynamics = only(where, element, "dynamics")
+    motor = {}
+    for key in ("armature", "damping", "friction"):
+        if dynamics is not None and key in dynamics.attrib:
+            motor[key] = _magnitude(f"{where}: dynamics", dynamics, key, None)
     return UrdfJoint(name, kind, ends[0], ends[1], origin, axis, lower, upper, velocity, effort, mimic, **motor)
 
 
-def _magnitude(place: str, element: Element, key: str, default: float | None, largest: float = LARGEST) -> float:
-    value = number(place, element, key, default, largest)
+def _magnitude(where: str, element: Element, key: str, default: float | None, largest: float = LARGEST) -> float:
+    value = number(where, element, key, default, largest)
     if value < 0.0:
-        raise InputError(f"{key} {value:g} is negative", element=place)
+        raise InputError(f"{key} {value:g} is negative", element=where)
     return value
 
 
-def _read_axis(place: str, element: Element, kind: str) -> Array:
-    axis = only(place, element, "axis")
+def _read_axis(where: str, element: Element, kind: str) -> Array:
+    axis = only(where, element, "axis")
     if axis is not None and kind not in AXISLESS and axis.get("xyz") is None:
         raise InputError(
-            "has no xyz", element=f"{place}: axis", advice='write xyz="...", or leave <axis> out for 1 0 0'
+            "has no xyz", element=f"{where}: axis", advice='write xyz="...", or leave <axis> out for 1 0 0'
         )
-    vector = triple(f"{place}: axis", axis, "xyz", (1.0, 0.0, 0.0))
+    vector = triple(f"{where}: axis", axis, "xyz", (1.0, 0.0, 0.0))
     length = float(np.linalg.norm(vector))
     if kind in AXISLESS:
         return read_only((1.0, 0.0, 0.0))
-    if length < SHORTEST_AXIS:
-        raise InputError("has zero length", element=f"{place}: axis")
+    if length < 1e-9:  # no direction can be read from it
+        raise InputError("has zero length", element=f"{where}: axis")
     return vector if length == 1.0 else read_only(vector / length)
 
 
-def _read_limits(place: str, kind: str, limits: Element | None) -> tuple[float, float, float, float]:
+def _read_limits(where: str, kind: str, limits: Element | None) -> tuple[float, float, float, float]:
     """Limits of position, velocity and effort; infinite where they are zero or left out, or the joint has none."""
     if limits is None:
         return -math.inf, math.inf, math.inf, math.inf
     lower = upper = 0.0
     if kind not in WITHOUT_RANGE:
-        lower, upper = (number(place, limits, key, 0.0, math.inf) for key in ("lower", "upper"))
+        lower = number(where, limits, "lower", 0.0, math.inf)
+        upper = number(where, limits, "upper", 0.0, math.inf)
     if lower > upper:
-        raise InputError(f"lower {lower:g} exceeds upper {upper:g}", element=place)
+        raise InputError(f"lower {lower:g} exceeds upper {upper:g}", element=where)
     if lower == upper == 0.0:
-        lower, upper = -math.inf, math.inf
-    velocity, effort = (_magnitude(place, limits, key, 0.0, math.inf) for key in ("velocity", "effort"))
+        lower = -math.inf
+        upper = math.inf
+    velocity = _magnitude(where, limits, "velocity", 0.0, math.inf)
+    effort = _magnitude(where, limits, "effort", 0.0, math.inf)
     return lower, upper, velocity or math.inf, effort or math.inf
 
 
-def _read_mimic(place: str, name: str, mimic: Element | None, joints: Collection[str]) -> Mimic | None:
+def _read_mimic(where: str, name: str, mimic: Element | None, joints: Collection[str]) -> Mimic | None:
     if mimic is None:
         return None
     leader = mimic.get("joint")
     if not leader:
-        raise InputError("names no joint", element=place, advice='write joint="..."')
+        raise InputError("names no joint", element=where, advice='write joint="..."')
     if leader not in joints:
-        raise InputError(f'names joint "{leader}", which does not exist', element=place)
+        raise InputError(f'names joint "{leader}", which does not exist', element=where)
     if leader == name:
-        raise InputError("a joint cannot mimic itself", element=place)
-    return Mimic(leader, number(place, mimic, "multiplier", 1.0), number(place, mimic, "offset", 0.0))
+        raise InputError("a joint cannot mimic itself", element=where)
+    return Mimic(leader, number(where, mimic, "multiplier", 1.0), number(where, mimic, "offset", 0.0))
 
 
 def _zero_limits(tree: UrdfTree, root: Element) -> list[str]:
     """The warnings about joints that move, and whose range is written as 0 to 0 or left out of their ``<limit>``.
 
-    Exporters write all four numbers as zero where nobody gave them. Of a joint with a range, zero as a rate or torque
+    Exporters write all four numbers as zero where nobody chose them. Of a joint with a range, zero as a rate or torque
     is the usual way to write that there is no such limit, and no warning.
     """
     zero: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
     for element in root.iterfind("joint[limit]"):
-        joint, limits = tree.joint[element.get("name", "")], element.find("limit")
+        joint = tree.joint[element.get("name", "")]
+        limits = element.find("limit")
         if not joint.moves or joint.type in WITHOUT_RANGE or limits is None:
             continue
-        nothing = {key: float(limits.get(key, "0")) == 0.0 for key in ("lower", "upper", "velocity", "effort")}
-        if nothing["lower"] and nothing["upper"]:
+        is_zero = {key: float(limits.get(key, "0")) == 0.0 for key in ("lower", "upper", "velocity", "effort")}
+        if is_zero["lower"] and is_zero["upper"]:
             zero["position"].append(joint.name)
             for kind in ("velocity", "effort"):
-                zero[kind] += [joint.name] if nothing[kind] else []
-    return [
-        f"{LIMITS} {kind} that are zero, taken as not given: {', '.join(names)}"
-        for kind, names in zero.items()
-        if names
-    ]
+                if is_zero[kind]:
+                    zero[kind].append(joint.name)
+    return _limit_warnings("that are zero", zero)
+
+
+def _limit_warnings(reason: str, joints: Mapping[str, Sequence[str]]) -> list[str]:
+    """A warning for each kind of limit that is ignored for some joints."""
+    warnings = []
+    for kind, names in joints.items():
+        if names:
+            warnings.append(f"{LIMITS} {kind} {reason}, taken as not given: {', '.join(names)}")
+    return warnings
 
 
 def _without_placeholders(tree: UrdfTree) -> UrdfTree:
     """Make limits infinite that are too large to be meant, with a warning for each kind."""
-    kept: list[UrdfJoint] = []
+    joints: list[UrdfJoint] = []
     dropped: dict[str, list[str]] = {"position": [], "velocity": [], "effort": []}
     for joint in tree.joints:
-        fast = joint.turns and LARGEST_RATE <= joint.velocity < math.inf
-        strong = joint.turns and (LARGEST_TORQUE_BESIDE_RATE if fast else LARGEST_TORQUE) <= joint.effort < math.inf
-        wide = joint.turns and LARGEST_ANGLE <= max(-joint.lower, joint.upper) < math.inf
-        lower, upper = (-math.inf, math.inf) if wide else (joint.lower, joint.upper)
-        velocity, effort = math.inf if fast else joint.velocity, math.inf if strong else joint.effort
-        kept.append(replace(joint, lower=lower, upper=upper, velocity=velocity, effort=effort))
-        for kind, large in zip(dropped, (wide, fast, strong), strict=True):
-            dropped[kind] += [joint.name] if large else []
-    warnings = (
-        f"{LIMITS} {kind} too large to be meant, taken as not given: {', '.join(names)}"
-        for kind, names in dropped.items()
-        if names
-    )
-    return replace(tree, joints=tuple(kept), warnings=(*tree.warnings, *warnings))
+        fast = joint.turns and LARGEST_LIMITS.rate <= joint.velocity < math.inf
+        largest_torque = LARGEST_LIMITS.torque_with_rate if fast else LARGEST_LIMITS.torque
+        strong = joint.turns and largest_torque <= joint.effort < math.inf
+        wide = joint.turns and LARGEST_LIMITS.angle <= max(-joint.lower, joint.upper) < math.inf
+        if wide:
+            joint = replace(joint, lower=-math.inf, upper=math.inf)
+            dropped["position"].append(joint.name)
+        if fast:
+            joint = replace(joint, velocity=math.inf)
+            dropped["velocity"].append(joint.name)
+        if strong:
+            joint = replace(joint, effort=math.inf)
+            dropped["effort"].append(joint.name)
+        joints.append(joint)
+    warnings = _limit_warnings("too large to be meant", dropped)
+    return replace(tree, joints=tuple(joints), warnings=(*tree.warnings, *warnings))
 
 
 def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tuple[UrdfJoint, ...]]:
@@ -294,12 +313,12 @@ def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tu
     carrier: dict[str, UrdfJoint] = {}
     children: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     for joint in sorted(joints, key=lambda joint: joint.name):
-        place = f'joint "{joint.name}"'
+        where = f'joint "{joint.name}"'
         for kind, link in (("parent", joint.parent), ("child", joint.child)):
             if link not in links:
-                raise InputError(f'its {kind} link "{link}" does not exist', element=place)
+                raise InputError(f'its {kind} link "{link}" does not exist', element=where)
         if joint.child == joint.parent:
-            raise InputError(f'joins link "{joint.child}" to itself', element=place)
+            raise InputError(f'joins link "{joint.child}" to itself', element=where)
         if joint.child in carrier:
             reason = f'has two parents: joints "{carrier[joint.child].name}" and "{joint.name}" both carry it'
             raise InputError(reason, element=f'link "{joint.child}"', advice="a URDF robot is a tree")
@@ -320,8 +339,8 @@ def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tu
         ordered.append(joint)
         waiting += children[joint.child][::-1]
     if len(ordered) < len(joints):
-        reached = {joint.child for joint in ordered}
-        loop = _loop({child: joint for child, joint in carrier.items() if child not in reached})
+        attached = {joint.child for joint in ordered}
+        loop = _loop({child: joint for child, joint in carrier.items() if child not in attached})
         raise InputError(f'the joints form a loop, detached from the root link "{roots[0]}": {loop}')
     return roots[0], tuple(ordered)
 

@@ -1,4 +1,4 @@
-"""Inertias that no body can have: found, refused, or balanced as MuJoCo does; and masses that the robot carries."""
+"""Inertias that no body can have: refused, or balanced as MuJoCo does; and masses that the robot carries."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,13 +13,7 @@ from floatplan.errors import InputError, refuse
 from floatplan.keys import Key, Keyed, Reader
 from floatplan.robot.urdf.tree import LARGEST, Inertial, Origin, UrdfTree, rigid_body
 
-TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: rounding to three digits of a plate, whose moments are on the edge
-DEFINITE_SLACK = 1e-9  # [-] of the largest moment: rounding of a rod, whose least moment is zero
 NEGLIGIBLE = 1e-12  # [kg m^2] a grain of sand's; a fault smaller than this is noise around zero
-ADVICE = (
-    "no body has a negative moment, or one larger than the sum of the other two; mend it, or have such inertias"
-    " balanced as MuJoCo does, to equal moments: balance_inertias = true under [robot], or --balance-inertias"
-)
 
 
 @dataclass(frozen=True)
@@ -57,9 +51,11 @@ def fault(inertia: Array) -> str | None:
     """Return why no body has an inertia (3, 3), kg m^2: a negative moment, or one above the sum of the other two."""
     moments = np.linalg.eigvalsh(inertia)
     listed = ", ".join(f"{moment:.4g}" for moment in moments)
-    if moments[0] < -max(DEFINITE_SLACK * abs(moments[2]), NEGLIGIBLE):
+    # 1e-9 of the largest moment is rounding of a rod, whose least moment is zero
+    if moments[0] < -max(1e-9 * abs(moments[2]), NEGLIGIBLE):
         return f"is not positive definite: principal moments {listed} kg m^2"
-    if moments[2] > moments[0] + moments[1] + max(TRIANGLE_SLACK * moments[2], NEGLIGIBLE):
+    # 1e-3 is rounding to three digits of a plate, whose moments are on the edge
+    if moments[2] > moments[0] + moments[1] + max(1e-3 * moments[2], NEGLIGIBLE):
         return f"breaks the triangle inequality: principal moments {listed} kg m^2"
     return None
 
@@ -67,8 +63,8 @@ def fault(inertia: Array) -> str | None:
 def with_sound_inertias(tree: UrdfTree, balance: bool) -> UrdfTree:
     """Return the robot, with a warning about links whose own inertia no body can have.
 
-    An inertia counts as part of the rigid body that moves: links joined by fixed joints, taken together. A moment of
-    zero (a massless link, a point mass, a rod) is left to the check of the model's mass matrix.
+    An inertia counts with the rigid body that moves: all links joined by fixed joints. A moment of zero (a massless
+    link, a point mass, a rod) is left to the check of the model's mass matrix.
 
     Parameters
     ----------
@@ -80,11 +76,11 @@ def with_sound_inertias(tree: UrdfTree, balance: bool) -> UrdfTree:
     InputError
         A rigid body has an inertia that is none, or the mean of a link's moments is not positive.
     """
-    faults = {
-        link.name: reason
-        for link in tree.links.values()
-        if link.inertial is not None and (reason := fault(link.inertial.inertia))
-    }
+    faults = {}
+    for link in tree.links.values():
+        reason = None if link.inertial is None else fault(link.inertial.inertia)
+        if reason:
+            faults[link.name] = reason
     if not faults:
         return tree
     if balance:
@@ -94,10 +90,17 @@ def with_sound_inertias(tree: UrdfTree, balance: bool) -> UrdfTree:
         body[joint.child] = body[joint.parent] if joint.type == "fixed" else joint.child
     placements = tree.placements({})
     for name, reason in faults.items():
-        fixed = [link for link in tree.links if body[link] == body[name]]
-        parts = ((own, placements[link]) for link in fixed if (own := tree.links[link].inertial) is not None)
-        if fault(rigid_body(parts)[2]):
-            raise InputError(reason, element=f'link "{name}": inertia', advice=ADVICE)
+        members = []
+        for other, element in tree.links.items():
+            if body[other] == body[name] and element.inertial is not None:
+                members.append((element.inertial, placements[other]))
+        if fault(rigid_body(members)[2]):
+            advice = (
+                "no body has a negative moment, or one larger than the sum of the other two; mend it, or have such "
+                "inertias balanced as MuJoCo does, to equal moments: balance_inertias = true under [robot], or "
+                "--balance-inertias"
+            )
+            raise InputError(reason, element=f'link "{name}": inertia', advice=advice)
     used = "used, because together with the links fixed to them they make sound bodies"
     warning = f"links with an inertia that no body can have: {', '.join(faults)}; {used}"
     return replace(tree, warnings=(*tree.warnings, warning))
@@ -112,8 +115,9 @@ def _balanced(tree: UrdfTree, faults: dict[str, str]) -> UrdfTree:
         xx, yy, zz = own.inertia.diagonal()
         mean = (xx + yy + zz) / 3  # of the diagonal's elements as of the principal moments
         if not mean > 0.0:
-            place, advice = f'link "{name}": inertia', "give the link the inertia of a body"
-            raise InputError(f"{reason}, whose mean is not positive", element=place, advice=advice)
+            where = f'link "{name}": inertia'
+            advice = "give the link the inertia of a body"
+            raise InputError(f"{reason}, whose mean is not positive", element=where, advice=advice)
         links[name] = replace(links[name], inertial=replace(own, inertia=read_only(mean * np.eye(3))))
     return replace(tree, links=links, warnings=(*tree.warnings, balanced_warning(faults)))
 
@@ -140,12 +144,12 @@ def with_payload(tree: UrdfTree, payload: Sequence[Payload]) -> UrdfTree:
         point = Inertial(
             Origin(read_only(carried.at), read_only(np.zeros(3))), carried.mass, read_only(np.zeros((3, 3)))
         )
-        before = links[carried.link].inertial
-        parts = [point] if before is None else [before, point]
-        mass, center, inertia = rigid_body((part, pin.SE3.Identity()) for part in parts)
+        own = links[carried.link].inertial
+        members = [point] if own is None else [own, point]
+        mass, center, inertia = rigid_body((member, pin.SE3.Identity()) for member in members)
         if max(mass, abs(inertia).max(), abs(center).max()) > LARGEST:
             reason = f"makes its link heavier than any robot's: {mass:g} kg, moments of {abs(inertia).max():g} kg m^2"
             raise InputError(reason, element=f'payload "{carried.link}"', advice="give kg, and m in the link's frame")
-        together = Inertial(Origin(read_only(center), read_only(np.zeros(3))), mass, read_only(inertia))
-        links[carried.link] = replace(links[carried.link], inertial=together)
+        sum_of_both = Inertial(Origin(read_only(center), read_only(np.zeros(3))), mass, read_only(inertia))
+        links[carried.link] = replace(links[carried.link], inertial=sum_of_both)
     return replace(tree, links=links)

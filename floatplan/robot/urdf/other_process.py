@@ -1,7 +1,7 @@
-"""What other packages say of a robot, asked in a process of its own by ``packages.py``; it imports none of floatplan.
+"""Robots of other packages, in a process of its own that ``packages.py`` starts; it imports none of floatplan.
 
-Arguments: what is asked, of what, and the largest memory, bytes. The answer is written to where standard output was, or
-why there is none, with an exit code of 1.
+Arguments: the kind of robot, its name, and the largest memory, bytes. The result is written to where standard output
+was, or the reason why there is none, with an exit code of 1.
 """
 
 import json
@@ -9,9 +9,6 @@ import os
 import resource
 import sys
 from importlib import import_module
-
-PATHS = ("URDF_PATH", "XACRO_PATH", "MJCF_PATH")
-LONGEST = 100_000_000  # [bytes] of the answer
 
 
 def expanded(file: str) -> bytes:
@@ -24,20 +21,27 @@ def expanded(file: str) -> bytes:
 def described(name: str) -> bytes:
     """Return the paths that a module of robot_descriptions gives."""
     module = import_module(f"robot_descriptions.{name}")
-    return json.dumps({key: str(getattr(module, key)) for key in PATHS if hasattr(module, key)}).encode()
+    paths = {}
+    for key in ("URDF_PATH", "XACRO_PATH", "MJCF_PATH"):
+        if hasattr(module, key):
+            paths[key] = str(getattr(module, key))
+    return json.dumps(paths).encode()
 
 
 if __name__ == "__main__":
-    _, asked, subject, memory = sys.argv
-    for limit, most in ((resource.RLIMIT_AS, int(memory)), (resource.RLIMIT_FSIZE, LONGEST)):
+    _, kind, subject, memory = sys.argv
+    largest_output = 100_000_000  # [bytes]
+    for limit, most in ((resource.RLIMIT_AS, int(memory)), (resource.RLIMIT_FSIZE, largest_output)):
         resource.setrlimit(limit, (most, most))
-    answer, code = os.dup(1), 0
-    os.dup2(2, 1)  # whatever is printed meanwhile is no answer
+    output = os.dup(1)
+    code = 0
+    os.dup2(2, 1)  # whatever is printed meanwhile does not belong to the result
     try:
-        content = {"xacro": expanded, "description": described}[asked](subject)
+        content = {"xacro": expanded, "description": described}[kind](subject)
     except BaseException as error:
         cause = getattr(error, "exc", None) or error  # of xacro's own
-        content, code = f"{type(cause).__name__}: {error}".encode("utf-8", "replace"), 1
-    with os.fdopen(answer, "wb") as stream:
+        content = f"{type(cause).__name__}: {error}".encode("utf-8", "replace")
+        code = 1
+    with os.fdopen(output, "wb") as stream:
         stream.write(content)
     sys.exit(code)

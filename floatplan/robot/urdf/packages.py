@@ -1,7 +1,7 @@
-"""Robots that other packages give: one of robot_descriptions by its name, and what a xacro file makes.
+"""Robots of other packages: one of robot_descriptions by its name, and the URDF that a xacro file makes.
 
 Both run code that is not floatplan's: a module that may clone a repository, and the expressions of a file. So they run
-in a process of their own, for ``LONGEST`` seconds at most, with ``MEMORY``, and Git brings nothing from other machines.
+in a process of their own, for ``LONGEST`` seconds at most, with 2 GB, and Git brings nothing from other machines.
 """
 
 import difflib
@@ -25,9 +25,6 @@ from floatplan.tables import ROBOT_KINDS, RobotKind
 PACKAGE = "robot_descriptions"
 ADDRESS = re.compile(rf"(?:{PACKAGE}:)?(\w+_description)")
 LONGEST = 60.0  # [s] of a file that is expanded, or a module that is imported
-MEMORY = 2_000_000_000  # [bytes]
-LONGEST_REASON = 1000  # [bytes]
-SCRIPT = Path(__file__).with_name("other_process.py")
 
 
 def robot_content(path: Path) -> bytes:
@@ -45,7 +42,7 @@ def robot_content(path: Path) -> bytes:
         reason = 'is a xacro file, and xacrodoc is not installed: it comes with the extra "xacro"'
         raise InputError(reason, source=path, advice=install_advice("xacro"))
     try:
-        content = _asked("xacro", str(path.resolve()), path.resolve().parent)
+        content = _run("xacro", str(path.resolve()), path.resolve().parent)
     except InputError as error:
         raise InputError(f"xacro refuses it: {error.reason}", source=path) from None
     if len(content) > LARGEST_URDF:
@@ -70,27 +67,31 @@ def description_path(address: str, kind: RobotKind | None) -> Path:
         raise InputError(f"the package {PACKAGE} is not installed", source=address, advice=advice)
     if find_spec(f"{PACKAGE}.{name}") is None:
         folders = spec.submodule_search_locations or []
-        known = [file.stem for folder in folders for file in Path(folder).glob("*_description.py")]
-        close = ", ".join(difflib.get_close_matches(name, known))
+        modules = []
+        for folder in folders:
+            modules += [file.stem for file in Path(folder).glob("*_description.py")]
+        close = ", ".join(difflib.get_close_matches(name, modules))
         raise InputError(f"{PACKAGE} has no {name}", source=address, advice=f"it has {close}" if close else None)
     try:
-        answer = json.loads(_asked("description", name, Path.cwd()))
+        files = json.loads(_run("description", name, Path.cwd()))
     except InputError as error:
         advice = f"bring it here first: {sys.executable} -m {PACKAGE} pull {name}"
         raise InputError(f"{PACKAGE} does not give it: {error.reason}", source=address, advice=advice) from None
-    for wanted in ROBOT_KINDS if kind is None else (kind,):
-        path = answer.get(f"{wanted.upper()}_PATH")
+    for kind_of_file in ROBOT_KINDS if kind is None else (kind,):
+        path = files.get(f"{kind_of_file.upper()}_PATH")
         if path and is_file(Path(path)):
             return Path(path)
-    given = ", ".join(f"{key} {path}" for key, path in answer.items()) or "nothing"
+    listed = ", ".join(f"{key} {path}" for key, path in files.items()) or "nothing"
     reason = f"{PACKAGE} gives no {'URDF or MJCF' if kind is None else kind.upper()} of it"
-    raise InputError(reason, source=address, advice=f"it gives {given}")
+    raise InputError(reason, source=address, advice=f"it gives {listed}")
 
 
-def _asked(what: str, subject: str, folder: Path) -> bytes:
-    """The answer of another process, which runs in a folder; InputError in a line where it has none."""
-    command = [sys.executable, str(SCRIPT), what, subject, str(MEMORY)]
-    with tempfile.TemporaryFile() as answer:
+def _run(what: str, subject: str, folder: Path) -> bytes:
+    """The output of another process, which runs in a folder; InputError in a line where it fails."""
+    memory = 2_000_000_000  # [bytes]
+    script = Path(__file__).with_name("other_process.py")
+    command = [sys.executable, str(script), what, subject, str(memory)]
+    with tempfile.TemporaryFile() as output:
         with same_modules():
             git = {"GIT_ALLOW_PROTOCOL": "file", "GIT_TERMINAL_PROMPT": "0"}
             process = subprocess.Popen(
@@ -98,7 +99,7 @@ def _asked(what: str, subject: str, folder: Path) -> bytes:
                 cwd=folder,
                 env={**os.environ, **git},
                 stdin=subprocess.DEVNULL,
-                stdout=answer,
+                stdout=output,
                 stderr=subprocess.DEVNULL,
                 start_new_session=True,
             )
@@ -110,9 +111,9 @@ def _asked(what: str, subject: str, folder: Path) -> bytes:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)  # with what it started
             process.wait()
-        answer.seek(0)
-        content = answer.read(LARGEST_URDF + 1)
+        output.seek(0)
+        content = output.read(LARGEST_URDF + 1)
     if code or not content:
-        reason = " ".join(content[:LONGEST_REASON].decode("utf-8", "replace").split())
+        reason = " ".join(content[:1000].decode("utf-8", "replace").split())  # one line of a message
         raise InputError(reason or f"it ended with {code}, and said nothing")
     return content

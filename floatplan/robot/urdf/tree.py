@@ -26,19 +26,11 @@ from floatplan.files import LARGEST_URDF, is_file, parsed_xml, read_regular
 from floatplan.robot.urdf.packages import ADDRESS, description_path, robot_content
 from floatplan.tables import RobotKind
 
-XACRO = ("{http://www.ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}", "{http://ros.org/wiki/xacro}")
-OF_SRDF = ("group", "group_state", "end_effector", "virtual_joint", "disable_collisions", "rotor_params")
 ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 PREFIX = "example-robot-data:"
-FOLDER = Path("share", "example-robot-data", "robots")
-FOLDER_NAME = re.compile("(_description|_data)$")  # what folders there end with, after the robot's name
 FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
-NO_ROBOTS = {  # what else is given where a robot's file is to be
-    ".toml": "give the file that its key robot.urdf or robot.mjcf names",
-    ".json": "give the URDF or MJCF that it was made with",
-}
 INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
 
 
@@ -65,35 +57,35 @@ class Inertial:
 
     @property
     def in_link(self) -> Array:
-        """Inertia (3, 3) about the centre of mass in the link's axes, exactly symmetric, as Pinocchio wants it."""
+        """Inertia (3, 3) about the centre of mass in the link's axes, exactly symmetric, as Pinocchio requires it."""
         return turned_inertia(self.origin.placement.rotation, self.inertia)
 
 
 def turned_inertia(rotation: Array, inertia: Array) -> Array:
     """Return ``rotation @ inertia @ rotation.T`` (3, 3) without the rounding by which it is not symmetric."""
-    turned = rotation @ inertia @ rotation.T
-    return np.asarray((turned + turned.T) / 2)
+    product = rotation @ inertia @ rotation.T
+    return np.asarray((product + product.T) / 2)
 
 
 def rigid_body(parts: Iterable[tuple[Inertial, Any]]) -> tuple[float, Array, Array]:
     """Mass, kg, centre of mass (3,), m, and inertia (3, 3), kg m^2, about it, of links that are fixed to one another.
 
-    Each comes with the placement (``pinocchio.SE3``) of its frame; the axes are those of the placements.
+    Each link has the placement (``pinocchio.SE3``) of its frame; the axes are those of the placements.
     """
-    solid = [(own, place * own.origin.placement) for own, place in parts]
-    mass = sum(own.mass for own, _ in solid)
-    center = sum((own.mass * place.translation for own, place in solid), np.zeros(3)) / (mass or 1.0)
+    links = [(own, placement * own.origin.placement) for own, placement in parts]
+    mass = sum(own.mass for own, _ in links)
+    center = sum((own.mass * placement.translation for own, placement in links), np.zeros(3)) / (mass or 1.0)
     inertia = np.zeros((3, 3))
-    for own, place in solid:
-        arm = place.translation - center
-        inertia += turned_inertia(place.rotation, own.inertia)
+    for own, placement in links:
+        arm = placement.translation - center
+        inertia += turned_inertia(placement.rotation, own.inertia)
         inertia += own.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return mass, center, inertia
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link; ``inertial`` is None where the file gives none or all zeros; ``collisions`` are its XML elements.
+    """A link; ``inertial`` is None where the file has none or all zeros; ``collisions`` are its XML elements.
 
     ``frame``: it only stands between joints, of an MJCF's body or of a base that floats, and has no shape at all.
     """
@@ -117,7 +109,7 @@ class Mimic:
 class UrdfJoint:
     """A joint from ``parent`` to ``child`` with unit ``axis`` (3,) in its own frame.
 
-    ``lower`` and ``upper`` (rad or m), ``velocity`` and ``effort`` are infinite where the file does not give them;
+    ``lower`` and ``upper`` (rad or m), ``velocity`` and ``effort`` are infinite where the file has none;
     ``armature`` (the rotor's inertia as the joint feels it, kg m^2), ``damping`` (N m s/rad) and ``friction`` (N m) are
     None there.
     """
@@ -202,9 +194,9 @@ class UrdfTree:
 class UrdfText:
     """A robot's file as read: as a URDF, the text and its root element; the SHA-256 of its bytes.
 
-    Of an MJCF, ``files`` are the SHA-256 of what it is read with, by their paths from its folder, ``keyframes`` its
-    reference postures, ``gravity_direction`` is as of :class:`~floatplan.robot.robot.Robot`, and ``warnings`` say what
-    it has and a URDF has not.
+    Of an MJCF, ``files`` are the SHA-256 of the files that it includes or names, by their paths from its folder,
+    ``keyframes`` its reference postures, ``gravity_direction`` is as of :class:`~floatplan.robot.robot.Robot`, and
+    ``warnings`` are about properties that a URDF has not.
     """
 
     path: Path
@@ -226,10 +218,12 @@ def read_xml(path: Path) -> tuple[bytes, Element]:
     InputError
         If the file is missing, a directory, unreadable, empty, binary, truncated, or not XML.
     """
-    if path.suffix.lower() in NO_ROBOTS and is_file(path):
-        raise InputError(
-            f"is a {path.suffix[1:].upper()} file, not a robot's", source=path, advice=NO_ROBOTS[path.suffix.lower()]
-        )
+    advice = {  # about files that are often taken for the robot's
+        ".toml": "give the file that its key robot.urdf or robot.mjcf names",
+        ".json": "give the URDF or MJCF that it was made with",
+    }.get(path.suffix.lower())
+    if advice is not None and is_file(path):
+        raise InputError(f"is a {path.suffix[1:].upper()} file, not a robot's", source=path, advice=advice)
     content = robot_content(path)
     if not content.strip():
         raise InputError("is empty", source=path)
@@ -242,7 +236,7 @@ def urdf_text(path: Path, content: bytes, root: Element) -> UrdfText:
         raise InputError("has no <link>", source=path, advice=_why_no_links(path, root))
     try:
         text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:  # in another encoding: written anew
+    except UnicodeDecodeError:  # in another encoding: written again
         text = tostring(root, encoding="unicode")
     return UrdfText(path, text, hashlib.sha256(content).hexdigest(), root)
 
@@ -254,52 +248,54 @@ def _why_no_links(path: Path, root: Element) -> str:
         if macros:
             return "xacro makes a robot without links of it, as it only defines macros: give the file that calls them"
         return "xacro makes a robot without links of it: give the file that has them, or includes those that do"
-    if any(element.tag.startswith(XACRO) for element in root.iter()):
+    xacro = ("{http://www.ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}", "{http://ros.org/wiki/xacro}")
+    if any(element.tag.startswith(xacro) for element in root.iter()):
         return "it is a xacro file: let its name end in .xacro"
-    if any(element.tag in OF_SRDF for element in root):
+    of_srdf = ("group", "group_state", "end_effector", "virtual_joint", "disable_collisions", "rotor_params")
+    if any(element.tag in of_srdf for element in root):
         return "it is an SRDF, which says more about a robot: give the URDF itself"
     return "a URDF has one for each part of the robot"
 
 
-def only(place: str, element: Element, tag: str) -> Element | None:
+def only(where: str, element: Element, tag: str) -> Element | None:
     """The child of ``element`` called ``tag``, None where there is none, an error where there are several."""
     children = element.findall(tag)
     if len(children) > 1:
-        raise InputError(f"has {len(children)} <{tag}> elements, where one is allowed", element=place)
+        raise InputError(f"has {len(children)} <{tag}> elements, where one is allowed", element=where)
     return children[0] if children else None
 
 
-def number(place: str, element: Element, key: str, default: float | None, largest: float = LARGEST) -> float:
+def number(where: str, element: Element, key: str, default: float | None, largest: float = LARGEST) -> float:
     """A number from attribute ``key``; ``default`` where it is left out, an error if that is None."""
     text = element.get(key)
     if text is not None:
-        return _parsed(f"{place}: {key}", text, largest)
+        return _parsed(f"{where}: {key}", text, largest)
     if default is None:
-        raise InputError(f"has no {key}", element=place)
+        raise InputError(f"has no {key}", element=where)
     return default
 
 
-def triple(place: str, element: Element | None, key: str, default: tuple[float, float, float]) -> Array:
+def triple(where: str, element: Element | None, key: str, default: tuple[float, float, float]) -> Array:
     """Three finite numbers from attribute ``key``; ``default`` where it or the element is left out."""
     text = None if element is None else element.get(key)
     if text is None:
         return read_only(default)
     words = text.split()
     if len(words) != 3:
-        raise InputError(f'must be three numbers, not "{text}"', element=place)
-    return read_only([_parsed(place, word, LARGEST) for word in words])
+        raise InputError(f'must be three numbers, not "{text}"', element=where)
+    return read_only([_parsed(where, word, LARGEST) for word in words])
 
 
-def _parsed(place: str, text: str, largest: float) -> float:
+def _parsed(where: str, text: str, largest: float) -> float:
     try:
         value = math.nan if "_" in text else float(text)
     except ValueError:
         value = math.nan
     if math.isnan(value):
-        raise InputError(f'must be a number, not "{text}"', element=place)
+        raise InputError(f'must be a number, not "{text}"', element=where)
     if abs(value) > largest:
         reason = "must be a finite number, not" if math.isinf(value) else "is larger than any robot's:"
-        raise InputError(f'{reason} "{text.strip()}"', element=place)
+        raise InputError(f'{reason} "{text.strip()}"', element=where)
     return value
 
 
@@ -336,7 +332,7 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
 
 
 def refuse_bare_name(path: Path) -> None:
-    """Refuse what is no file but the bare name of a robot of example-robot-data, whose address is then told.
+    """Refuse what is no file but the bare name of a robot of example-robot-data, with its address as advice.
 
     Raises
     ------
@@ -352,15 +348,20 @@ def refuse_bare_name(path: Path) -> None:
 def _address_of(name: str) -> str | None:
     """The address of a robot of example-robot-data whose file or folder has a name; None where there is none."""
     word = name.lower()
-    by_file = [known for known in example_urdfs() if word == Path(known).stem.lower()]
-    by_folder = [known for known in example_urdfs() if word == FOLDER_NAME.sub("", Path(known).parts[0].lower())]
-    return next((f"{PREFIX}{known}" for known in (*by_file, *by_folder)), None)
+    for urdf in example_urdfs():
+        if word == Path(urdf).stem.lower():
+            return f"{PREFIX}{urdf}"
+    for urdf in example_urdfs():
+        folder = Path(urdf).parts[0].lower()
+        if word == re.sub("(_description|_data)$", "", folder):  # such endings follow the robot's name
+            return f"{PREFIX}{urdf}"
+    return None
 
 
 def robots_folder() -> Path | None:
     """Return the folder ``robots`` of example-robot-data, None where it is not installed.
 
-    Looked for in the environment variable, in the installed package's list of files, and in the share folders of the
+    Searched in the environment variable, in the installed package's list of files, and in the share folders of the
     interpreter, of ROS and of the system.
     """
     return next((folder for folder in _candidates() if folder.is_dir()), None)
@@ -375,12 +376,14 @@ def example_urdfs() -> tuple[str, ...]:
 
 
 def _candidates() -> Iterator[Path]:
-    if given := os.environ.get(FOLDER_VARIABLE):
-        yield Path(given)
-    if (folder := _of_distribution()) is not None:
-        yield folder
+    if folder := os.environ.get(FOLDER_VARIABLE):
+        yield Path(folder)
+    if (distributed := _of_distribution()) is not None:
+        yield distributed
     prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), *INSTALL_PREFIXES]
-    yield from (Path(prefix) / FOLDER for prefix in prefixes if prefix)
+    for prefix in prefixes:
+        if prefix:
+            yield Path(prefix, "share", "example-robot-data", "robots")
 
 
 @cache
@@ -400,5 +403,5 @@ def _similar(folder: Path, name: str) -> str | None:
     names = example_urdfs()
     close = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     stem = Path(name).stem.lower()
-    close += [known for known in names if stem in known.lower() and known not in close][:3]
+    close += [other for other in names if stem in other.lower() and other not in close][:3]
     return f"it has {', '.join(close)}" if close else f"its robots are in {folder}"

@@ -4,7 +4,7 @@ A chart of few curves is one picture; of many, small ones, each with its own lim
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,33 +22,44 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
-from floatplan.view.sampled import SampledPlan
+from floatplan.view.sampled import SampledPlan, flies_in_space
 from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
 
 SAMPLES = 241  # [-] of a curve
-HEIGHT = 2.1  # [in]
-SECOND_HEIGHT = 1.25  # [in] of an axis added below
-ACROSS = 2  # [-] small pictures side by side
-ROW_HEIGHT = 0.72  # [in] of them
-FRAME_HEIGHT = 0.62  # [in] of their time axis and legend
-SMALL = 5.6  # [pt]
-THINNER = 0.8  # [-] their lines and marks
-FLYING: dict[str, Any] = {"color": "#f0f0f0", "linewidth": 0}
-BAND = 6.0  # [pt] of what is there or not
-LONGEST_NAME = 18  # [letters] of a title
-OTHER = 0.75  # [-] strength of a second plan's colours
-DASHED: dict[str, Any] = {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0}
-PROVED: dict[str, Any] = {"linestyle": (0, (1, 1.6)), "linewidth": 0.9, "zorder": 1.4}
-LIMIT: dict[str, Any] = {"linestyle": (0, (9, 3)), "linewidth": 0.7, "zorder": 1.5}
-START: dict[str, Any] = {
-    "marker": "o",
-    "linestyle": "none",
-    "clip_on": False,
-    "zorder": 5,
-    "markersize": 3.2,
-    "markeredgewidth": 1.0,
+
+
+@dataclass(frozen=True)
+class ChartLayout:
+    """Sizes of charts in one column of a paper."""
+
+    height: float = 2.1  # [in] of the first axis with its labels
+    second_height: float = 1.25  # [in] of an axis added below
+    across: int = 2  # small pictures side by side
+    row_height: float = 0.72  # [in] of small pictures
+    frame_height: float = 0.62  # [in] of their time axis and legend
+    letters: float = 5.6  # [pt] of their text
+    longest_name: int = 18  # [letters] of their titles
+    thinner: float = 0.8  # [-] widths of their lines, relative to those of large ones
+    band: float = 6.0  # [pt] width of a line that is there or not
+    compared: float = 0.75  # [-] strength of a second plan's colours
+
+
+LAYOUT = ChartLayout()
+LINES: dict[str, dict[str, Any]] = {  # dashes and widths, pt, by which kinds of lines are told from one another
+    "in flight": {"color": "#f0f0f0", "linewidth": 0},
+    "compared": {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0},
+    "proved": {"linestyle": (0, (1, 1.6)), "linewidth": 0.9, "zorder": 1.4},
+    "limit": {"linestyle": (0, (9, 3)), "linewidth": 0.7, "zorder": 1.5},
+    "start": {
+        "marker": "o",
+        "linestyle": "none",
+        "clip_on": False,
+        "zorder": 5,
+        "markersize": 3.2,
+        "markeredgewidth": 1.0,
+    },
 }
-GOAL: dict[str, Any] = {**START, "markersize": 4.4, "markerfacecolor": "white"}
+LINES["goal"] = {**LINES["start"], "markersize": 4.4, "markerfacecolor": "white"}
 
 Marks = dict[str, Any]  # a legend's entries: name -> handle
 
@@ -78,7 +89,7 @@ def figures(plan: Trajectory, *, compare: Plan | None = None) -> dict[str, Figur
         ``compare`` plans other joints.
     """
     with styled():
-        return dict(_drawn(plan, compare))
+        return dict(_named_figures(plan, compare))
 
 
 def save_figures(
@@ -100,24 +111,25 @@ def save_figures(
     for name in formats:
         if name not in METADATA:
             raise InputError(f"must be among {', '.join(METADATA)}, not {name!r}", element="formats")
+    folder = Path(directory)
+    paths = []
     with styled():
-        return [
-            write_atomically(Path(directory) / f"{name}.{form}", rendered(figure, form))
-            for name, figure in _drawn(plan, compare)
-            for form in formats
-        ]
+        for name, figure in _named_figures(plan, compare):
+            paths += [write_atomically(folder / f"{name}.{form}", rendered(figure, form)) for form in formats]
+    return paths
 
 
-def _drawn(plan: Trajectory, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
+def _named_figures(plan: Trajectory, compare: Plan | None) -> Iterator[tuple[str, Figure]]:
     if compare is not None and isinstance(plan, JumpMotion):
         raise InputError("a jump is not compared", element="compare", advice="compare plans, such as its flight's")
     if compare is not None and compare.robot.joints != plan.robot.joints:
         joints = ", ".join(compare.robot.joints)
         reason = f"plans {joints}, not {', '.join(plan.robot.joints)}"
         raise InputError(reason, element="compare", advice="give a plan for the same joints")
-    if compare is not None and (compare.robot.in_plane is None) != (plan.robot.in_plane is None):
+    if compare is not None and flies_in_space(compare) != flies_in_space(plan):
         raise InputError("one plan flies in space, the other in a plane", element="compare", advice="compare two alike")
-    sampled, other = sample(plan), None if compare is None else sample(compare, plan)
+    sampled = sample(plan)
+    other = None if compare is None else sample(compare, plan)
     if isinstance(plan, JumpMotion):
         yield "moments", moments(plan)
     elif isinstance(plan, Plan):
@@ -129,9 +141,9 @@ def _drawn(plan: Trajectory, compare: Plan | None) -> Iterator[tuple[str, Figure
         yield "comparison", comparison(plan, compare)
 
 
-def sample(plan: Trajectory, beside: Trajectory | None = None) -> SampledPlan:
+def sample(plan: Trajectory, reference: Trajectory | None = None) -> SampledPlan:
     """Sample a plan at the instants of the curves, as :meth:`SampledPlan.of`."""
-    return SampledPlan.of(plan, np.linspace(0, plan.duration, SAMPLES), beside)
+    return SampledPlan.of(plan, np.linspace(0, plan.duration, SAMPLES), reference)
 
 
 def chart_figure(chart: Chart, sampled: SampledPlan, other: SampledPlan | None = None) -> Figure:
@@ -139,8 +151,8 @@ def chart_figure(chart: Chart, sampled: SampledPlan, other: SampledPlan | None =
     if chart.of_each and is_crowded(sampled.plan):
         return _small_multiples(chart, sampled, other)
     rows = len(chart.panels)
-    figure = new_figure(COLUMN, HEIGHT + SECOND_HEIGHT * (rows - 1))
-    ratios = [HEIGHT - 0.5] + [SECOND_HEIGHT] * (rows - 1)
+    figure = new_figure(COLUMN, LAYOUT.height + LAYOUT.second_height * (rows - 1))
+    ratios = [LAYOUT.height - 0.5] + [LAYOUT.second_height] * (rows - 1)
     grid = figure.subplots(rows, 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": ratios})[:, 0]
     grid[-1].set(xlim=(0, sampled.plan.duration), xlabel="time (s)")
     marks: Marks = {}
@@ -148,36 +160,39 @@ def chart_figure(chart: Chart, sampled: SampledPlan, other: SampledPlan | None =
     for axes, panel in reversed(list(zip(grid, chart.panels, strict=True))):
         marks |= draw_panel(axes, chart, panel, sampled, other)
         for curve in panel.curves:
-            known = [each.columns[curve.key] for each in _both(sampled, other) if curve.key in each.columns]
-            if chart.factor * min(map(np.fmin.reduce, known)) <= axes.get_ylim()[1]:
+            values = [plan.columns[curve.key] for plan in _layers(sampled, other) if curve.key in plan.columns]
+            if chart.factor * min(map(np.fmin.reduce, values)) <= axes.get_ylim()[1]:
                 entries.append((Line2D([], [], color=curve.colour, linestyle=curve.linestyle), curve.name))
     figure.align_ylabels()
-    legend_above(figure, [*entries, *((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)])
+    legend_above(figure, [*entries, *_plan_marks(marks, sampled, other)])
     return figure
 
 
 def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | None) -> Figure:
-    """A small picture for each curve; a limit that is too far to be drawn is a number beside the name."""
-    rows = -(-len(chart.curves) // ACROSS)
-    figure = new_figure(COLUMN, ROW_HEIGHT * rows + FRAME_HEIGHT)
-    grid = figure.subplots(rows, ACROSS, sharex=True, squeeze=False)
+    """A small picture for each curve; a limit that is too far away for a line is a number next to the name."""
+    rows = -(-len(chart.curves) // LAYOUT.across)
+    figure = new_figure(COLUMN, LAYOUT.row_height * rows + LAYOUT.frame_height)
+    grid = figure.subplots(rows, LAYOUT.across, sharex=True, squeeze=False)
     marks: Marks = {}
+    longest = LAYOUT.longest_name
     for axes, curve in zip(grid.T.ravel(), chart.curves, strict=False):
-        name = curve.name if len(curve.name) <= LONGEST_NAME else f"{curve.name[: LONGEST_NAME - 1]}…"
-        axes.set_title(name, fontsize=SMALL + 0.6, loc="left", pad=2, color=INK)
-        marks |= draw_panel(axes, chart, replace(chart.panels[0], label="", curves=[curve]), sampled, other, THINNER)
+        name = curve.name if len(curve.name) <= longest else f"{curve.name[: longest - 1]}…"
+        axes.set_title(name, fontsize=LAYOUT.letters + 0.6, loc="left", pad=2, color=INK)
+        panel = replace(chart.panels[0], label="", curves=[curve])
+        marks |= draw_panel(axes, chart, panel, sampled, other, LAYOUT.thinner)
         axes.yaxis.set_major_locator(MaxNLocator(3))
-        axes.tick_params(labelsize=SMALL)
+        axes.tick_params(labelsize=LAYOUT.letters)
     for axes in grid.T.ravel()[len(chart.curves) :]:
         axes.set_axis_off()
-    lasts = [axes for column in grid.T for axes in [each for each in column if each.axison][-1:]]
-    for last in lasts:
-        last.tick_params(labelbottom=True)
-        last.set(xlim=(0, sampled.plan.duration))
-        last.xaxis.set_major_locator(MaxNLocator(4))
+    for column in grid.T:
+        visible = [axes for axes in column if axes.axison]
+        if visible:  # the time axis is under the last of a column
+            visible[-1].tick_params(labelbottom=True)
+            visible[-1].set(xlim=(0, sampled.plan.duration))
+            visible[-1].xaxis.set_major_locator(MaxNLocator(4))
     figure.supylabel(chart.unit, fontsize=7)
     figure.supxlabel("time (s)", fontsize=7)
-    entries = [*((mark, name) for name, mark in marks.items()), *_plan_marks(sampled, other)]
+    entries = _plan_marks(marks, sampled, other)
     if entries:
         legend_above(figure, entries)
     return figure
@@ -191,18 +206,22 @@ def draw_panel(
     def scaled(style: dict[str, Any]) -> dict[str, Any]:
         return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
 
-    peak, width = 0.0, 1.3 if chart.unit else BAND
+    peak = 0.0
+    width = 1.3 if chart.unit else LAYOUT.band
     marks: Marks = {}
     if isinstance(sampled.plan, JumpMotion):
-        axes.axvspan(*sampled.plan.flight_span, zorder=0.3, **FLYING)
-        marks["in flight"] = Patch(**FLYING)
-    for each in _both(sampled, other):
+        axes.axvspan(*sampled.plan.flight_span, zorder=0.3, **LINES["in flight"])
+        marks["in flight"] = Patch(**LINES["in flight"])
+    for layer in _layers(sampled, other):
         for curve in panel.curves:
-            if curve.key in each.columns:
-                values = chart.factor * each.columns[curve.key]
-                style = DASHED if each is other else {"linestyle": curve.linestyle, "linewidth": width}
-                colour = faded(curve.colour, OTHER if each is other else 1.0)
-                axes.plot(each.times, values, color=colour, **scaled(style))
+            if curve.key in layer.columns:
+                values = chart.factor * layer.columns[curve.key]
+                style: dict[str, Any] = {"linestyle": curve.linestyle, "linewidth": width}
+                colour = faded(curve.colour, 1.0)
+                if layer is other:
+                    style = LINES["compared"]
+                    colour = faded(curve.colour, LAYOUT.compared)
+                axes.plot(layer.times, values, color=colour, **scaled(style))
                 peak = max(peak, largest(values))
     if panel.label:
         axes.set_ylabel(f"{panel.label} ({chart.unit})")
@@ -215,47 +234,52 @@ def draw_panel(
         axes.set_yticks([])
     else:
         axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
-    drawn, left = panel.lines(peak / chart.factor)
-    for line in drawn:
-        style = scaled(LIMIT) | {"color": line.colour if line.part is None or len(panel.curves) > 1 else INK}
+    shown, omitted = panel.lines(peak / chart.factor)
+    for line in shown:
+        style = scaled(LINES["limit"]) | {
+            "color": line.colour if line.segment is None or len(panel.curves) > 1 else INK
+        }
         if np.ndim(line.value):
             axes.plot(sampled.times, chart.factor * np.broadcast_to(line.value, sampled.times.shape), **style)
         else:
             axes.axhline(chart.factor * float(line.value), **style)
-        marks[line.name] = Line2D([], [], **style | {"color": line.colour if line.part is None else INK})
+        marks[line.name] = Line2D([], [], **style | {"color": line.colour if line.segment is None else INK})
     if panel.interval is not None:
         low, high = panel.interval
-        if left:
+        if omitted:
             marks[f"{INTERVAL}: {low:.3g} to {high:.3g}"] = Line2D([], [], linestyle="none")
         else:
             axes.axhspan(low, high, color=faded(INK, 0.08), linewidth=0, zorder=0.4)
-    elif thinner < 1.0 and left:
-        axes.set_title(f"limit {np.min(left[0].value):.3g}", fontsize=SMALL, loc="right", pad=2, color=GREY)
+    elif thinner < 1.0 and omitted:
+        limit = np.min(omitted[0].value)
+        axes.set_title(f"limit {limit:.3g}", fontsize=LAYOUT.letters, loc="right", pad=2, color=GREY)
     for curve in panel.curves:
         if curve.proved < np.inf if panel.range is None else curve.proved <= panel.range[1]:
             for side in (1, -1) if panel.range is None else (1,):
-                axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(PROVED))
+                axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(LINES["proved"]))
             name = "proved peak" if panel.range is None else "proved minimum"
-            marks[name] = Line2D([], [], color=INK, **scaled(PROVED))
+            marks[name] = Line2D([], [], color=INK, **scaled(LINES["proved"]))
         if curve.ends is not None:  # a dot where it starts and a ring where it should end
             start, goal = chart.factor * np.array(curve.ends)
-            axes.plot(0, start, color=curve.colour, **scaled(START))
-            axes.plot(sampled.plan.duration, goal, color=curve.colour, **scaled(GOAL))
-            marks["goal"] = Line2D([], [], color=INK, **scaled(GOAL))
+            axes.plot(0, start, color=curve.colour, **scaled(LINES["start"]))
+            axes.plot(sampled.plan.duration, goal, color=curve.colour, **scaled(LINES["goal"]))
+            marks["goal"] = Line2D([], [], color=INK, **scaled(LINES["goal"]))
     return marks
 
 
-def _both(sampled: SampledPlan, other: SampledPlan | None) -> list[SampledPlan]:
-    """What to draw, the lowest layer first."""
+def _layers(sampled: SampledPlan, other: SampledPlan | None) -> list[SampledPlan]:
+    """The plans to draw, the lowest layer first."""
     return [sampled] if other is None else [other, sampled]
 
 
-def _plan_marks(sampled: SampledPlan, other: SampledPlan | None) -> list[tuple[Any, str]]:
-    """Entries of a legend that tell two plans apart."""
-    if other is None:
-        return []
-    names = plan_names(sampled.plan, other.plan)
-    return [(Line2D([], [], color=INK), names[0]), (Line2D([], [], color=faded(INK, OTHER), **DASHED), names[1])]
+def _plan_marks(marks: Marks, sampled: SampledPlan, other: SampledPlan | None) -> list[tuple[Any, str]]:
+    """A legend's last entries: the marks, and what tells two plans apart."""
+    entries = [(mark, name) for name, mark in marks.items()]
+    if other is not None:
+        name, name_of_other = plan_names(sampled.plan, other.plan)
+        entries.append((Line2D([], [], color=INK), name))
+        entries.append((Line2D([], [], color=faded(INK, LAYOUT.compared), **LINES["compared"]), name_of_other))
+    return entries
 
 
 def _angle_ticks(axes: Axes) -> MultipleLocator | MaxNLocator:

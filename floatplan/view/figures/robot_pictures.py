@@ -18,39 +18,35 @@ from floatplan.view.figures.snapshots import spatial_figure
 from floatplan.view.outlines import body_poses, box_around, pairs, stadium
 from floatplan.view.style import COLUMN, INK, METADATA, OKABE_ITO, legend_above, new_figure, picture
 
-FILL = 0.25  # [-] opacity of a capsule or polygon: what is behind it shows through
-THINNEST = 1e-3  # [m] radius as drawn
-PAD = 0.04  # [-] of that picture's size
-REACHABLE_HEIGHT = 2.6  # [in]
-REACHABLE_PAD = 0.08  # [-] of that picture's width and height
-ENDS = ("takeoff", "landing")
+FILL = 0.25  # [-] opacity of a capsule or polygon: lines behind it show through
 
 
 def save_picture(path: Path, option: str, draw: Callable[[Any], Figure], about: Any) -> Path:
-    """Write what a function draws into a file, PNG, SVG or PDF by its name.
+    """Write a figure into a file, PNG, SVG or PDF by its name; a function draws it.
 
     Raises
     ------
     InputError
-        The name, which an ``option`` gave, has no known ending, or is a folder's; errors of the function.
+        The name, the value of an ``option``, has none of these endings, or is a folder's; errors of the function.
     """
     form = path.suffix.lower().lstrip(".")
     if form not in METADATA or path.is_dir():
-        endings = ", ".join(f".{each}" for each in METADATA)
+        endings = ", ".join(f".{known_form}" for known_form in METADATA)
         raise InputError(f"must be a file name that ends in {endings}, not {path}", element=option)
     return write_atomically(path, picture(form, draw, about))
 
 
 def shapes_picture(robot: Robot) -> Figure:
-    """Draw capsules (coloured) over collision geometry (thin lines), the base level, joints at rest, m."""
+    """Draw capsules (coloured) over collision geometry (thin lines), the base level, joints at zero, m."""
     poses = body_poses(robot, np.zeros(1), robot.resting[None], np.zeros(1, dtype=np.complex128))
-    ends = [poses.points([shape.body] * 2, [shape.start, shape.end])[0].tolist() for shape in robot.shapes]
-    capsules = [
-        stadium(start, end, max(shape.radius, THINNEST)) for (start, end), shape in zip(ends, robot.shapes, strict=True)
-    ]
-    figure, axes = spatial_figure(*box_around(np.concatenate(capsules), PAD))
+    capsules = []
+    colours = []
+    for shape in robot.shapes:
+        start, end = poses.points([shape.body] * 2, [shape.start, shape.end])[0].tolist()
+        capsules.append(stadium(start, end, max(shape.radius, 1e-3)))  # [m] what has no thickness is visible, too
+        colours.append(OKABE_ITO[shape.body % len(OKABE_ITO)])
+    figure, axes = spatial_figure(*box_around(np.concatenate(capsules), 0.04))
     look: dict[str, Any] = {"edgecolors": INK, "linewidths": 0.5}
-    colours = [OKABE_ITO[shape.body % len(OKABE_ITO)] for shape in robot.shapes]
     axes.add_collection(PolyCollection([*map(pairs, capsules)], facecolors=colours, alpha=FILL, **look))
     for body, outline in robot.outlines:
         edges = poses.points([body] * len(outline.points), outline.points)[0][outline.edges]
@@ -72,25 +68,28 @@ def reachable_picture(sets: dict[str, Reachable]) -> Figure:
     InputError
         No set is a polygon.
     """
-    drawn = [(end, found.polygon, found.asked) for end, found in sets.items() if found.polygon is not None]
-    if not drawn:
+    if all(reachable.polygon is None for reachable in sets.values()):
         raise InputError(
             "no frame stands on the ground, or a joint has no velocity limit, so nothing bounds what joint rates reach",
             element="--picture",
             advice="set limits.velocity",
         )
-    figure = new_figure(COLUMN, REACHABLE_HEIGHT)
+    figure = new_figure(COLUMN, 2.6)  # [in] high enough for two polygons and their legend
     axes = figure.add_subplot()
     entries: list[tuple[object, str]] = []
-    for end, polygon, (momentum, speed, height) in drawn:
-        colour = OKABE_ITO[ENDS.index(end)]
+    for end, reachable in sets.items():
+        polygon = reachable.polygon
+        if polygon is None:
+            continue
+        momentum, speed, height = reachable.asked
+        colour = OKABE_ITO[("takeoff", "landing").index(end)]
         axes.add_patch(Polygon(polygon, facecolor=colour, edgecolor=colour, alpha=FILL))
         axes.add_patch(Polygon(polygon, fill=False, edgecolor=colour, linewidth=0.8))
         axes.plot(momentum, height, "o", color=colour, markeredgecolor=INK, markersize=5)
         patch = Patch(facecolor=colour, alpha=FILL, edgecolor=colour)
         entries.append((patch, f"{end}, at {speed:.3g} m/s horizontally"))
     entries.append((Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=INK), "desired"))
-    axes.margins(REACHABLE_PAD)
+    axes.margins(0.08)
     axes.set(xlabel="angular momentum (kg m²/s)", ylabel="vertical velocity (m/s)")
     legend_above(figure, entries)
     return figure

@@ -1,11 +1,11 @@
 """Pictures of the moving robot: along the path of its centre of mass, side by side, and against another plan; jumps.
 
-Side by side is the kinogram, read like text, for flights that stay in one place or turn over and over.
+Side by side is the kinogram, read like text, for flights on one spot or of several rotations.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -28,30 +28,37 @@ from floatplan.view.jumps import moments as moment_times
 from floatplan.view.solids import CAMERA
 from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, rgb, round_below
 
-SOLID = "#9a9a9a"  # of obstacles
-PALEST = 0.30  # [-] strength of the first snapshot's colours
-MARK = 0.95  # [-] size of the dots on the frames that take off and land, in radii of the link
-TOUCH = 1e-3  # [m] standing on the ground is not running into it
-PASSAGE_SAMPLES = 513  # [-] instants among which the deepest penetration is sought
-BACKGROUND = 0.3  # [-] strength of the snapshots behind the two robots compared
-CLOSE_UP = 0.12  # [-] room around two robots compared and the obstacle, in sizes of their box
-FLATTEST, TALLEST = 0.45, 1.35  # [-] height of a picture over its width
-COLUMNS = 5  # [-] of the kinogram
-ROWS = (2, 4)  # [-] fewest and most
-TURN = math.radians(60)  # [rad] of any body against the ground, from one posture to the next
-GAP = 0.07  # [in] between neighbours
-CAPTION = 0.19  # [in] for the line of text under a row
-RULE = 0.16  # [in] for the scale under the last row
+FLATTEST = 0.45  # [-] height of a picture over its width, at least
+TALLEST = 1.35  # [-] and at most: a picture fills neither a thin strip nor a page
 DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": INK, "markeredgecolor": "white", "mew": 0.4}
-
-WIDTH = 2 * COLUMN + 0.3  # [in] both columns of a paper
-APART, BESIDE = 0.12, 0.06  # [-] room between moments and around them, in widths of the widest
-TIMES, LEGEND = 0.22, 0.25  # [in] for times under the ground, and for names above
-SHORTEST = 0.01  # [m] of an arrow
 ARROW = {"arrowstyle": "-|>,head_width=0.13,head_length=0.28", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
-DIRECTIONS = 0.075  # [-] length of the world's axes, in widths of the picture
-SHADE = 0.55  # [-] of a colour where no light falls
-RING = withStroke(linewidth=2.8, foreground="white")
+
+
+@dataclass(frozen=True)
+class KinogramLayout:
+    """Postures side by side, in one column of a paper."""
+
+    columns: int = 5
+    rows: tuple[int, int] = (2, 4)  # fewest and most
+    rotation: float = math.radians(60)  # [rad] of any body, from one posture to the next
+    gap: float = 0.07  # [in] between neighbours
+    caption: float = 0.19  # [in] for the line of text under a row
+    rule: float = 0.16  # [in] for the scale under the last row
+
+
+@dataclass(frozen=True)
+class StripLayout:
+    """Moments of a jump side by side, across both columns of a paper."""
+
+    width: float = 2 * COLUMN + 0.3  # [in] of both columns with the gap between them
+    gap: float = 0.12  # [-] between moments, in widths of the widest
+    margin: float = 0.06  # [-] around them, in the same
+    times: float = 0.22  # [in] for times under the ground
+    legend: float = 0.25  # [in] for names above
+
+
+KINOGRAM = KinogramLayout()
+STRIP = StripLayout()
 
 
 def snapshots(plan: Plan) -> Figure:
@@ -78,7 +85,7 @@ def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant
 def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
     if isinstance(plan, Plan) and placed.depth is not None:
-        floor = [outlines.pairs(CAMERA(line)) for line in outlines.floor(plan)]
+        floor = [outlines.pairs(CAMERA(line)) for line in outlines.grids(plan)]
         axes.add_collection(LineCollection(floor, colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False)
     lines = outlines.ground_lines(placed)
     for height, low, high in lines:
@@ -91,13 +98,14 @@ def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
     """Draw an obstacle and its margin at some instants (K,), s, from light to full where there are several."""
-    for strength, time in zip(0.35 + 0.65 * np.arange(1, len(times) + 1) / len(times), times, strict=True):
+    strengths = 0.35 + 0.65 * np.arange(1, len(times) + 1) / len(times)
+    for strength, time in zip(strengths, times, strict=True):
         look: dict[str, Any] = {"edgecolors": [faded(INK, strength)], "linewidths": 0.6}
-        body = [outlines.pairs(outline) for outline in outlines.obstacle_outlines(obstacle, time, 0.0)]
-        solid = PolyCollection(body, facecolors=[faded(SOLID, strength)], zorder=1.5, **look)
+        body = list(map(outlines.pairs, outlines.obstacle_outlines(obstacle, time, 0.0)))
+        solid = PolyCollection(body, facecolors=[faded("#9a9a9a", strength)], zorder=1.5, **look)
         axes.add_collection(solid, autolim=False)
         if obstacle.margin > 0:
-            ring = [outlines.pairs(outline) for outline in outlines.obstacle_outlines(obstacle, time, obstacle.margin)]
+            ring = list(map(outlines.pairs, outlines.obstacle_outlines(obstacle, time, obstacle.margin)))
             look |= {"facecolors": "none", "linestyles": [(0, (2, 1.5))]}
             axes.add_collection(PolyCollection(ring, zorder=90, **look), autolim=False)
 
@@ -108,7 +116,7 @@ def draw_flight(axes: Axes, plan: Plan, placed: outlines.Postures, strengths: Se
     draw_path(axes, plan, placed)
     goal = outlines.posture_at(plan, plan.problem.final, plan.duration)
     draw_posture(axes, goal, 0, strength=0.0, zorder=3 + count - 1.5, rings=((INK, 4.6), ("white", 3.2)))
-    for index, strength in enumerate(strengths or np.linspace(PALEST, 1, count)):
+    for index, strength in enumerate(strengths or np.linspace(0.30, 1, count)):  # the first is the palest
         rings = ((INK, 1.4),) if index == 0 else (("white", 1.0),)
         rings = rings if index < count - 1 else (("white", 2.4),)
         draw_posture(axes, placed, index, strength=strength, zorder=3 + index, rings=rings)
@@ -127,25 +135,29 @@ def draw_posture(
 ) -> None:
     """Draw one posture: rings (colour, points of width) around the whole robot, its links, the two frames' marks."""
     links = placed.outlines(index)
-    colours = palette(int(placed.part.max()) + 1)
-    fills = [faded(colours[part] if colour is None else colour, strength) for part in placed.part]
-    drawn = [(link, faded(ring, 1.0), width) for ring, width in rings for link in links]
-    for each, seen in placed.painted(index):
-        drawn.append((links[each], fills[each], 0.0))
-        drawn += [(face, lit(fills[each], light), 0.2) for face, light in seen if strength]
-    mark = MARK * float(placed.radius.min())  # full where it lands, hollow where it takes off
-    takeoff, landing = complex(placed.takeoff[index]), complex(placed.landing[index])
-    for place, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
-        drawn.append((outlines.stadium(place, place, size), faded(fill, max(strength, 0.5)), 0.0))
-    shapes, faces, widths = zip(*drawn, strict=True)
-    moved = [outlines.pairs(shape + shift) for shape in shapes]
-    look: dict[str, Any] = {"facecolors": faces, "edgecolors": faces, "linewidths": widths, "joinstyle": "round"}
-    axes.add_collection(PolyCollection(moved, zorder=zorder, **look), autolim=False)
+    colours = palette(int(placed.segment.max()) + 1)
+    fills = [faded(colours[segment] if colour is None else colour, strength) for segment in placed.segment]
+    polygons = []  # outline, colour and width of the line around it
+    for ring, width in rings:
+        polygons += [(link, faded(ring, 1.0), width) for link in links]
+    for shape, faces in placed.painted(index):
+        polygons.append((links[shape], fills[shape], 0.0))
+        if strength:
+            polygons += [(face, lit(fills[shape], light), 0.2) for face, light in faces]
+    mark = 0.95 * float(placed.radius.min())  # [m] full where it lands, hollow where it takes off; within its link
+    takeoff = complex(placed.takeoff[index])
+    landing = complex(placed.landing[index])
+    for position, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
+        polygons.append((outlines.stadium(position, position, size), faded(fill, max(strength, 0.5)), 0.0))
+    shapes, fills_of_shapes, widths = zip(*polygons, strict=True)
+    shifted = [outlines.pairs(shape + shift) for shape in shapes]
+    look: dict[str, Any] = {"facecolors": fills_of_shapes, "edgecolors": fills_of_shapes, "linewidths": widths}
+    axes.add_collection(PolyCollection(shifted, zorder=zorder, joinstyle="round", **look), autolim=False)
 
 
 def lit(colour: Any, light: float) -> Array:
     """A colour (3,) as it is where so much light falls on it, 0 to 1: darker, or with white in it."""
-    shade = SHADE + light
+    shade = 0.55 + light  # without light a little more than half of a colour remains
     return rgb(colour) * shade if shade <= 1 else faded(colour, 2 - shade)
 
 
@@ -158,8 +170,11 @@ def draw_path(axes: Axes, plan: Plan, placed: outlines.Postures) -> None:
 
 def spatial_figure(low: complex, high: complex) -> tuple[Figure, Axes]:
     """Return a figure whose axes hold a box, m, at equal scales, widened to a shape that suits a column."""
-    middle, width, height = (low + high) / 2, (high - low).real, (high - low).imag
-    width, height = max(width, height / TALLEST), max(height, FLATTEST * width)
+    middle = (low + high) / 2
+    narrow = (high - low).real
+    low_height = (high - low).imag
+    width = max(narrow, low_height / TALLEST)
+    height = max(low_height, FLATTEST * narrow)
     figure = new_figure(COLUMN, 0.66 + (COLUMN - 0.5) * height / width)
     axes = figure.add_subplot()
     frame_box(axes, middle - complex(width, height) / 2, middle + complex(width, height) / 2)
@@ -172,11 +187,13 @@ def spatial_figure(low: complex, high: complex) -> tuple[Figure, Axes]:
 
 
 def draw_directions(axes: Axes) -> None:
-    """Draw where the world's axes point, and a length, in place of the axes of the paper."""
+    """Draw the directions of the world's axes, and a length, instead of the axes of the paper."""
     axes.set_axis_off()
-    (left, right), low = axes.get_xlim(), axes.get_ylim()[0]
-    size, corner = DIRECTIONS * (right - left), complex(left, low)
-    middle = corner + size * (1 + 0.6j)
+    left, right = axes.get_xlim()
+    low = axes.get_ylim()[0]
+    width = right - left
+    size = 0.075 * width  # a corner of the picture that the robot seldom reaches
+    middle = complex(left, low) + size * (1 + 0.6j)
     for name, direction in zip("xyz", np.eye(3), strict=True):
         tip = middle + size * complex(CAMERA(direction))
         axes.annotate(
@@ -184,9 +201,7 @@ def draw_directions(axes: Axes) -> None:
         )
         label = middle + 1.3 * (tip - middle)
         axes.text(label.real, label.imag, name, ha="center", va="center", size=6.5)
-    _draw_rule(
-        axes, round_below((right - left) / 5), complex(right - 0.33 * (right - left), low + 0.4 * size), 0.15 * size
-    )
+    _draw_rule(axes, round_below(width / 5), complex(right - 0.33 * width, low + 0.4 * size), 0.15 * size)
 
 
 def frame_box(axes: Axes, low: complex, high: complex) -> None:
@@ -196,8 +211,9 @@ def frame_box(axes: Axes, low: complex, high: complex) -> None:
 
 
 def key(figure: Figure, plan: Plan, spacing: float) -> None:
-    """Tell above a picture what its marks mean."""
-    takeoff, landing = plan.problem.takeoff.frame, plan.problem.landing.frame
+    """Explain the marks of a picture above it."""
+    takeoff = plan.problem.takeoff.frame
+    landing = plan.problem.landing.frame
     frame: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3.6, "mew": 0.6, "mec": INK}
     path = Line2D([], [], color=GREY, linewidth=0.7, marker="o", markersize=2.6, markerfacecolor=INK, mew=0)
     entries: list[tuple[Any, str]] = [(path, f"CM every {spacing:.2g} s")]
@@ -209,10 +225,10 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
 
 def plan_names(plan: Trajectory, compare: Trajectory) -> tuple[str, str]:
     """Return names that distinguish two plans: with and without obstacles, or their problems' names."""
-    many, few = len(plan.problem.obstacles), len(compare.problem.obstacles)
-    if (many > 0) != (few > 0):
+    is_obstructed = len(plan.problem.obstacles) > 0
+    if is_obstructed != (len(compare.problem.obstacles) > 0):
         names = "with obstacle", "without obstacle"
-        return names if many else (names[1], names[0])
+        return names if is_obstructed else (names[1], names[0])
     if plan.problem.name != compare.problem.name:
         return plan.problem.name, compare.problem.name
     return "this plan", "other plan"
@@ -221,8 +237,8 @@ def plan_names(plan: Trajectory, compare: Trajectory) -> tuple[str, str]:
 def comparison(plan: Plan, compare: Plan) -> Figure:
     """Draw a plan and, in black, the other plan's robot where that is deepest in an obstacle or its margin.
 
-    Both robots are drawn at that instant, this plan's in full colour over its own faint snapshots, and the picture
-    holds them and the obstacle. Where the other plan meets none it is the middle of the flight.
+    Both robots are shown at that instant, this plan's in full colour over its own faint snapshots, and the picture
+    contains them and the obstacle. Where the other plan meets none it is the middle of the flight.
     """
     time, obstacle = worst_passage(plan, compare)
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
@@ -231,14 +247,14 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
     shown = obstacle if obstacle is not None and obstacle.bounded else None
     passed = [] if shown is None else outlines.obstacle_outlines(shown, time, shown.margin)
     near = np.concatenate((own.low, own.high, other.low, other.high, *passed))
-    figure, axes = spatial_figure(*outlines.box_around(near, CLOSE_UP))
+    figure, axes = spatial_figure(*outlines.box_around(near, 0.12))  # a close-up of the passage
     draw_surroundings(axes, plan, placed, time)
-    draw_flight(axes, plan, placed, strengths=[BACKGROUND] * len(placed.times))
+    draw_flight(axes, plan, placed, strengths=[0.3] * len(placed.times))
     draw_path(axes, compare, other)
     draw_posture(axes, other, 0, strength=1.0, zorder=70, rings=(("white", 1.6),), colour=INK)
     draw_posture(axes, own, 0, strength=1.0, zorder=71, rings=(("white", 1.6),))
     names = plan_names(plan, compare)
-    colours = tuple(Patch(facecolor=colour) for colour in palette(int(own.part.max()) + 1))
+    colours = tuple(Patch(facecolor=colour) for colour in palette(int(own.segment.max()) + 1))
     legend_above(figure, [(colours, f"{names[0]}, at {time:.2f} s"), (Patch(facecolor=INK), names[1])])
     return figure
 
@@ -246,12 +262,13 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
 def worst_passage(plan: Plan, compare: Plan) -> tuple[float, Obstacle | None]:
     """Return when the other plan is deepest in an obstacle of this one or its margin, s, and which; or mid-flight."""
     duration = min(plan.duration, compare.duration)
-    times = np.linspace(0, duration, PASSAGE_SAMPLES)
-    worst: tuple[float, float, Obstacle | None] = (-TOUCH, duration / 2, None)
+    times = np.linspace(0, duration, 513)
+    # 1 mm: standing on the ground is not running into it
+    worst: tuple[float, float, Obstacle | None] = (-1e-3, duration / 2, None)
     for obstacle in plan.problem.obstacles:
-        left = compare.clearances(times, [obstacle]) - obstacle.margin
-        if left.min() < worst[0]:
-            worst = float(left.min()), float(times[left.argmin()]), obstacle
+        depth = compare.clearances(times, [obstacle]) - obstacle.margin
+        if depth.min() < worst[0]:
+            worst = float(depth.min()), float(times[depth.argmin()]), obstacle
     return worst[1:]
 
 
@@ -262,17 +279,20 @@ def kinogram(plan: Plan) -> Figure:
     """
     placed = outlines.postures(plan, kinogram_times(plan))
     goal = outlines.posture_at(plan, plan.problem.final, plan.duration)
-    low, high = outlines.pairs(placed.low - placed.com), outlines.pairs(placed.high - placed.com)
+    low = outlines.pairs(placed.low - placed.com)
+    high = outlines.pairs(placed.high - placed.com)
     low[-1] = np.minimum(low[-1], outlines.pairs(goal.low - goal.com))
     high[-1] = np.maximum(high[-1], outlines.pairs(goal.high - goal.com))
-    left, right = -low[:, 0].reshape(-1, COLUMNS), high[:, 0].reshape(-1, COLUMNS)
+    columns = KINOGRAM.columns
+    left = -low[:, 0].reshape(-1, columns)
+    right = high[:, 0].reshape(-1, columns)
     widest = max(float((right[:, :-1] + left[:, 1:]).max()), 2 * float(left[:, 0].max()), 2 * float(right[:, -1].max()))
-    scale = widest * COLUMNS / (COLUMN - GAP * COLUMNS)  # m per inch of paper
-    pitch = COLUMN * scale / COLUMNS  # m from one to the next
-    above = high[:, 1].reshape(-1, COLUMNS).max(axis=1) + GAP / 2 * scale
-    below = low[:, 1].reshape(-1, COLUMNS).min(axis=1) - GAP / 2 * scale
-    tops = -np.cumsum([0.0, *(above - below + CAPTION * scale)])
-    height = RULE * scale - float(tops[-1])
+    scale = widest * columns / (COLUMN - KINOGRAM.gap * columns)  # m per inch of paper
+    pitch = COLUMN * scale / columns  # m from one to the next
+    above = high[:, 1].reshape(-1, columns).max(axis=1) + KINOGRAM.gap / 2 * scale
+    below = low[:, 1].reshape(-1, columns).min(axis=1) - KINOGRAM.gap / 2 * scale
+    tops = -np.cumsum([0.0, *(above - below + KINOGRAM.caption * scale)])
+    height = KINOGRAM.rule * scale - float(tops[-1])
     figure = new_figure(COLUMN, height / scale)
     figure.set_layout_engine("none")
     axes = figure.add_axes((0, 0, 1, 1))
@@ -280,7 +300,7 @@ def kinogram(plan: Plan) -> Figure:
     axes.set_axis_off()
     last = len(placed.times) - 1
     for index, time in enumerate(placed.times):
-        row, column = divmod(index, COLUMNS)
+        row, column = divmod(index, columns)
         centre = complex((column + 0.5) * pitch, tops[row] - above[row])
         if index == last:
             rings = ((INK, 3.6), ("white", 2.4))
@@ -296,16 +316,17 @@ def kinogram(plan: Plan) -> Figure:
 
 
 def kinogram_times(plan: Plan) -> Array:
-    """Instants (K,) evenly spaced in time that fill two to four rows: the more the robot turns, the more."""
+    """Instants (K,) evenly spaced in time that fill two to four rows: the more the robot rotates, the more."""
     times = np.linspace(0, plan.duration, 129)
-    turned = float(outlines.turns(plan, times).sum(axis=0).max())
-    rows = int(np.clip(math.ceil(turned / TURN / COLUMNS), *ROWS))
-    return np.linspace(0, plan.duration, rows * COLUMNS)
+    rotation = float(outlines.turns(plan, times).sum(axis=0).max())
+    rows = int(np.clip(math.ceil(rotation / KINOGRAM.rotation / KINOGRAM.columns), *KINOGRAM.rows))
+    return np.linspace(0, plan.duration, rows * KINOGRAM.columns)
 
 
 def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
-    """Draw a scale of a round length from a place, m."""
-    left, height = begin.real, begin.imag
+    """Draw a scale of a round length from a position, m."""
+    left = begin.real
+    height = begin.imag
     axes.plot([left, left + length], [height, height], color=INK, linewidth=0.8, solid_capstyle="butt")
     for end in (left, left + length):
         axes.plot([end, end], [height - tick, height + tick], color=INK, linewidth=0.8)
@@ -315,14 +336,17 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
 def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
     placed = outlines.postures(jump, moment_times(jump, flying))
-    left, right = (np.real(corner - placed.com) for corner in (placed.low, placed.high))
-    widest, ground = float(np.max(right - left)), float(placed.low.imag.min())
-    centres = np.cumsum(np.append(BESIDE * widest - left[0], right[:-1] - left[1:] + APART * widest))
+    left = np.real(placed.low - placed.com)
+    right = np.real(placed.high - placed.com)
+    widest = float(np.max(right - left))
+    ground = float(placed.low.imag.min())
+    margin = STRIP.margin * widest
+    centres = np.cumsum(np.append(margin - left[0], right[:-1] - left[1:] + STRIP.gap * widest))
     shifts = np.asarray(centres - placed.com.real, np.complex128)
-    width = float((centres + right).max()) + BESIDE * widest
-    low = 1j * (ground - TIMES * width / WIDTH)
-    high = complex(width, float(placed.high.imag.max()) + BESIDE * widest)
-    figure = new_figure(WIDTH, LEGEND * (2 if title else 1) + WIDTH * (high - low).imag / width)
+    width = float((centres + right).max()) + margin
+    low = 1j * (ground - STRIP.times * width / STRIP.width)
+    high = complex(width, float(placed.high.imag.max()) + margin)
+    figure = new_figure(STRIP.width, STRIP.legend * (2 if title else 1) + STRIP.width * (high - low).imag / width)
     axes = figure.add_subplot()
     frame_box(axes, low, high)
     axes.set_axis_off()
@@ -344,17 +368,12 @@ def draw_forces(axes: Axes, jump: JumpMotion, times: Array, shifts: ComplexArray
     standing = footing(jump)
     feet = standing.feet(times) + shifts[:, None]
     pushes = standing.metres_per_newton * standing.forces(times)
+    outline = withStroke(linewidth=2.8, foreground="white")
     for index, colour in enumerate(standing.colours.values()):
         for foot, push in zip(feet[:, index], pushes[:, index], strict=True):
             if np.isfinite(push):
-                axes.fill(
-                    *outlines.pairs(foot + standing.cone).T,
-                    color=colour,
-                    alpha=0.2,
-                    linewidth=0,
-                    zorder=3.5,
-                    clip_on=False,
-                )
-            if abs(push) > SHORTEST:
-                look = {**ARROW, "color": colour, "path_effects": [RING]}
+                cone = outlines.pairs(foot + standing.cone).T
+                axes.fill(*cone, color=colour, alpha=0.2, linewidth=0, zorder=3.5, clip_on=False)
+            if abs(push) > 0.01:  # [m] shorter arrows would be all head
+                look = {**ARROW, "color": colour, "path_effects": [outline]}
                 axes.annotate("", (*outlines.pairs(foot + push),), (*outlines.pairs(foot),), arrowprops=look, zorder=6)

@@ -20,17 +20,13 @@ from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
 from floatplan.plans.verdicts import Tone, verdict_in_words
-from floatplan.simulation.results import ClosedLoop, JumpReplay
+from floatplan.simulation.results import ClosedLoop, JumpLandings, JumpReplay
 from floatplan.view.figures.animation import animate
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, legend_above, new_figure, palette, picture
 
-HEIGHT, HISTOGRAM_HEIGHT = 5.6, 2.2  # [in]
-FAINT = 0.45  # [-] opacity of single flights
-BINS = 24
-NARROWEST = 1e-3  # [deg] below which all errors are drawn as one
 WITH, WITHOUT = OKABE_ITO[:2]  # corrections
-MOST_LINKS = 3  # [-] that are named
+LANDING_TITLES = ("", "with corrections", "without")
 LANDING_TITLES = ("", "with corrections", "without")
 
 Cells = Sequence[str]
@@ -38,11 +34,11 @@ Cells = Sequence[str]
 
 def write_flights_page(plan: Plan, path: str | Path, flights: ClosedLoop) -> Path:
     """Write a page about flights of a plan; it needs no network."""
-    drawn = picture("png", closed_loop_picture, plan, flights)
+    image = picture("png", closed_loop_picture, plan, flights)
     parts = [
         f"<p>{html.escape(summary(flights))}</p>",
         html_table("", landing_rows(flights), LANDING_TITLES),
-        _embedded(drawn, "planned and flown motion, corrections, landings"),
+        _embedded(image, "planned and flown motion, corrections, landings"),
     ]
     return _page(path, plan.problem.name, parts)
 
@@ -51,21 +47,23 @@ def write_jump_pages(
     flights: JumpReplay, folder: Path, progress: Callable[[int, int], None] | None = None
 ) -> list[Path]:
     """Write a page that plays the first flight of a jump, and its film; of many flights a page with their histogram."""
-    rows, first, name = jump_rows(flights), bool(flights.landings.stands[0]), flights.motion.problem.name
+    rows = jump_rows(flights)
+    first = bool(flights.landings.stands[0])
+    name = flights.motion.problem.name
     words = f"{'stands' if first else 'falls'} in {flights.engine}"
     motion = flights.motion
     assert motion.flight is not None
     tone: Tone = "bad"
     if first:
         tone = verdict_in_words(motion.flight.ok, motion.flight.certificate, bool(motion.warnings))[1]
-    told = [Row(row[0], row[1]) for row in rows]
-    paths = [write_report(motion, folder / "report.html", told, (words, tone))]
+    report_rows = [Row(row[0], row[1]) for row in rows]
+    paths = [write_report(motion, folder / "report.html", report_rows, (words, tone))]
     paths.append(animate(motion, folder / "flight.gif", progress=progress))
     if flights.flights > 1:
         about = f"<p>{html.escape(summary(flights))}; {html.escape(flights.control)}</p>"
         titles = LANDING_TITLES if flights.corrected is not None else ("", "")
-        drawn = _embedded(picture("png", jump_picture, flights), "histogram of landings")
-        paths.append(_page(folder / "flights.html", name, [about, html_table("", rows, titles), drawn]))
+        image = _embedded(picture("png", jump_picture, flights), "histogram of landings")
+        paths.append(_page(folder / "flights.html", name, [about, html_table("", rows, titles), image]))
     return paths
 
 
@@ -91,21 +89,24 @@ def summary(flights: ClosedLoop | JumpReplay) -> str:
 
 def landing_rows(flights: ClosedLoop) -> list[Cells]:
     """Return rows of (what, with corrections, without) of many flights, for reading."""
-    both, planned = (flights.corrected, flights.uncorrected), flights.plan_torque_peak.max()
-    torques = [float(np.median(ends.torque_peak.max(axis=1))) for ends in both]
-    rows: list[Cells] = [
-        ("orientation, median", *(_degrees(np.median(np.abs(ends.orientation))) for ends in both)),
-        ("orientation, worst", *(_degrees(np.abs(ends.orientation).max()) for ends in both)),
-        ("joints, worst", *(_degrees(ends.joints.max()) for ends in both)),
-        ("peak torque, median", *(f"{torque:.4g} N m" for torque in torques)),
-        ("of the plan's", *(f"{torque / planned:.2f} times" if planned > 0 else "-" for torque in torques)),
-    ]
-    if np.isfinite(flights.corrected.clearance).any():
-        rows.append(("least clearance", *(f"{ends.clearance.min():.4g} m" for ends in both)))
-        rows.append(("touched", *(f"{(ends.clearance < 0).sum()} of {flights.flights}" for ends in both)))
+    planned = flights.plan_torque_peak.max()
+    columns = []
+    for landings in (flights.corrected, flights.uncorrected):
+        torque = float(np.median(landings.torque_peak.max(axis=1)))
+        cells = {
+            "orientation, median": _degrees(np.median(np.abs(landings.orientation))),
+            "orientation, worst": _degrees(np.abs(landings.orientation).max()),
+            "joints, worst": _degrees(landings.joints.max()),
+            "peak torque, median": f"{torque:.4g} N m",
+            "of the plan's": f"{torque / planned:.2f} times" if planned > 0 else "-",
+        }
+        if np.isfinite(flights.corrected.clearance).any():
+            cells["least clearance"] = f"{landings.clearance.min():.4g} m"
+            cells["touched"] = f"{(landings.clearance < 0).sum()} of {flights.flights}"
+        columns.append(cells)
     median, most = flights.update_milliseconds
     return [
-        *rows,
+        *_as_rows(columns),
         *_corrections(flights),
         ("processor time of one", f"{median:.2f} ms, 99 % below {most:.2f} ms", ""),
     ]
@@ -113,22 +114,34 @@ def landing_rows(flights: ClosedLoop) -> list[Cells]:
 
 def jump_rows(flights: JumpReplay) -> list[Cells]:
     """Return the same of flights of a jump; a single column where none was corrected."""
-    ends = [each for each in (flights.corrected, flights.uncorrected) if each is not None]
-    touched = [", ".join(f"{link} {count}" for link, count in each.links.most_common(MOST_LINKS)) for each in ends]
-    return [
-        ("stands in the end", *(f"{each.stands.sum()} of {flights.flights}" for each in ends)),
-        ("on its feet alone", *(f"{each.clean.sum()} of {flights.flights}" for each in ends)),
-        ("other links that touched", *(words or "none" for words in touched)),
-        ("pitch at touchdown", *(f"{_degrees(each.pitch_rms)} rms" for each in ends)),
-        ("pitch, worst", *(_degrees(each.pitch_worst) for each in ends)),
-        ("torque wanted", *(f"{100 * each.torque.max():.3g} % of what motors can" for each in ends)),
-        ("feet slid, worst", *(f"{1e3 * each.slid.max():.3g} mm" for each in ends)),
-        *_corrections(flights),
-    ]
+    columns = []
+    for landings in _series(flights):
+        links = ", ".join(f"{link} {count}" for link, count in landings.links.most_common(3))
+        cells = {
+            "stands in the end": f"{landings.stands.sum()} of {flights.flights}",
+            "on its feet alone": f"{landings.clean.sum()} of {flights.flights}",
+            "other links that touched": links or "none",
+            "pitch at touchdown": f"{_degrees(landings.pitch_rms)} rms",
+            "pitch, worst": _degrees(landings.pitch_worst),
+            "torque wanted": f"{100 * landings.torque.max():.3g} % of what motors can",
+            "feet slid, worst": f"{1e3 * landings.slid.max():.3g} mm",
+        }
+        columns.append(cells)
+    return [*_as_rows(columns), *_corrections(flights)]
+
+
+def _series(flights: JumpReplay) -> list[JumpLandings]:
+    """Landings with corrections, where there are such, and without."""
+    return [landings for landings in (flights.corrected, flights.uncorrected) if landings is not None]
+
+
+def _as_rows(columns: Sequence[dict[str, str]]) -> list[Cells]:
+    """Rows of (what, its cell in each column)."""
+    return [(name, *(cells[name] for cells in columns)) for name in columns[0]]
 
 
 def _corrections(flights: ClosedLoop | JumpReplay) -> list[Cells]:
-    """The row of how often a correction had which status, where any was asked for."""
+    """The row of the numbers of corrections by status, where there were corrections."""
     counts = ", ".join(f"{count} {status}" for status, count in sorted(flights.statuses.items()))
     return [] if flights.rate is None else [("corrections", counts or "none", "")]
 
@@ -138,10 +151,11 @@ def _degrees(angle: float) -> str:
 
 
 def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
-    """Draw the planned and flown motion over each other, what corrections predicted, and a histogram of landings."""
-    figure = new_figure(COLUMN, HEIGHT)
+    """Draw planned and simulated motion over each other, the landings that corrections predict, and their histogram."""
+    figure = new_figure(COLUMN, 5.6)  # [in] four axes
     orientation, joints, predicted, landings = figure.subplots(4, 1)
-    thin: dict[str, float] = {"alpha": FAINT, "linewidth": 0.6}
+    faint = 0.45  # [-] opacity: many flights lie over one another
+    thin: dict[str, float] = {"alpha": faint, "linewidth": 0.6}
     state = plan.at(np.linspace(0.0, plan.duration, 201))
     for paths, colour in ((flights.uncorrected_paths, WITHOUT), (flights.paths, WITH)):
         for path in paths:
@@ -152,11 +166,11 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
             joints.plot(path.times, np.degrees(column), color=hue, **thin)
         when, miss, changed = path.corrections.T
         size = _error_sizes(miss)
-        predicted.plot(when, size, color=WITH, alpha=FAINT, linewidth=0.5)
+        predicted.plot(when, size, color=WITH, alpha=faint, linewidth=0.5)
         predicted.plot(when[changed == 0], size[changed == 0], ".", color=ALARM, markersize=2)
     for axes, columns, width in ((orientation, state.orientation, 1.0), (joints, state.positions, 0.8)):
         axes.plot(state.times, np.degrees(columns), color=INK, linestyle="--", linewidth=width)
-    _histogram(landings, [ends.orientation for ends in (flights.corrected, flights.uncorrected)])
+    _histogram(landings, [flights.corrected.orientation, flights.uncorrected.orientation])
     orientation.set(ylabel="orientation (°)")
     joints.set(ylabel="joints (°)")
     predicted.set(ylabel="predicted miss (°)", xlabel="time (s)", yscale="log")
@@ -175,20 +189,20 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
 
 def jump_picture(flights: JumpReplay) -> Figure:
     """Draw a histogram of the errors at touchdown of flights of a jump."""
-    figure = new_figure(COLUMN, HISTOGRAM_HEIGHT)
-    both = [each for each in (flights.corrected, flights.uncorrected) if each is not None]
-    _histogram(figure.add_subplot(), [each.pitch[np.isfinite(each.pitch)] for each in both])
-    entries = [(Patch(facecolor=colour), name) for colour, name in ((WITH, "corrected"), (WITHOUT, "not corrected"))]
-    legend_above(figure, entries[-len(both) :])
+    figure = new_figure(COLUMN, 2.2)
+    series = _series(flights)
+    _histogram(figure.add_subplot(), [landings.pitch[np.isfinite(landings.pitch)] for landings in series])
+    entries = [(Patch(facecolor=WITH), "corrected"), (Patch(facecolor=WITHOUT), "not corrected")]
+    legend_above(figure, entries[-len(series) :])
     return figure
 
 
-def _histogram(axes: Axes, ends: Sequence[Array]) -> None:
+def _histogram(axes: Axes, angles: Sequence[Array]) -> None:
     """Errors (F,) of the orientation, rad: with corrections, where there are such, and without."""
-    errors = [_error_sizes(each) for each in ends]
+    errors = list(map(_error_sizes, angles))
     both = np.concatenate(errors)
-    edges = np.geomspace(both.min() * 0.9, both.max() * 1.1, BINS + 1)
-    for values, colour in zip(errors, (WITH, WITHOUT)[-len(ends) :], strict=True):
+    edges = np.geomspace(both.min() * 0.9, both.max() * 1.1, 25)
+    for values, colour in zip(errors, (WITH, WITHOUT)[-len(angles) :], strict=True):
         axes.hist(values, bins=edges.tolist(), color=colour, alpha=0.7)
     axes.set(xscale="log", xlabel="error of the orientation at landing (°)", ylabel="flights")
     _label_decades(axes.xaxis)
@@ -196,12 +210,12 @@ def _histogram(axes: Axes, ends: Sequence[Array]) -> None:
 
 
 def _label_decades(axis: Axis) -> None:
-    """Label a logarithmic axis by plain numbers, a few of its decades."""
+    """Label a logarithmic axis by numbers without exponents, a few of its decades."""
     axis.set_major_locator(LogLocator(numticks=5))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def _error_sizes(angles: Array) -> Array:
-    """Magnitudes (N,) of angles, deg, as drawn on a logarithmic axis."""
-    return np.maximum(np.abs(np.degrees(angles)), NARROWEST)
+    """Magnitudes (N,) of angles, deg, for a logarithmic axis: at least 1e-3, since 0 is on none."""
+    return np.maximum(np.abs(np.degrees(angles)), 1e-3)

@@ -43,7 +43,6 @@ SCRIPTS = (
     "report.js",
 )
 ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
-FRAME_HEIGHT = 860  # [px] of a report inside a notebook
 
 
 def report(
@@ -56,13 +55,13 @@ def report(
 
     Parameters
     ----------
-    plan : Plan, Jump or a jump that was flown
+    plan : Plan, Jump or a simulated jump
     path : path, optional
         Where the page will be: the problem file in it names the URDF from there.
     stances : sequence of Row
-        What is said of the stances before and after the flight, or of a jump that was flown, if anything.
+        About the stances before and after the flight, or about a simulated jump, if anything.
     verdict : words and their tone, optional
-        What is said of a jump that was flown; of others it is their own.
+        Of a simulated jump; others have their own.
     """
     data = report_data(plan, path, stances, verdict)
     shown = {key: data[key] for key in ("name", "question", "version", "motion", "charts")}
@@ -87,22 +86,23 @@ def page(
     title : of the page
     styles, scripts : files
     data : what JSON holds; ``name``, ``question`` and ``version`` are on the page, too
-    parts : HTML that stands in other places of the body, by their names
-    numbers : what stands in the body's place for numbers, which is not searched
+    parts : other HTML of the body, by its names there
+    numbers : bytes for the body's mark ``{{numbers}}``, which are not searched
     """
     licence = f"/*\n{asset('uplot/LICENSE')}\n*/\n"  # of uPlot 1.6.32, which is to be passed on with it
     texts = [licence * name.startswith("uplot") + asset(name) for name in scripts]
     template = asset("page.html").replace("{{body}}", asset(body)).replace("{{player}}", asset("player.html"))
-    content = f'<script type="application/json" id="data">{escaped_json(data)}</script>'
-    parts = {
+    elements = [f'<script type="application/json" id="data">{escaped_json(data)}</script>']
+    elements += [f"<script>{script}</script>" for script in texts]
+    content = {
         **(parts or {}),
         **{key: html.escape(data[key]) for key in ("name", "question", "version")},
         "title": html.escape(title),
         "policy": policy(texts),
         "style": "\n".join(map(asset, styles)),
-        "scripts": "\n".join([content, *(f"<script>{script}</script>" for script in texts)]),
+        "scripts": "\n".join(elements),
     }
-    return numbers.join(filled(part, parts).encode() for part in template.split("{{numbers}}"))
+    return numbers.join(filled(text, content).encode() for text in template.split("{{numbers}}"))
 
 
 def section(content: Mapping[str, Any]) -> str:
@@ -124,7 +124,8 @@ def _wide_table(table: tuple[Sequence[str], Sequence[Sequence[str]]]) -> str:
 def problem_section(data: Mapping[str, Any]) -> str:
     """Return the problem file of :func:`report_data` as HTML, to read and to save."""
     summary = "The problem file, as written" if data["own_problem"] else "The problem, as a file"
-    name, content = re.sub(r"[^\w.-]+", "_", data["name"]) or "problem", data["problem"]
+    name = re.sub(r"[^\w.-]+", "_", data["name"]) or "problem"
+    content = data["problem"]
     link = f'<a class="download" download="{name}.toml" href="data:application/toml,{quote(content)}">Save it</a>'
     text = f"<summary>{summary}</summary><pre>\n{html.escape(content)}</pre>{link}"
     return f'<article class="file"><details>{text}</details></article>'
@@ -140,7 +141,7 @@ def write_report(
 def notebook_frame(plan: Trajectory) -> str:
     """Return the page as an element of another page, such as a notebook: it keeps to its own frame."""
     content = html.escape(report(plan))
-    style = f"width: 100%; height: {FRAME_HEIGHT}px; border: 1px solid #ddd"
+    style = "width: 100%; height: 860px; border: 1px solid #ddd"
     return f'<iframe srcdoc="{content}" style="{style}" title="flight"></iframe>'
 
 
@@ -152,9 +153,11 @@ def report_data(
 ) -> dict[str, Any]:
     """Return all that the page shows, as what JSON holds; arguments as of :func:`report`."""
     sampled = SampledPlan.of(plan, sample_grid(plan.duration))
-    motion, problem = motion_data(sampled), plan.problem
+    motion = motion_data(sampled)
+    problem = plan.problem
     if isinstance(plan, Plan):
-        flight, tables = plan, sections(plan, stances)
+        flight = plan
+        tables = sections(plan, stances)
         word, tone = plan_verdict(plan)
         question = f"{plan.duration:g} s of flight"
     else:
@@ -189,14 +192,17 @@ def escaped_json(content: Any) -> str:
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:
-    """Put parts into a template's places, ``{{name}}``, in one pass: what is put in is not searched again."""
+    """Replace the marks ``{{name}}`` of a template in one pass: what is put in is not searched again."""
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
 
 
 def policy(scripts: Sequence[str]) -> str:
     """Return the security policy of a page with no other scripts than these, and no address of any kind."""
-    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
-    allowed = " ".join(f"'sha256-{digest}'" for digest in hashes) or "'none'"
+    hashes = []
+    for script in scripts:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        hashes.append(f"'sha256-{digest}'")
+    allowed = " ".join(hashes) or "'none'"
     return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {allowed}"
 
 

@@ -1,6 +1,6 @@
-"""What a robot looks like in three dimensions, and how much of that is drawn.
+"""A robot in three dimensions, in so few triangles that pages stay quick.
 
-A page without a graphics card computes every triangle, so that what cannot be seen is left out.
+A page without a graphics card computes every triangle, so that triangles too small to be seen are left out.
 """
 
 import io
@@ -18,11 +18,10 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.collisions import LARGEST, check_mesh_file, find_mesh
 
 Mesh = tuple[Array, IntArray]
-SPAN = 100.0  # [-] of what is simplified, in the library's units: its first round moves no point by more than 0.0015
 
 
 def visual_model(robot: Robot) -> Any:
-    """Return the robot's ``yourdfpy.URDF`` with its visual meshes, or None where it has none that can be found.
+    """Return the robot's ``yourdfpy.URDF`` with its visual meshes, or None where it has none or files are missing.
 
     Raises
     ------
@@ -118,7 +117,8 @@ def fewer(vertices: Array, faces: IntArray, count: int) -> Mesh:
     if len(faces) <= count:
         return vertices, faces
     library = import_optional("fast_simplification", name="fast-simplification", element="meshes", extra="view")
-    length = np.ptp(vertices, axis=0).max() / SPAN
+    # of a mesh of size 100 the library's first round moves no point by more than 0.0015
+    length = np.ptp(vertices, axis=0).max() / 100.0
     vertices, faces = library.simplify(vertices / length, faces, target_count=count)
     return length * vertices, faces
 
@@ -131,27 +131,28 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     return vertices, faces
 
 
-def bends(places: ComplexArray, turn: float) -> IntArray:
-    """Of the places (N,) of a path, ascending indices of those that show how it runs.
+def bends(positions: ComplexArray, angle: float) -> IntArray:
+    """Of the positions (N,) along a path, ascending indices of those that show its shape.
 
-    The first, the last, and one wherever it has turned by another ``turn``, rad.
+    The first, the last, and one wherever its direction has changed by another ``angle``, rad.
     """
-    steps = np.diff(places)
-    turned = np.cumsum(np.abs(np.angle(steps[1:] * steps[:-1].conj())))
-    further = np.flatnonzero(np.diff(np.floor(turned / turn), prepend=0.0))
-    return np.concatenate(([0], further + 1, [len(places) - 1]))
+    steps = np.diff(positions)
+    rotation = np.cumsum(np.abs(np.angle(steps[1:] * steps[:-1].conj())))
+    further = np.flatnonzero(np.diff(np.floor(rotation / angle), prepend=0.0))
+    return np.concatenate(([0], further + 1, [len(positions) - 1]))
 
 
-def plain_colour(mesh: Any) -> tuple[int, int, int] | None:
-    """The one colour of a ``trimesh.Trimesh``; None where it has several, a picture, or lets light through."""
+def uniform_colour(mesh: Any) -> tuple[int, int, int] | None:
+    """The one colour of a ``trimesh.Trimesh``; None where it has several, a texture, or is transparent."""
     visual = mesh.visual
     if visual.kind == "texture":
         material = visual.material
-        pictures = (getattr(material, name, None) for name in ("image", "baseColorTexture"))
-        colours = np.atleast_2d(material.main_color) if all(picture is None for picture in pictures) else None
+        has_texture = getattr(material, "image", None) is not None
+        has_texture = has_texture or getattr(material, "baseColorTexture", None) is not None
+        colours = None if has_texture else np.atleast_2d(material.main_color)
     else:
         colours = np.unique(visual.face_colors, axis=0)
     if colours is None or len(colours) != 1 or colours[0, 3] < 255:
         return None
-    red, green, blue = (int(part) for part in colours[0, :3])
+    red, green, blue, _ = map(int, colours[0])
     return red, green, blue

@@ -1,7 +1,7 @@
 """The scene: a flight or a jump in three dimensions, with the robot's meshes, one page that works without a network.
 
-The page is viser's player. World axes are those of the root link at orientation zero; the plane of the motion is drawn
-where the base is. The robot has one node for each body of the tree, and what is drawn of it hangs from these.
+The page is viser's player. World axes are those of the root link at orientation zero; the plane of the motion contains
+the base's origin. The robot has one node for each body of the tree, and all that is shown of the body hangs from it.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import frame_place
+from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space
 from floatplan.view.scene import meshes
-from floatplan.view.solids import CAMERA, drawn_solids
+from floatplan.view.solids import CAMERA, obstacle_solid, rendered_solids
 from floatplan.view.style import INK, TRAILS, palette, rgb_bytes
 
 if TYPE_CHECKING:
@@ -44,21 +44,12 @@ if TYPE_CHECKING:
 
 Colour = tuple[int, int, int]
 DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
-SHARE, FEW = 0.2, 200  # [-] of their triangles that are drawn, and of a mesh all the same
-SUBDIVISIONS = 1  # [-] of an icosahedron: what is grabbed is small
-GRIP = 0.035  # [-] radius of what is grabbed, in reaches of the robot
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
-VECTOR = 0.5  # [-] length of the angular momentum as drawn, in sizes of the robot
-RIM = 33  # [-] corners of a friction cone
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
-POSE_RATE = 60.0  # [Hz] of the page
-SLAB = 0.016  # [-] thickness of a half-plane as drawn, in sizes of the robot; it is one size wide
-WIDTH = 0.4  # [-] width of other obstacles, in sizes of the robot
 UPRIGHT = """@media (max-aspect-ratio: 4/5) {
   div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
   div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
 }"""  # where a window is higher than wide, all of the motion is seen
-STONE, SAND = (150, 150, 150), (226, 222, 212)
 LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
@@ -77,20 +68,28 @@ def write_scene(plan: Trajectory, path: str | Path) -> Path:
 def scene(plan: Trajectory) -> str:
     """Return the scene of a plan or a jump as HTML; errors as :func:`write_scene`."""
     viser = import_optional("viser", name="viser", element="scene", extra="view")
-    frames = int(np.ceil(plan.duration * POSE_RATE)) + 1
+    frames = int(np.ceil(plan.duration * 60.0)) + 1  # at 60 Hz, as screens show
     times = np.linspace(0.0, plan.duration, frames)
-    poses = (
-        outlines.bodies(plan, times)
-        if flies_in_space(plan)
-        else outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
-    )
+    poses: outlines.Poses | BodyPoses
+    if flies_in_space(plan):
+        poses = outlines.bodies(plan, times)
+    else:
+        poses = outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
     with silence():  # a local server: viser records what is sent to it
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
         bodies = RobotNodes(server, "/robot", plan.robot)
         if not bodies.add_meshes():
             bodies.add_solids()
-        moved, vector = ([], _add_space(server, plan)) if flies_in_space(plan) else (_add_plane(server, plan), None)
+        obstacles: list[tuple[Any, Plane | None, Obstacle]] = []
+        momentum = None
+        if flies_in_space(plan):
+            momentum = _add_space(server, plan)
+            for index, obstacle in enumerate(plan.problem.obstacles):
+                if obstacle.bounded:
+                    obstacles.append((add_obstacle(server, index, obstacle, obstacle_solid(obstacle)), None, obstacle))
+        else:
+            obstacles = _add_plane(server, plan)
         forces = ForceNodes(server, plan, times) if isinstance(plan, JumpMotion) else None
         serializer = server.get_scene_serializer()
         for index, time in enumerate(times.tolist()):
@@ -99,51 +98,56 @@ def scene(plan: Trajectory) -> str:
             bodies.put(poses, index)
             if forces is not None:
                 forces.put(index)
-            if vector is not None:
-                vector.position = plan.state(time).com_position
-            for each in moved:
-                move_obstacle(*each, time)
+            if momentum is not None:
+                momentum.position = plan.state(time).com_position
+            for node, plane, obstacle in obstacles:
+                move_obstacle(node, plane, obstacle, time)
         return headed(serializer.as_html(), f"floatplan: {plan.problem.name}", UPRIGHT)
     finally:
         with silence():
             server.stop()
 
 
-def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane, Obstacle]]:
-    """Add what is around a flight in a plane; return nodes of obstacles."""
-    placed, moved = outlines.postures(plan, outlines.snapshot_times(plan)), []
+def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane | None, Obstacle]]:
+    """Add the surroundings of a flight in a plane; return nodes of obstacles."""
+    plane = plan.robot.plane
+    placed = outlines.postures(plan, outlines.snapshot_times(plan))
     low, high = outlines.picture_box(plan, placed)
+    obstacles: list[tuple[Any, Plane | None, Obstacle]] = []
     for index, obstacle in enumerate(plan.whole_problem.obstacles):
         slab = obstacle_slab(plan, obstacle, low, high)
-        moved.append((add_obstacle(server, index, obstacle, slab), plan.robot.plane, obstacle))
-    look(server, plan.robot.plane, low, high, aside=0.72, above=0.12)
-    add_grounds(server, plan.robot.plane, low, high, outlines.ground_lines(placed))
+        obstacles.append((add_obstacle(server, index, obstacle, slab), plane, obstacle))
+    look(server, plane, low, high, aside=0.72, above=0.12)
+    add_grounds(server, plane, low, high, outlines.ground_lines(placed))
     placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpMotion) else 121))
-    paths = (in_space(plan.robot.plane, path) for path in (placed.com, placed.takeoff, placed.landing))
-    _add_trails(server, plan, paths)
-    return moved
+    _add_trails(server, plan, [world_points(plane, path) for path in (placed.com, placed.takeoff, placed.landing)])
+    return obstacles
 
 
 def _add_space(server: Any, plan: Plan) -> Any:
-    """Add what is around a flight in space; return the node of the angular momentum, an arrow at the CM."""
+    """Add the surroundings of a flight in space; return the node of the angular momentum, an arrow at the CM."""
     times = np.linspace(0.0, plan.duration, 121)
-    poses, com = outlines.bodies(plan, times), plan.at(times).com_position
+    poses = outlines.bodies(plan, times)
+    com = plan.at(times).com_position
     centre, radius = outlines.ball(plan)
     _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
-    for index, line in enumerate(outlines.floor(plan)):
+    for index, line in enumerate(outlines.grids(plan)):
         server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
-    ends = (plan.problem.takeoff.frame, plan.problem.landing.frame)
-    _add_trails(server, plan, (com, *(poses.frame(plan.robot, name) for name in ends)))
-    h, size = np.asarray(plan.angular_momentum), outlines.robot_size(plan)
-    ends_of_arrow = np.stack((np.zeros(3), VECTOR * size * h / (np.linalg.norm(h) or 1.0)))[None].astype(np.float32)
-    look = {name: size * part / 2 for name, part in ARROW.items()}
-    return server.scene.add_arrows("/momentum", ends_of_arrow, rgb_bytes(INK), visible=bool(h.any()), **look)
+    takeoff = poses.frame(plan.robot, plan.problem.takeoff.frame)
+    landing = poses.frame(plan.robot, plan.problem.landing.frame)
+    _add_trails(server, plan, (com, takeoff, landing))
+    h = np.asarray(plan.angular_momentum)
+    size = outlines.robot_size(plan)
+    tip = 0.5 * size * h / (np.linalg.norm(h) or 1.0)  # half as long as the robot
+    ends = np.stack((np.zeros(3), tip))[None].astype(np.float32)
+    look = {name: size * length / 2 for name, length in ARROW.items()}
+    return server.scene.add_arrows("/momentum", ends, rgb_bytes(INK), visible=bool(h.any()), **look)
 
 
 def headed(page: str, title: str, style: str, script: str = "") -> str:
     """Return viser's page with a title, a style, a script, and names for screen readers, which few elements have.
 
-    They take the place of its own title; of a page without one they are at its head.
+    They replace its own title; of a page without one they are at its head.
     """
     names = files("floatplan.view.scene").joinpath("names.js").read_text("utf-8")
     head = f"<title>{html.escape(title)}</title>\n<style>{style}</style><script>{names}{script}</script>"
@@ -159,8 +163,9 @@ def silence() -> Iterator[None]:
 
 
 def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, above: float) -> None:
-    """Light the scene, and look at a box, m, from beside the plane and from above, in sizes of the box."""
-    size, middle = abs(high - low), in_space(plane, (low + high) / 2)
+    """Light the scene, and look at a box, m, from one side of the plane and from above, in sizes of the box."""
+    size = abs(high - low)
+    middle = world_points(plane, (low + high) / 2)
     across = np.cross(plane.horizontal, plane.vertical)
     _view(server, plane.vertical, middle, middle + size * (aside * across + above * plane.vertical))
 
@@ -177,25 +182,30 @@ def add_grounds(
     server: Any, plane: Plane, low: complex, high: complex, lines: list[tuple[float, complex, complex]]
 ) -> None:
     """Add the ground of :func:`ground_lines` as grids around a box, m."""
-    size, across = abs(high - low), np.cross(plane.horizontal, plane.vertical)
+    size = abs(high - low)
+    across = np.cross(plane.horizontal, plane.vertical)
     letters = "".join("xyz"[int(np.argmax(np.abs(axis)))] for axis in (plane.horizontal, across))
     for index, (level, *_) in enumerate(lines):
-        place = in_space(plane, complex((low.real + high.real) / 2, level))
-        server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=place, **GRID)
+        position = world_points(plane, complex((low.real + high.real) / 2, level))
+        server.scene.add_grid(f"/ground/{index}", 3 * size, 2 * size, plane=letters, position=position, **GRID)
 
 
 def add_obstacle(server: Any, index: int, obstacle: Obstacle, slab: meshes.Mesh) -> Any:
-    """Add an obstacle as the solid of :func:`obstacle_slab`; return its node."""
+    """Add an obstacle as a solid: that of :func:`obstacle_slab`, or in space its own; return its node."""
     flat = not obstacle.bounded
-    look: dict[str, Any] = {"color": SAND if flat else STONE, "opacity": 0.85, "flat_shading": True}
+    colour = (226, 222, 212) if flat else (150, 150, 150)  # sand and stone
+    look: dict[str, Any] = {"color": colour, "opacity": 0.85, "flat_shading": True}
     return server.scene.add_mesh_simple(f"/obstacles/{index}", *slab, cast_shadow=not flat, **look)
 
 
-def move_obstacle(node: Any, plane: Plane, obstacle: Obstacle, instant: float) -> None:
-    """Put an obstacle that moves, comes or goes where it is at an instant of the flight, s."""
+def move_obstacle(node: Any, plane: Plane | None, obstacle: Obstacle, instant: float) -> None:
+    """Put an obstacle that moves, comes or goes where it is at an instant of the flight, s; no plane is in space."""
     if obstacle.window is not None or any(obstacle.velocity):
         low, high = obstacle.window or (-np.inf, np.inf)
-        node.position = in_space(plane, complex(*obstacle.velocity) * instant)
+        if plane is None:
+            node.position = instant * np.array(obstacle.velocity)
+        else:
+            node.position = world_points(plane, complex(*obstacle.velocity) * instant)
         node.visible = bool(low <= instant <= high)
 
 
@@ -210,49 +220,58 @@ def _add_trails(server: Any, plan: Trajectory, paths: Iterable[Array]) -> None:
 
 def segments(plane: Plane, path: ComplexArray) -> Array:
     """Return a path (N,) of the plane as the line segments (N - 1, 2, 3) of a scene."""
-    points = in_space(plane, path)
+    points = world_points(plane, path)
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
 def obstacle_slab(plan: Trajectory, obstacle: Obstacle, low: complex, high: complex) -> meshes.Mesh:
-    """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, drawn out across the plane, m.
+    """Return corners (k, 3) and triangles (f, 3) of an obstacle at t = 0, extruded across the plane, m.
 
-    A half-plane reaches beside all of the box from ``low`` to ``high``.
+    A half-plane is as long as the box from ``low`` to ``high`` and longer, and as wide as the robot is large.
     """
     size = outlines.robot_size(plan)
+    plane = plan.robot.plane
     slabs: list[meshes.Mesh] = []
     for piece in obstacle.pieces:
         if not isinstance(piece, HalfPlane):
-            slabs.append(prism(plan.robot.plane, outlines.obstacle_outlines(piece, 0.0, 0.0)[0], WIDTH * size))
+            outline = outlines.obstacle_outlines(piece, 0.0, 0.0)[0]
+            slabs.append(prism(plane, outline, 0.4 * size))  # narrower than the robot, which stays visible behind it
             continue
         normal = complex(*piece.normal) / abs(complex(*piece.normal))
-        point, reach, below = complex(*piece.point), abs(high - low) / 2, -SLAB * size * normal
-        beside = ((low + high) / 2 - point) / (1j * normal)
-        ends = point + 1j * normal * (beside.real + reach * np.array([1.0, -1.0]))
-        slabs.append(prism(plan.robot.plane, np.concatenate((ends, ends[::-1] + below)), size))
+        point = complex(*piece.point)
+        reach = abs(high - low) / 2
+        below = -0.016 * size * normal  # a thin slab
+        middle = (((low + high) / 2 - point) / (1j * normal)).real  # of the box along the edge
+        ends = point + 1j * normal * (middle + reach * np.array([1.0, -1.0]))
+        slabs.append(prism(plane, np.concatenate((ends, ends[::-1] + below)), size))
     return meshes.joined(slabs)
 
 
 def prism(plane: Plane, corners: ComplexArray, width: float) -> meshes.Mesh:
-    """Return corners (2 k, 3) and triangles of a convex polygon (k,) drawn out across the plane, m."""
-    count, aside, points = len(corners), 0.5 * width * plane.normal, in_space(plane, corners)
+    """Return corners (2 k, 3) and triangles of a convex polygon (k,) extruded across the plane, m."""
+    count = len(corners)
+    aside = 0.5 * width * plane.normal
+    points = world_points(plane, corners)
     here = np.arange(count)
     there = (here + 1) % count
-    sides = [(here, there, here + count), (there, there + count, here + count)]
+    sides = [
+        np.stack((here, there, here + count), axis=1),
+        np.stack((there, there + count, here + count), axis=1),
+    ]
     fan = np.stack((np.zeros(count - 2, dtype=np.int64), here[1:-1], here[2:]), axis=1)
-    faces = np.concatenate((*(np.stack(side, axis=1) for side in sides), fan[:, ::-1], fan + count))
+    faces = np.concatenate((*sides, fan[:, ::-1], fan + count))
     both = np.concatenate((faces, faces[:, ::-1]))  # whichever way round the polygon goes, it is seen from outside
     return np.concatenate((points - aside, points + aside)), both
 
 
-def in_space(plane: Plane, places: ComplexArray | complex) -> Array:
-    """Places (...) of the plane, horizontal + i vertical, as points (..., 3)."""
-    places = np.asarray(places)
-    return np.asarray(places.real[..., None] * plane.horizontal + places.imag[..., None] * plane.vertical)
+def world_points(plane: Plane, positions: ComplexArray | complex) -> Array:
+    """Positions (...) in the plane, horizontal + i vertical, as points (..., 3)."""
+    positions = np.asarray(positions)
+    return np.asarray(positions.real[..., None] * plane.horizontal + positions.imag[..., None] * plane.vertical)
 
 
-def in_plane(plane: Plane, eye: Array, point: Array) -> complex | None:
-    """Where the line from an eye (3,) through a point (3,) meets the plane; None where it never does."""
+def plane_position(plane: Plane, eye: Array, point: Array) -> complex | None:
+    """Position where the line from an eye (3,) through a point (3,) meets the plane; None where it never does."""
     aside = np.cross(plane.horizontal, plane.vertical)
     ray = point - eye
     slope = float(ray @ aside)
@@ -262,34 +281,37 @@ def in_plane(plane: Plane, eye: Array, point: Array) -> complex | None:
     return complex(met @ plane.horizontal, met @ plane.vertical)
 
 
-def turned(plane: Plane, angles: Array) -> Array:
+def quaternions(plane: Plane, angles: Array) -> Array:
     """Quaternions (..., 4), w x y z, of angles (...) about the normal."""
     sines = np.sin(angles / 2)[..., None] * plane.normal
     return np.concatenate((np.cos(angles / 2)[..., None], sines), axis=-1)
 
 
 class RobotNodes:
-    """A robot in a scene, whose bodies can be put anywhere."""
+    """A robot in a scene: one node for each body, and on these what is shown of its links."""
 
     def __init__(self, server: Any, name: str, robot: Robot) -> None:
-        self.name, self._server, self._robot = name, server, robot
+        self.name = name
+        self._server = server
+        self._robot = robot
+        self._is_planar = robot.in_plane is not None
         self.root = server.scene.add_frame(name, show_axes=False)
-        count = robot.model.njoints - 1 if robot.in_plane is None else len(robot.tree.mass)
-        names = [f"{name}/{body}" for body in range(count)]
-        self.frames = [server.scene.add_frame(each, show_axes=False) for each in names]
+        count = len(robot.tree.mass) if self._is_planar else robot.model.njoints - 1
+        self.frames = [server.scene.add_frame(f"{name}/{body}", show_axes=False) for body in range(count)]
         data = robot.model.createData()
         pin.forwardKinematics(robot.model, data, robot.reference)
-        self._placements = data.oMi  # of the model's joints at rest
+        self._placements = data.oMi  # of the model's joints at zero
 
     def _resting(self, link: str) -> tuple[int, Array]:
-        """Return the body that a link is part of, and the transform (4, 4) into its frame from the root link's."""
+        """Return the body of a link, and the transform (4, 4) into its frame from the root link's, joints at zero."""
         robot = self._robot
-        if robot.in_plane is None:
-            body, _ = frame_place(robot.model, robot.joint_tree, link)
+        if not self._is_planar:
+            body, _ = frame_position(robot.model, robot.joint_tree, link)
             return body - 1, self._placements[body].inverse().homogeneous
-        poses, body = self._resting_poses, robot.layout.body_of[link]
+        poses = self._resting_poses
+        body = robot.layout.body_of[link]
         root = robot.frames[robot.tree.names[0]]
-        origin = in_space(robot.plane, poses.places[0, body] - poses.points([0], [root.local])[0, 0])
+        origin = world_points(robot.plane, poses.places[0, body] - poses.points([0], [root.local])[0, 0])
         back = pin.exp3(-float(poses.angles[0, body]) * robot.plane.normal)
         return body, pin.SE3(back, -back @ origin).homogeneous
 
@@ -299,104 +321,124 @@ class RobotNodes:
         return outlines.body_poses(self._robot, np.zeros(1), resting, np.zeros(1, dtype=np.complex128))
 
     def add_solids(self, colour: Colour | None = None, opacity: float | None = None) -> list[tuple[int, Any]]:
-        """Draw the links as solids, in one colour or in those of all pictures; return parts with their nodes.
+        """Draw the links as solids, in one colour or in those of all pictures; return segments with their nodes.
 
-        What moves together is one mesh.
+        The solids of a segment on one body are one mesh.
         """
-        colours, together = palette(len(self._robot.joints) + 1), dict[tuple[int, int], list[meshes.Mesh]]()
-        for solid in drawn_solids(self._robot):
+        colours = palette(len(self._robot.joints) + 1)
+        groups = dict[tuple[int, int], list[meshes.Mesh]]()
+        for solid in rendered_solids(self._robot):
             body, into_body = self._resting(solid.link)
             placed = into_body @ self._placements[solid.body].homogeneous
             points = solid.points @ placed[:3, :3].T + placed[:3, 3]
-            together.setdefault((body, solid.part), []).append((points, solid.faces))
+            groups.setdefault((body, solid.segment), []).append((points, solid.faces))
         nodes = []
-        for (body, part), drawn in together.items():
-            look = {"color": colour or rgb_bytes(colours[part]), "opacity": opacity, "flat_shading": True}
-            name = f"{self.name}/{body}/solids{part}"
-            nodes.append((part, self._server.scene.add_mesh_simple(name, *meshes.joined(drawn), **look)))
+        for (body, segment), solids in groups.items():
+            look = {"color": colour or rgb_bytes(colours[segment]), "opacity": opacity, "flat_shading": True}
+            name = f"{self.name}/{body}/solids{segment}"
+            nodes.append((segment, self._server.scene.add_mesh_simple(name, *meshes.joined(solids), **look)))
         return nodes
 
-    def add_meshes(self, size: float | None = None, share: float = SHARE) -> bool:
+    def add_meshes(self, size: float | None = None, share: float = 0.2) -> bool:
         """Draw the links as the URDF does, as fine as a robot of a size, m, shows it; return whether it does.
 
-        What moves together and has one colour is one mesh; of its triangles a share is drawn, fewest where it is flat.
-        Without a size all is drawn as it is.
+        The links of one body and one colour are one mesh, with a share of its triangles, fewest where it is flat, but
+        at least 200. Without a size all are shown as they are.
         """
-        robot, scene = self._robot, self._server.scene
+        robot = self._robot
+        scene = self._server.scene
         model = meshes.visual_model(robot)
         if model is None:
             return False
         resting = np.zeros(len(robot.joints))
         angles = meshes.joint_angles(robot, resting)
         model.update_cfg(np.array([angles[name] for name in model.actuated_joint_names]))
-        together: dict[tuple[int, Colour], list[meshes.Mesh]] = {}
+        groups: dict[tuple[int, Colour], list[meshes.Mesh]] = {}
         for number, (geometry, mesh) in enumerate(model.scene.geometry.items()):
             link = model.scene.graph.transforms.parents[geometry]
             body, into_body = self._resting(link)
             placed = mesh.copy()
             placed.apply_transform(into_body @ model.get_transform(geometry))
-            colour = meshes.plain_colour(placed)
+            colour = meshes.uniform_colour(placed)
             if colour is None or size is None:
                 scene.add_mesh_trimesh(f"{self.name}/{body}/mesh{number}", placed)
             else:
-                together.setdefault((body, colour), []).append((placed.vertices, placed.faces))
-        for number, ((body, colour), drawn) in enumerate(together.items()):
-            vertices, faces = meshes.coarser(*meshes.joined(drawn), DETAIL * (size or 0.0))
-            count = max(math.ceil(share * len(faces)), FEW)
+                groups.setdefault((body, colour), []).append((placed.vertices, placed.faces))
+        for number, ((body, colour), links) in enumerate(groups.items()):
+            vertices, faces = meshes.coarser(*meshes.joined(links), DETAIL * (size or 0.0))
+            count = max(math.ceil(share * len(faces)), 200)
             name = f"{self.name}/{body}/links{number}"
             scene.add_mesh_simple(name, *meshes.fewer(vertices, faces, count), color=colour)
         return True
 
     def add_grips(self, shapes: outlines.Postures, reach: float, colour: Colour) -> dict[int, Any]:
-        """Add what is grabbed, by parts: nodes at that end of a link which is farthest from its joint."""
-        robot, add = self._robot, self._server.scene.add_icosphere
-        shaped = zip(outlines.drawn_shapes(robot), shapes.part.tolist(), strict=True)
-        ends = [(part, shape.body, end) for shape, part in shaped for end in (shape.start, shape.end)]
+        """Add handles to drag, by segments: nodes at that end of a link which is farthest from its joint."""
+        robot = self._robot
+        candidates = []
+        capsules = outlines.rendered_capsules(robot)
+        for capsule, segment in zip(capsules, shapes.segment.tolist(), strict=True):
+            candidates.append((segment, capsule.body, capsule.start))
+            candidates.append((segment, capsule.body, capsule.end))
+        candidates.sort(key=lambda candidate: -abs(candidate[2]))
         grips: dict[int, Any] = {}
-        for part, body, end in sorted(ends, key=lambda each: -abs(each[2])):
-            if part not in grips:
-                look = {"color": colour, "position": in_space(robot.plane, end)}
-                name = f"{self.name}/{body}/grip{part}"
-                grips[part] = add(name, GRIP * reach, subdivisions=SUBDIVISIONS, **look)
+        for segment, body, end in candidates:
+            if segment not in grips:
+                look = {"color": colour, "position": world_points(robot.plane, end)}
+                name = f"{self.name}/{body}/grip{segment}"
+                radius = 0.035 * reach  # small beside the robot, large enough for a finger
+                grips[segment] = self._server.scene.add_icosphere(name, radius, subdivisions=1, **look)
         return grips
 
     def put(self, poses: outlines.Poses | BodyPoses, index: int) -> None:
         """Put the bodies where they are at an instant."""
         if isinstance(poses, outlines.Poses):
-            points = in_space(self._robot.plane, poses.places[index])
-            turns = turned(self._robot.plane, poses.angles[index])
+            points = world_points(self._robot.plane, poses.places[index])
+            rotations = quaternions(self._robot.plane, poses.angles[index])
         else:
             points = poses.places[index, 1:]
-            turns = Rotation.from_matrix(poses.rotations[index, 1:]).as_quat(scalar_first=True)
-        for frame, point, turn in zip(self.frames, points, turns, strict=True):
-            frame.position, frame.wxyz = point, turn
+            rotations = Rotation.from_matrix(poses.rotations[index, 1:]).as_quat(scalar_first=True)
+        for frame, point, rotation in zip(self.frames, points, rotations, strict=True):
+            frame.position = point
+            frame.wxyz = rotation
 
 
 class ForceNodes:
-    """An arrow in a friction cone for each point that stands, left and right, at instants (N,) of a jump."""
+    """An arrow in a friction cone for each contact point, left and right, at instants (N,) of a jump."""
 
     def __init__(self, server: Any, jump: JumpMotion, times: Array) -> None:
-        standing, plane = footing(jump), jump.robot.plane
+        standing = footing(jump)
+        plane = jump.robot.plane
         contacts = standing.contacts.values()
         self._nodes = list[tuple[Any, Any, Array]]()
         look = {name: size * jump.height for name, size in ARROW.items()}
         scale = standing.metres_per_newton * max(len(contact.names) for contact in contacts)
-        state, side, here = jump.at(times), standing.cone[1], np.arange(RIM - 1)
-        around = side.real * np.exp(2j * np.pi * np.arange(RIM) / (RIM - 1))[:, None]
+        state = jump.at(times)
+        # a cone: a rim of 33 corners, the last on the first, and the tip
+        side = standing.cone[1]
+        corners = 33
+        here = np.arange(corners - 1)
+        around = side.real * np.exp(2j * np.pi * np.arange(corners) / (corners - 1))[:, None]
         rim = around.real * plane.horizontal + around.imag * plane.normal + side.imag * plane.vertical
-        cone = np.append(rim, np.zeros((1, 3)), axis=0), np.stack((here, here + 1, 0 * here + RIM), axis=1)
+        vertices = np.append(rim, np.zeros((1, 3)), axis=0)
+        faces = np.stack((here, here + 1, 0 * here + corners), axis=1)
+        nodes = server.scene
         for contact, colour in zip(contacts, standing.colours.values(), strict=True):
+            rgb = rgb_bytes(colour)
             for name in contact.names:
-                place, (across, up) = state.points[name], scale * state.forces[name].T[..., None]
-                ends = np.stack((place, place + across * plane.horizontal + up * plane.vertical), axis=1)
-                rgb, node, add = rgb_bytes(colour), f"/forces/{name}", server.scene
-                solid = add.add_mesh_simple(f"{node}/cone", *cone, color=rgb, opacity=0.3, side="double")
-                self._nodes.append((add.add_arrows(f"{node}/arrow", np.zeros((1, 2, 3)), rgb, **look), solid, ends))
+                point = state.points[name]
+                across, up = scale * state.forces[name].T[..., None]
+                ends = np.stack((point, point + across * plane.horizontal + up * plane.vertical), axis=1)
+                path = f"/forces/{name}"
+                cone = nodes.add_mesh_simple(f"{path}/cone", vertices, faces, color=rgb, opacity=0.3, side="double")
+                arrow = nodes.add_arrows(f"{path}/arrow", np.zeros((1, 2, 3)), rgb, **look)
+                self._nodes.append((arrow, cone, ends))
 
     def put(self, index: int) -> None:
-        """Show what acts at an instant; what is shorter than an arrow's head is left out."""
+        """Show the forces at an instant; those shorter than an arrow's head are left out."""
         for arrow, cone, ends in self._nodes:
             length = float(np.linalg.norm(ends[index, 1] - ends[index, 0]))
-            arrow.visible, cone.visible = length > arrow.head_length, bool(np.isfinite(length))
+            arrow.visible = length > arrow.head_length
+            cone.visible = bool(np.isfinite(length))
             if cone.visible:
-                cone.position, arrow.points = ends[index, 0], ends[index : index + 1].astype(np.float32)
+                cone.position = ends[index, 0]
+                arrow.points = ends[index : index + 1].astype(np.float32)

@@ -10,7 +10,7 @@ class Chart {
   constructor(motion, spec, holder, onSeek) {
     this.motion = motion;
     this.spec = spec;
-    this.part = null;
+    this.segment = null;
     this.many = spec.series.length > MANY;
     const figure = holder.appendChild(make("figure", this.many ? "chart many" : "chart"));
     const title = figure.appendChild(make("figcaption"));
@@ -56,25 +56,26 @@ class Chart {
     if (beyond) title.append(make("span", "beyond", beyond));
   }
 
-  /* Show the chosen part's curve, limits and value before all others: 0 is the base, null none. */
-  choose(part) {
-    this.part = part;
+  /* Show the chosen segment's curve, limits and value before all others: 0 is the base, null none. */
+  choose(segment) {
+    this.segment = segment;
     const { lines, series } = this.spec;
-    const own = part !== null && series.some((one) => one.part === part);
+    const own = segment !== null && series.some((one) => one.segment === segment);
     lines.forEach((line, index) => {
-      const seen = line.part === null || (own ? line.part === part : !this.many);
+      const seen = line.segment === null || (own ? line.segment === segment : !this.many);
       this.plot.setSeries(index + 1, { show: seen });
     });
     this.readouts.forEach((value, index) => {
-      value.parentElement.classList.toggle("chosen", own && series[index].part === part);
+      value.parentElement.classList.toggle("chosen", own && series[index].segment === segment);
     });
     this.plot.root.closest(".chart").classList.toggle("choosing", own);
     this.plot.redraw();
   }
 
-  stroke(part, colour) {
-    const aside = this.part !== null && part !== this.part && this.spec.series.some((one) => one.part === this.part);
-    const strength = aside && part !== null ? ASIDE : 100;
+  stroke(segment, colour) {
+    const shown = this.spec.series.some((one) => one.segment === this.segment);
+    const aside = this.segment !== null && segment !== this.segment && shown;
+    const strength = aside && segment !== null ? ASIDE : 100;
     return painted(`color-mix(in srgb, var(--shade) ${strength}%, var(--paper))`, colour);
   }
 
@@ -96,9 +97,9 @@ class Chart {
     const rows = [0.6 - series.length, 0.6];
     const grid = { stroke: () => painted("var(--grid)"), width: 1 };
     const axis = { font: "11px system-ui, sans-serif", stroke: () => painted("var(--soft)"), grid, ticks: grid };
-    const drawn = ({ part, colour }) => ({ stroke: () => this.stroke(part, colour), points: { show: false } });
+    const drawn = ({ segment, colour }) => ({ stroke: () => this.stroke(segment, colour), points: { show: false } });
     const dot = (fill) => (one) => ({ ...drawn(one), points: { show: true, size: 8.5, width: 1.5, fill } });
-    const full = series.map((one) => dot(() => this.stroke(one.part, one.colour))(one));
+    const full = series.map((one) => dot(() => this.stroke(one.segment, one.colour))(one));
     const rings = series.map(dot(() => painted("var(--paper)")));
     return {
       width,

@@ -3,9 +3,9 @@
 
 function fillKey({ robot, frames }) {
   const list = document.getElementById("key");
-  ["base", ...robot.joints].forEach((name, part) => {
-    const entry = addKey(list, swatch("bar", robot.colours[part]), name);
-    entry.dataset.part = part;
+  ["base", ...robot.joints].forEach((name, segment) => {
+    const entry = addKey(list, swatch("bar", robot.colours[segment]), name);
+    entry.dataset.segment = segment;
     entry.tabIndex = 0;
     entry.setAttribute("role", "button");
     entry.setAttribute("aria-pressed", "false");
@@ -17,16 +17,16 @@ function fillKey({ robot, frames }) {
 
 /* Parts of the robot are looked at by pointing at their names, and chosen by a click or the return key. */
 function offerParts(list, show) {
-  const entries = [...list.querySelectorAll("[data-part]")];
+  const entries = [...list.querySelectorAll("[data-segment]")];
   let kept = null;
   const keep = (entry) => {
-    const part = Number(entry.dataset.part);
-    kept = kept === part ? null : part;
-    for (const one of entries) one.setAttribute("aria-pressed", Number(one.dataset.part) === kept);
+    const segment = Number(entry.dataset.segment);
+    kept = kept === segment ? null : segment;
+    for (const one of entries) one.setAttribute("aria-pressed", Number(one.dataset.segment) === kept);
     show(kept);
   };
   for (const entry of entries) {
-    entry.addEventListener("mouseenter", () => show(Number(entry.dataset.part)));
+    entry.addEventListener("mouseenter", () => show(Number(entry.dataset.segment)));
     entry.addEventListener("mouseleave", () => show(kept));
     entry.addEventListener("click", () => keep(entry));
     entry.addEventListener("keydown", (event) => {
@@ -73,6 +73,6 @@ function offerInstants(rows, seek) {
   }
   const charts = data.charts.map((spec) => new Chart(motion, spec, holder, seek));
   const player = new Player(motion.duration, (time) => [stage, ...charts].forEach((one) => one.draw(time)));
-  offerParts(key, (part) => [stage, ...charts].forEach((one) => one.choose(part)));
+  offerParts(key, (segment) => [stage, ...charts].forEach((one) => one.choose(segment)));
   window.floatplan = { motion, stage, player, charts };
 })();

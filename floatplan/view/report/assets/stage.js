@@ -10,15 +10,16 @@ const LIGHT = [-0.35, 0.75, 0.56]; // where it comes from, as the camera sees it
 const TONES = 4; // of what light falls on
 
 class Stage {
-  constructor(motion, holder) {
+  /* Of several stages on a page each has a name of its own, which its parts' names end in. */
+  constructor(motion, holder, name = "") {
     this.holder = holder;
     this.rule = holder.appendChild(make("span", "rule"));
-    this.backdrop = add(holder, "svg", { id: "backdrop", "aria-hidden": "true" });
-    this.front = add(holder, "svg", { id: "robot", role: "img", "aria-label": "The robot in flight" });
-    this.compass = add(holder, "svg", { id: "compass", viewBox: "-1.5 -1.5 3 3", "aria-hidden": "true" });
+    this.backdrop = add(holder, "svg", { id: `backdrop${name}`, "aria-hidden": "true" });
+    this.front = add(holder, "svg", { id: `robot${name}`, role: "img", "aria-label": "The robot in flight" });
+    this.compass = add(holder, "svg", { id: `compass${name}`, class: "compass", viewBox: "-1.5 -1.5 3 3", "aria-hidden": "true" });
     const named = (name) => [add(this.compass, "line", {}), add(this.compass, "text", { dy: "0.35em" }), name];
     this.axes = [..."xyz"].map(named);
-    this.part = null;
+    this.segment = null;
     this.camera = new Camera(holder, () => this.turn());
     this.take(motion);
     new ResizeObserver(() => this.resize()).observe(holder);
@@ -39,7 +40,9 @@ class Stage {
     this.drawGrid(behind);
     this.floor = (data.floor || []).map((ends) => [ends, add(behind, "polyline", { class: "floor" })]);
     for (const line of data.ground) drawGround(behind, data.ground.length === 1, ...line);
-    for (const obstacle of data.obstacles) if (!moves(obstacle)) drawObstacle(behind, obstacle);
+    const [solids, flat] = [true, false].map((solid) => data.obstacles.filter(({ points }) => solid === Boolean(points)));
+    for (const obstacle of flat) if (!moves(obstacle)) drawObstacle(behind, obstacle);
+    this.solids = solids.map((obstacle) => [obstacle, drawSolid(behind)]);
     const trails = [...data.frames, { colour: data.trail }];
     const drawn = (parent, name) => trails.map(({ colour }) => dyed(add(parent, "polyline", { class: name }), colour));
     this.trails = trails.map((trail) => motion.path(trail));
@@ -51,10 +54,11 @@ class Stage {
       ghost.group.style.setProperty("--strength", strength);
       this.stays.push([ghost, motion.posture(time)]);
     });
-    this.moving = data.obstacles.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
+    this.moving = flat.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
     this.flown = drawn(front, "trail flown");
     this.drawPushes(front);
-    this.choose(this.part);
+    for (const solid of this.solids) solid.push(drawSolid(front));
+    this.choose(this.segment);
     this.time = 0;
     this.turn();
   }
@@ -78,11 +82,11 @@ class Stage {
     this.vectors = shafts.map((name) => dyed(add(front, "path", { class: `push ${name}` }), INK));
   }
 
-  /* The part that the reader has chosen stands out: 0 is the base, null none. */
-  choose(part) {
-    this.part = part;
+  /* The segment that the reader has chosen stands out: 0 is the base, null none. */
+  choose(segment) {
+    this.segment = segment;
     for (const link of this.holder.querySelectorAll(".link")) {
-      link.classList.toggle("aside", part !== null && Number(link.dataset.part) !== part);
+      link.classList.toggle("aside", segment !== null && Number(link.dataset.segment) !== segment);
     }
   }
 
@@ -157,7 +161,7 @@ class Stage {
     });
     seen.sort((one, other) => one.depth - other.depth || one.index - other.index);
     seen.forEach(({ index, corners }, place) => {
-      const { part, radius, faces } = links[index];
+      const { segment, radius, faces } = links[index];
       const outline = path(faces.length ? hull(corners) : corners);
       for (const layer of places) {
         const [holder, [whole, ...tones]] = layer[place];
@@ -165,12 +169,29 @@ class Stage {
         if (tones.length && faces.length) lit(faces, corners).forEach((d, tone) => tones[tone].setAttribute("d", d));
         if (shown[place] === index) continue;
         if (!faces.length) for (const tone of tones) tone.setAttribute("d", "");
-        dyed(holder, colours[part]).dataset.part = part;
+        dyed(holder, colours[segment]).dataset.segment = segment;
         holder.style.setProperty("--radius", radius);
         holder.classList.toggle("solid", faces.length > 0);
-        holder.classList.toggle("aside", holder.classList.contains("link") && this.part !== null && part !== this.part);
+        const other = this.segment !== null && segment !== this.segment;
+        holder.classList.toggle("aside", holder.classList.contains("link") && other);
       }
       shown[place] = index;
+    });
+  }
+
+  /* Put an obstacle in space where it is at a time: behind the robot, or before it where it is nearer than its CM. */
+  putSolid(time, com, { points, faces, grown, velocity, window }, ...elements) {
+    const seen = (places) => places.map((at) => this.camera.see(at.map((part, axis) => part + velocity[axis] * time)));
+    const corners = seen(points);
+    const depth = corners.reduce((sum, corner) => sum + corner[2], 0) / corners.length;
+    const nearer = depth > this.camera.see(com)[2];
+    const [from, to] = window || [-Infinity, Infinity];
+    elements.forEach(([group, whole, tones, margin], place) => {
+      group.classList.toggle("absent", nearer !== (place === 1));
+      group.classList.toggle("away", time < from || time > to);
+      whole.setAttribute("d", path(hull(corners)));
+      lit(faces, corners).forEach((d, tone) => tones[tone].setAttribute("d", d));
+      margin.setAttribute("d", grown.length ? path(hull(seen(grown))) : "");
     });
   }
 
@@ -187,6 +208,7 @@ class Stage {
     const posture = this.motion.posture(time);
     this.frame(posture.com);
     this.put(this.robot, posture);
+    for (const solid of this.solids) this.putSolid(time, posture.com, ...solid);
     for (const [point, element] of this.marks) {
       element.setAttribute("transform", `translate(${this.flat(this.motion.place(posture, point))})`);
     }
@@ -275,6 +297,13 @@ function drawObstacle(parent, { bounded, colour, capsules, margin }) {
   for (const capsule of capsules) drawCapsule(group, "body", capsule, 0);
   if (margin > 0) for (const capsule of capsules) drawCapsule(group, "margin", capsule, margin);
   return group;
+}
+
+/* An obstacle in space, to be put where it is seen: its outline, what light falls on, and its margin. */
+function drawSolid(parent) {
+  const group = add(parent, "g", { class: "obstacle solid" });
+  const drawn = (name) => add(group, "path", { class: name });
+  return [group, drawn("tone0"), Array.from({ length: TONES }, (_, tone) => drawn(`tone${tone + 1}`)), drawn("margin")];
 }
 
 /* All points within a distance of a capsule: two ends and a radius. */

@@ -1,0 +1,155 @@
+"""The whole flight in space, on cells that are as fine as its proof needs.
+
+What the joints alone do is enclosed cell by cell; the attitude, which is bounded for the flight as a whole, follows
+each time that cells have been halved.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import flint
+import numpy as np
+
+from floatplan.arrays import Array, BoolArray
+from floatplan.certificate.cells import TimeCells
+from floatplan.certificate.enclosure import Taylor
+from floatplan.certificate.limits import LimitedQuantity
+from floatplan.certificate.spatial.attitude import Approximation, approximate
+from floatplan.certificate.spatial.bodies import BodyMotion, body_motion
+from floatplan.certificate.spatial.bound import AttitudeBound, attitude_bound
+from floatplan.certificate.spatial.models import Matrices
+from floatplan.certificate.spatial.robot import SpatialRobot
+from floatplan.certificate.spatial.torques import forces, squared
+from floatplan.plans.record import PlanRecord
+
+FIRST_CELLS = 24  # [-] before any is halved
+BOUND = 5e-11  # [rad] sought for the attitude
+RESIDUAL = 3e-13  # [rad] of the residual's integral over the flight, below which it is not sought
+ROUNDING = 5e-15  # [-] of the fastest rate that the momentum can make, of which a residual is rounding
+GAIN = 0.25  # [-] of its residual, to which halving a cell has to bring it: else it is rounding
+TORQUE_RADIUS = 1e-6  # [-] sought, relative to the largest torque
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialEnclosure:
+    """The flight on all cells in the order of time.
+
+    Attributes
+    ----------
+    cells : TimeCells
+    motion : BodyMotion
+        Relative to the base.
+    attitude : AttitudeBound
+    quaternions : (cells, K, 4)
+        The approximation that this bound is about.
+    rate : Matrices
+        Of the base, in its own axes: one vector, rad/s.
+    motor_torques : (K, cells, motors) N m
+        The motors' own.
+    """
+
+    cells: TimeCells
+    motion: BodyMotion
+    attitude: AttitudeBound
+    quaternions: Array
+    rate: Matrices
+    motor_torques: Taylor
+
+    @property
+    def positions(self) -> Taylor:
+        """Positions (K, cells, n) of the planned joints, rad."""
+        return self.motion.positions
+
+    @property
+    def velocities(self) -> Taylor:
+        """Their rates (K, cells, n), rad/s."""
+        return self.motion.velocities
+
+    @property
+    def accelerations(self) -> Taylor:
+        """Their accelerations (K, cells, n), rad/s^2."""
+        return self.motion.accelerations
+
+    @property
+    def last_quaternion(self) -> list[Any]:
+        """The approximation at the end of the flight, (4) in Arb, whose precision is to be set."""
+        return [
+            sum((flint.arb(part) for part in column), start=flint.arb(0)) for column in self.quaternions[-1].T.tolist()
+        ]
+
+    def limited_rate(self, limit: float) -> LimitedQuantity:
+        """The base's rate, whose square is what is compared, and its limit, rad/s."""
+        return LimitedQuantity("orientation_rate", (), squared(self.rate), limit, power=2)
+
+
+def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosure:
+    """Enclose the whole flight.
+
+    Cells are halved until their shares of the residual and their torques' radii are as small as sought, or halving no
+    longer makes them smaller, or the ``budget`` of cells is spent.
+    """
+    duration = record.duration
+    momentum = np.array(record.angular_momentum)
+    start = np.array(record.orientation["start"]["quaternion_xyzw"])
+    grid = np.asarray(np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS), dtype=np.float64)
+    grid[-1] = duration
+    cells = TimeCells.between(grid[:-1], grid[1:])
+    motion = body_motion(robot, record, cells)
+    middles = None
+    before = np.full((2, len(cells)), math.inf)  # residual and torques' radius of the cell that was halved
+    while True:
+        approximation = approximate(motion, cells, momentum, start, middles)
+        attitude = attitude_bound(motion, approximation, cells, momentum, start)
+        sizes = np.array([attitude.residuals, np.zeros(len(cells))])
+        sought = _sought(attitude, motion, duration)
+        found = None
+        if (attitude.residuals <= sought).all() or not _worth_halving(sizes, before, sought, cells).any():
+            found = forces(robot, motion, attitude.seen)
+            sizes[1] = _relative_radii(found.motor_torques)
+        coarse = _worth_halving(sizes, before, sought, cells)
+        if found is not None and (not coarse.any() or len(cells) + coarse.sum() > budget):
+            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
+        if len(cells) + coarse.sum() > budget:
+            found = forces(robot, motion, attitude.seen)
+            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
+        fine = np.flatnonzero(~coarse)
+        middle = 0.5 * (cells.low + cells.high)
+        low = np.concatenate([cells.low[fine], cells.low[coarse], middle[coarse]])
+        high = np.concatenate([cells.high[fine], middle[coarse], cells.high[coarse]])
+        order = np.argsort(low)
+        halves = TimeCells.between(low[len(fine) :], high[len(fine) :])
+        motion = BodyMotion.joined([motion.on_cells(fine), body_motion(robot, record, halves)]).on_cells(order)
+        middles = np.concatenate([approximation.quaternions[fine, 0], _middles(approximation, coarse)])[order]
+        before = np.concatenate([before[:, fine], np.tile(sizes[:, coarse], 2)], axis=1)[:, order]
+        cells = TimeCells.between(low[order], high[order])
+
+
+def _sought(attitude: AttitudeBound, motion: BodyMotion, duration: float) -> float:
+    """The residual, rad/s, that is small enough: for the bound on the attitude, or because it is rounding."""
+    enough = BOUND / (2.0 * attitude.amplification)
+    scale = np.fmax(attitude.seen.norm.max(), motion.relative.norm.max()) * motion.inverse.norm.max()
+    return float(np.fmax(max(enough, RESIDUAL) / duration, ROUNDING * scale))
+
+
+def _worth_halving(sizes: Array, before: Array, sought: float, cells: TimeCells) -> BoolArray:
+    """Which cells are too coarse, in residual or torques (2, cells), and not only for rounding."""
+    coarse = ~(sizes <= [[sought], [TORQUE_RADIUS]]) & ~(sizes > GAIN * before)
+    middle = 0.5 * (cells.low + cells.high)
+    return np.asarray(coarse.any(axis=0) & (cells.low < middle) & (middle < cells.high))
+
+
+def _middles(approximation: Approximation, coarse: BoolArray) -> Array:
+    """Attitudes (2 cells, 4) in the middles of the first halves of some cells, and then of the second ones."""
+    q = approximation.quaternions[coarse]
+    powers = np.array([[-0.5], [0.5]]) ** np.arange(q.shape[1])
+    found = np.concatenate([np.einsum("k,ckx->cx", each, q) for each in powers])
+    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+
+
+def _relative_radii(torques: Taylor) -> Array:
+    """Largest radius (cells,) of the torques relative to the largest torque."""
+    largest = np.fmax.reduce(torques.size, axis=None, initial=1e-12)
+    return np.asarray(torques.e.max(axis=1, initial=0.0) / largest)

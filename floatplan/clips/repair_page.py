@@ -1,0 +1,129 @@
+"""A page that plays a clip and its repair side by side, and says what was changed; it needs no network."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from floatplan.arguments import html_table
+from floatplan.arrays import Array
+from floatplan.clips.check import check_clip
+from floatplan.clips.clip import Clip
+from floatplan.clips.curve import centre_of_mass
+from floatplan.clips.formats import continuous_signs
+from floatplan.clips.page import clip_facts
+from floatplan.clips.repair import ClipRepair, FlightRepair
+from floatplan.files import plain, write_atomically
+from floatplan.motion.spatial.rotations import quaternions_of
+from floatplan.view.outlines import floor_lines
+from floatplan.view.report.data import robot_in_space, rounded
+from floatplan.view.report.report import page
+from floatplan.view.solids import rendered_solids
+from floatplan.view.style import TRAILS
+
+BESIDE = 0.5  # [s] before the first flight that is changed, and after the last, that is played
+LONGEST = 40.0  # [s] that is played
+RATE = 60.0  # [Hz] of what is played
+SCRIPTS = ("theme.js", "motion.js", "camera.js", "stage.js", "player.js", "pair.js")
+TITLES = ("flight, s", "what", "duration, s", "joints, deg", "base, deg", "torque", "rate", "feet, mm", "why not")
+
+
+def write_repair_page(repaired: Clip, told: ClipRepair, path: str | Path) -> Path:
+    """Write a page about a clip that was repaired.
+
+    Parameters
+    ----------
+    repaired : Clip
+    told : ClipRepair
+        What was done, with the clip as it was.
+    path : of the page
+    """
+    clip = told.before.clip
+    after = check_clip(repaired, told.before.gravity)
+    rows = [_row(each) for each in told.flights]
+    parts = [html_table("", rows, TITLES) if rows else ""]
+    parts += [f"<h2>{words}</h2>{clip_facts(check)}" for words, check in (("before", told.before), ("after", after))]
+    pair = [
+        {"name": name, "motion": motion_data(each, *_played(each, told))}
+        for name, each in (("before", clip), ("after", repaired))
+    ]
+    done = sum(each.repaired is not None and each.repaired.repairable for each in told.flights)
+    data: dict[str, Any] = {
+        "name": f"{clip.path.name}: repaired",
+        "question": f"{clip.robot.name}, {done} of {len(told.flights)} flights planned anew",
+        "version": version("floatplan"),
+        "pair": plain(pair),
+    }
+    facts = {"facts": "".join(parts)}
+    styles = ("report.css", "pair.css")
+    made = page("pair.html", data["name"], styles, SCRIPTS, data, facts)
+    return write_atomically(path, made)
+
+
+def _row(each: FlightRepair) -> list[str]:
+    flight = each.flight
+    when = f"{flight.begin:.2f} to {flight.end:.2f}"
+    found = each.repaired
+    if found is None:
+        return [when, "left as it is"] + [""] * (len(TITLES) - 2)
+    changes = ["", ""]
+    if found.plan is not None:
+        changes = [f"{np.rad2deg(value):.2g}" for value in (found.joints_rms, found.base_largest)]
+    shares = ["" if share is None else f"{100 * share[0]:.0f} %" for share in (found.torque_share, found.rate_share)]
+    return [
+        when,
+        str(found.choice) if found.repairable else "not repairable",
+        f"{flight.duration:.3f} to {found.duration:.3f}",
+        *changes,
+        *shares,
+        f"{1e3 * each.seam_foot:.2f}",
+        found.reason,
+    ]
+
+
+def _played(clip: Clip, told: ClipRepair) -> tuple[float, float]:
+    """From when to when a clip is played, s: its flights that were changed, and a little of the stances beside them."""
+    changed = [number for number, each in enumerate(told.flights) if each.repaired is not None]
+    if not changed or len(clip.flights) != len(told.flights):
+        return 0.0, min(clip.duration, LONGEST)
+    begin = max(clip.flights[changed[0]].begin - BESIDE, 0.0)
+    return begin, min(clip.flights[changed[-1]].end + BESIDE, clip.duration, begin + LONGEST)
+
+
+def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
+    """Return a part of a clip as the page's moving robot has it: columns at equal steps of time, and the floor."""
+    robot = clip.robot
+    times = np.linspace(begin, end, max(int((end - begin) * RATE), 4) + 1)
+    poses = clip.curve.poses(times)
+    positions = clip.curve.positions(times)[:, [robot.model_joints.index(joint) for joint in robot.joints]]
+    com = centre_of_mass(robot, poses)
+    quaternions = continuous_signs(quaternions_of(clip.curve.attitudes(times)))
+    columns: dict[str, Array] = {f"com_{axis}": column for axis, column in zip("xyz", com.T, strict=True)}
+    columns |= {f"base_{axis}": column for axis, column in zip("xyz", poses.places[:, 1].T, strict=True)}
+    columns |= {f"quaternion.{index}": column for index, column in enumerate(quaternions.T)}
+    columns |= {f"positions.{index}": column for index, column in enumerate(positions.T)}
+    placed = np.concatenate([poses.points(solid.body, solid.points) for solid in rendered_solids(robot)], axis=1)
+    low = placed.min(axis=(0, 1))
+    high = placed.max(axis=(0, 1))
+    return {
+        "duration": end - begin,
+        "columns": {name: rounded(values) for name, values in columns.items()},
+        "robot": robot_in_space(robot),
+        "frames": [],
+        "trail": TRAILS[0],
+        "obstacles": [],
+        "ground": [],
+        "floor": [rounded(line) for line in floor_lines(low, high, float(clip.ground.at(times[:1])[0]))],
+        "ghosts": [],
+        "goal": {
+            "base": rounded([*poses.places[-1, 1], *quaternions[-1]]),
+            "positions": rounded(positions[-1]),
+            "com": rounded(com[-1]),
+        },
+        "ball": {"centre": rounded((low + high) / 2), "radius": float(np.linalg.norm(high - low)) / 2},
+        "vector": None,
+        "scale": "",
+    }

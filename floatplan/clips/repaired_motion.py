@@ -1,0 +1,131 @@
+"""A clip with some of its flights planned anew: where everything is, at any time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.clips.clip import Clip
+from floatplan.clips.formats import continuous_signs
+from floatplan.clips.stances import Seam, stance_configurations, velocity_difference
+from floatplan.clips.timing import RAMP, Clock
+from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.plans.plan import Plan
+
+STEP = 1e-4  # [s] of differences, by which velocities in stances are computed
+
+
+def plan_configurations(plan: Plan, times: Array) -> Array:
+    """Configurations (K, 7 + J) of a plan at times (K,), s, as clips have them."""
+    motion = plan.full_motion(times)
+    return np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
+
+
+def plan_velocities(plan: Plan, times: Array) -> Array:
+    """Velocities (K, 6 + J) of a plan at times (K,), s: of the base in its own axes, and of the joints."""
+    motion = plan.full_motion(times)
+    return np.concatenate((motion.base_twist, motion.velocities), axis=1)
+
+
+class RepairedMotion:
+    """A clip with plans in place of some of its flights, and its stances brought to meet them.
+
+    Parameters
+    ----------
+    clip : Clip
+    plans : by the number of the flight
+    """
+
+    def __init__(self, clip: Clip, plans: Mapping[int, Plan]) -> None:
+        self._clip = clip
+        self._plans = plans
+        flights = clip.flights
+        factors = [
+            plans[number].duration / flight.duration if number in plans else 1.0
+            for number, flight in enumerate(flights)
+        ]
+        self.clock = Clock.of(clip.duration, flights, factors)
+        begins = self.clock.to_new(np.array([flight.begin for flight in flights]))
+        self.begins = {number: float(begins[number]) for number in plans}
+        self._seams = [seam for number in plans for seam in self._seams_of(number, factors[number])]
+
+    def _seams_of(self, number: int, pace: float) -> list[Seam]:
+        """Where the stances before and after a flight meet it."""
+        clip = self._clip
+        flights = clip.flights
+        flight = flights[number]
+        plan = self._plans[number]
+        before = flights[number - 1].end if number else 0.0
+        after = flights[number + 1].begin if number + 1 < len(flights) else clip.duration
+        seams = []
+        for at, local, sign, free in (
+            (flight.begin, 0.0, -1.0, flight.begin - before),
+            (flight.end, plan.duration, 1.0, after - flight.end),
+        ):
+            own = plan_velocities(plan, np.array([local]))[0]
+            attitude = of_quaternions(plan_configurations(plan, np.array([local]))[:, 3:7])[0]
+            of_clip = clip.curve.velocities(np.array([at]))
+            change = velocity_difference(own, (of_clip[0][0], of_clip[1][0], of_clip[2][0]), pace, attitude)
+            instant = self.begins[number] + local
+            seams.append(Seam(instant=instant, sign=sign, room=min(RAMP, 0.5 * free), change=change))
+        return seams
+
+    def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
+        """Plans, which of times (K,) are within each, and these in the plan's own time, s."""
+        for number, plan in self._plans.items():
+            local = times - self.begins[number]
+            inside = (local >= 0) & (local <= plan.duration)
+            if inside.any():
+                yield plan, inside, local[inside]
+
+    def configurations(self, times: Array) -> Array:
+        """Configurations (K, 7 + J) at times (K,), s."""
+        clip_times = self.clock.to_clip(times)
+        found = np.empty((len(times), self._clip.robot.model.nq))
+        stands = np.ones(len(times), np.bool_)
+        for plan, inside, local in self._in_flight(times):
+            found[inside] = plan_configurations(plan, local)
+            stands &= ~inside
+        found[stands] = stance_configurations(self._clip, clip_times[stands], times[stands], self._seams)
+        return found
+
+    def velocities(self, times: Array) -> Array:
+        """Velocities (K, 6 + J) of Pinocchio's model at times (K,): of plans their own, in stances by differences."""
+        found = np.empty((len(times), self._clip.robot.model.nv))
+        stands = np.ones(len(times), np.bool_)
+        for plan, inside, local in self._in_flight(times):
+            found[inside] = plan_velocities(plan, local)
+            stands &= ~inside
+        at = times[stands]
+        early = np.clip(at - STEP, 0.0, self.clock.duration)
+        late = np.clip(at + STEP, 0.0, self.clock.duration)
+        before, middle, after = np.split(self.configurations(np.concatenate((early, at, late))), 3)
+        passed = (late - early)[:, None]
+        turned = Rotation.from_quat(before[:, 3:7]).inv() * Rotation.from_quat(after[:, 3:7])
+        linear = Rotation.from_quat(middle[:, 3:7]).apply((after[:, :3] - before[:, :3]) / passed, inverse=True)
+        joints = (after[:, 7:] - before[:, 7:]) / passed
+        found[stands] = np.concatenate((linear, turned.as_rotvec() / passed, joints), axis=1)
+        return found
+
+    def clip(self, rate: float) -> Clip:
+        """The same as a clip of so many frames a second."""
+        clip = self._clip
+        times = np.arange(int(np.floor(self.clock.duration * rate + 1e-6)) + 1) / rate
+        q = self.configurations(times)
+        contacts = None
+        if clip.contacts is not None:
+            frame = np.rint(self.clock.to_clip(times) * clip.fps).astype(np.int64)
+            contacts = clip.contacts[np.minimum(frame, clip.frames - 1)]
+        return replace(
+            clip,
+            fps=rate,
+            base_position=read_only(q[:, :3]),
+            base_quaternion=read_only(continuous_signs(q[:, 3:7])),
+            positions=read_only(q[:, 7:]),
+            contacts=contacts,
+            velocities=read_only(self.velocities(times)),
+        )

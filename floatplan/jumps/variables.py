@@ -1,0 +1,154 @@
+"""Variables of a jump's program, their values in a solution, and the numbers of the program."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.jumps.phases import Phase
+from floatplan.jumps.separation import TOLERATED_SHORTFALL
+from floatplan.tables import POINT_FEET
+
+FOOT_LIFT = 0.02  # [m] of feet in the middle of the flight
+LOW_FOOT_LIFT = 2 * POINT_FEET  # [m] of hops that do not reach that: the legs of slow motors extend by 0.5 m/s at most
+ITERATIONS = 250  # [-] of IPOPT: 40 to 125 find a first solution where there is one, more those near conflicting limits
+
+
+@dataclass(frozen=True)
+class ProgramSettings:
+    """Numbers of the program.
+
+    Attributes
+    ----------
+    cone_margin : of the weight, by which forces stay inside the cone, but at nodes where contacts change
+    base_range : of the base's orientation beyond its start and goal, rad
+    base_rate : largest rate of the base, rad/s
+    roughness : weight of steps of accelerations, relative to the squared torques
+    smoothness : weight of squared torques, relative to the factor
+    steadiness : weight of steps of accelerations, relative to the squared torques, where the factor counts
+    onset : time in which the ground's force may grow by the weight, s: feet land by so much late and early
+    abruptness : cost of the square of force over the weight beyond that; 3 to 100 make little difference
+    rounding : of the weight, by which the corner of that cost is rounded
+    largest_factor : that is looked for
+    violation : of constraints where IPOPT does not converge, scaled: less counts as a solution
+    converged_violation : the same where IPOPT converges
+    """
+
+    cone_margin: float = 0.02
+    base_range: float = 1.5
+    base_rate: float = 40.0
+    roughness: float = 3e-4
+    smoothness: float = 0.03
+    steadiness: float = 1e-3
+    onset: float = 0.012
+    abruptness: float = 10.0
+    rounding: float = 0.02
+    largest_factor: float = 20.0
+    violation: float = 1e-8
+    converged_violation: float = 1e-6
+
+
+SETTINGS = ProgramSettings()
+
+
+def ipopt_options(iterations: int, flight_is_fixed: bool, warm: bool) -> dict[str, Any]:
+    """Options of IPOPT for programs of a few thousand variables."""
+    options = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": SETTINGS.violation}
+    options["mu_strategy"] = "adaptive"
+    options["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
+    options["mumps_mem_percent"] = 20  # beyond what MUMPS expects: of ten times that, most time went to the system
+    options["mumps_pivot_order"] = 0  # approximate minimum degree, with which it is faster than with what it chooses
+    options["max_iter"] = iterations
+    if flight_is_fixed:  # guesses nearly hold
+        options["adaptive_mu_globalization"] = "never-monotone-mode"
+    if warm:  # the guess nearly holds, and is near the best
+        options |= {"mu_strategy": "monotone", "mu_init": 1e-4, "mu_target": 1e-4}
+        options |= {"bound_push": 1e-5, "bound_frac": 1e-5, "max_iter": 80}
+    return options
+
+
+@dataclass
+class Variables:
+    """Variables of a program as matrices of their own units: expressions, numbers, or their bounds (2, ..).
+
+    Attributes
+    ----------
+    y, v, a : (n+1, K+1) at all nodes
+    forces : of each phase (2 (contacts - 1), nodes of the phase), N, of its contacts but the anchor
+    drifts : of each phase (conditions, 2) at its begin and end, scaled accelerations
+    durations : (phases, 1) s
+    momentum : (1, 1) h, kg m^2/s
+    factor : (1, 1) on limits; (0, 1) where squared torques are minimised
+    """
+
+    y: Any
+    v: Any
+    a: Any
+    forces: list[Any]
+    drifts: list[Any]
+    durations: Any
+    momentum: Any
+    factor: Any
+
+    @classmethod
+    def of(cls, matrices: Sequence[Any]) -> Self:
+        """Of all matrices in order."""
+        y, v, a, *of_phases, durations, momentum, factor = matrices
+        count = len(of_phases) // 2
+        return cls(y, v, a, of_phases[:count], of_phases[count:], durations, momentum, factor)
+
+    def limit_labels(self, phases: Sequence[Phase], of_nodes: Iterable[int], joints: Sequence[str]) -> Self:
+        """Of shapes, what bounds of variables are about; "" where that is no limit. Phases ``of_nodes`` are indices."""
+        labels = self.map(lambda shape: np.full(shape, "", object))
+        for node, index in enumerate(of_nodes):
+            for row, name in enumerate(joints):
+                labels.y[1 + row, node] = f"range of {name} ({phases[index].name})"
+                labels.v[1 + row, node] = f"rate of {name} ({phases[index].name})"
+        for row, phase in enumerate(phases):
+            labels.durations[row, 0] = f"duration of ({phase.name})"
+        return labels
+
+    def matrices(self) -> list[Any]:
+        """All in order."""
+        return [self.y, self.v, self.a, *self.forces, *self.drifts, self.durations, self.momentum, self.factor]
+
+    def map(self, function: Callable[[Any], Any]) -> Self:
+        """What a function makes of each."""
+        return self.of([function(matrix) for matrix in self.matrices()])
+
+
+@dataclass(frozen=True, eq=False)
+class JumpSolution:
+    """Values at the K+1 nodes of a jump.
+
+    Attributes
+    ----------
+    y, v, a : (n+1, K+1)
+    forces : for each phase (2 (contacts - 1), nodes of the phase) N, of its contacts but the anchor
+    durations : (phases,) s
+    momentum : h, kg m^2/s
+    factor : largest share of a limit, where that is minimised; else 1
+    worst : largest violation of a constraint, scaled; and which it is
+    shortfall : of distances, m, where all else holds, though the cost may not be least; else infinite
+    iterations : int
+    overloaded : locked joints that bear too much in the first feasible motion, at which the search stopped
+    """
+
+    y: Array
+    v: Array
+    a: Array
+    forces: tuple[Array, ...]
+    durations: Array
+    momentum: float
+    factor: float
+    worst: tuple[float, str]
+    shortfall: float
+    iterations: int
+    overloaded: tuple[str, ...] = ()
+
+    @property
+    def converged(self) -> bool:
+        """Whether every constraint holds."""
+        return self.shortfall <= TOLERATED_SHORTFALL and not self.overloaded

@@ -1,0 +1,148 @@
+"""Obstacles of flights in space: balls, bars, half-spaces and boxes, in the world's axes, z up."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from floatplan.arguments import shortened
+from floatplan.keys import Key
+from floatplan.problem.attitude import Triple
+from floatplan.problem.parts import SHORTEST_NORMAL, Obstacle
+
+NO_VOLUME = "is 0, and what has no volume keeps nothing away"
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpatialObstacle(Obstacle):
+    """What all obstacles in space share.
+
+    Parameters
+    ----------
+    margin : float, m
+        Distance to keep from it, the paper's epsilon.
+    velocity : (float, float, float), m/s
+        Of one that moves: x, y, z; it is where it is written at takeoff.
+    window : (float, float), s, optional
+        When it exists: from, to, since takeoff; for the whole flight, where left out.
+    """
+
+    velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # in place of two
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sphere(SpatialObstacle):
+    """A ball: centre (x, y, z) and radius, m."""
+
+    kind: ClassVar[str] = "sphere"
+    about: ClassVar[str] = "A ball, in space"
+    center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
+    radius: Annotated[float, Key("Of the ball", "m")]
+    bounded = True
+
+    @property
+    def where(self) -> str:
+        """Centre and radius."""
+        return f"at ({shortened(self.center, 6)}) m, radius {self.radius:g} m"
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle, and a ball that is a point."""
+        yield from super().contradictions()
+        if self.radius == 0:
+            yield "radius", NO_VOLUME
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capsule(SpatialObstacle):
+    """A bar with round ends: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
+
+    kind: ClassVar[str] = "capsule"
+    about: ClassVar[str] = "A bar with round ends, in space"
+    start: Annotated[Triple, Key("One end of its middle line: x, y, z", "m")]
+    end: Annotated[Triple, Key("The other end", "m")]
+    radius: Annotated[float, Key("Of the bar", "m")]
+    bounded = True
+
+    @property
+    def where(self) -> str:
+        """Ends and radius."""
+        return f"from ({shortened(self.start, 6)}) to ({shortened(self.end, 6)}) m, radius {self.radius:g} m"
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle, and a bar that is a line."""
+        yield from super().contradictions()
+        if self.radius == 0:
+            yield "radius", NO_VOLUME
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfSpace(SpatialObstacle):
+    """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
+
+    kind: ClassVar[str] = "half-space"
+    about: ClassVar[str] = "Ground or a wall in space, solid on one side of a plane"
+    point: Annotated[Triple, Key("A place on the plane: x, y, z", "m")] = (0.0, 0.0, 0.0)
+    normal: Annotated[Triple, Key("Direction away from what is solid: x, y, z; of any length")] = (0.0, 0.0, 1.0)
+    bounded = False
+
+    @property
+    def unit_normal(self) -> Triple:
+        """The normal as a unit vector."""
+        length = math.hypot(*self.normal)
+        x, y, z = self.normal
+        return x / length, y / length, z / length
+
+    @property
+    def where(self) -> str:
+        """Point and normal."""
+        return f"at ({shortened(self.point, 6)}) m, normal ({shortened(self.normal, 6)})"
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle, and a normal that has no direction."""
+        yield from super().contradictions()
+        if math.hypot(*self.normal) < SHORTEST_NORMAL:
+            yield "normal", "the normal has length zero"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelGround(HalfSpace):
+    """The ground, on which links stand: heights over it are those of their solids, not of the capsules around them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(SpatialObstacle):
+    """A box whose edges are along the world's axes: middle and edges, m.
+
+    A link is clear of it where one of its six faces is between them: at its edges and corners that is more than need
+    be.
+    """
+
+    kind: ClassVar[str] = "box"
+    about: ClassVar[str] = "A box in space with edges along x, y and z, kept clear of by one of its faces"
+    center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
+    size: Annotated[Triple, Key("Its edges along x, y and z", "m", "radius")]
+    bounded = True
+
+    @property
+    def thickness(self) -> float:
+        """Its shortest edge, m."""
+        return min(self.size)
+
+    @property
+    def where(self) -> str:
+        """Middle and edges."""
+        return f"at ({shortened(self.center, 6)}) m, {' x '.join(f'{edge:g}' for edge in self.size)} m"
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle, and a box that is flat."""
+        yield from super().contradictions()
+        if min(self.size) == 0:
+            yield "size", f"has an edge that {NO_VOLUME}"
+
+
+SPATIAL_OBSTACLE_KINDS: dict[str, type[SpatialObstacle]] = {
+    kind.kind: kind for kind in (Sphere, Capsule, HalfSpace, Box)
+}
+SpatialObstacle.kinds = SPATIAL_OBSTACLE_KINDS

@@ -1,0 +1,78 @@
+"""Why no jump is found: what stands in the way is what was made too small."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import pytest
+from jumps import INSTALLED, backflip, go2_problem
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.jumps import planner
+from floatplan.jumps.conflicts import elastic_conflicts
+from floatplan.jumps.planner import MARGINS
+from floatplan.jumps.setup import jump_setup
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+
+@pytest.fixture
+def at_leisure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What would help is tried to the end, however long the search before took."""
+    monkeypatch.setattr(planner, "process_time", lambda: 0.0)
+
+
+def weak(share: float) -> fp.Problem:
+    problem = go2_problem()
+    own = zip(problem.robot.motors, problem.motor_torque_limits.tolist(), strict=True)
+    return replace(problem, limits=replace(problem.limits, torque={name: share * most for name, most in own}))
+
+
+def narrow() -> fp.Problem:
+    problem = go2_problem()
+    ranges = (problem.initial.positions[:, None] + [-0.2, 0.2]).tolist()
+    return replace(problem, limits=replace(problem.limits, position=ranges))
+
+
+CASES = {
+    "weak": (weak(0.5), fp.JumpRequest(), "torque", 1),
+    "weaker": (weak(0.35), fp.JumpRequest(), "torque", 1),
+    "slippery": (go2_problem(), fp.JumpRequest(friction=0.1), "friction", 1),
+    "narrow": (narrow(), fp.JumpRequest(), "range", 3),
+    "weak and slippery": (weak(0.5), fp.JumpRequest(friction=0.1), "friction", 2),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
+def test_what_was_made_too_small_stands_in_the_way(name: str) -> None:
+    problem, request, kind, most = CASES[name]
+    program = jump_setup(replace(problem, jump=request), request).program(MARGINS, iterations=60)
+    timed = ("duration of (takeoff",) if request.takeoff.durations else ()
+    gives = elastic_conflicts(program, program.solve(program.guess()), timed)
+    assert kind in [each.kind for each in gives[:most]], gives
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("at_leisure")
+def test_a_search_that_finds_nothing_says_why() -> None:
+    said = list[str]()
+    answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.12), starts=1, near=backflip(), progress=said.append)
+    assert not answer.ok
+    found = re.search(
+        r"In the way there: friction of .*: (\S+) needed, 0\.12 allowed.* Searching on: start 1 of 1", said[2]
+    )
+    assert found is not None, said
+    assert float(found[1]) > 0.12
+    found = re.search(
+        r"In the way: friction of \w+_foot \(\w+ on [^)]*\): (\S+) needed, 0\.12 allowed"
+        r".* With friction (\S+) a jump was found and checked\.",
+        answer.explanation,
+    )
+    assert found is not None, answer.explanation
+    needed, helps = map(float, found.groups())
+    assert 0.12 < needed < helps
+    assert fp.jump(go2_problem(), fp.JumpRequest(friction=helps), starts=1).ok
