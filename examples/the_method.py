@@ -12,7 +12,6 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.method.dynamics import Dynamics
-from floatplan.method.motion import Motions
 from floatplan.method.program import Program
 from floatplan.method.sqp import minimise
 
@@ -39,15 +38,16 @@ assert not isinstance(h, str), "the file has a number"
 print(f"(9)    h between {low:.4f} and {high:.4f}, middle (10) {(low + high) / 2:.4f}; here {h:.4f} kg m^2/s")
 
 # The joints' motions: sine functions of polynomials (12) that meet both ends (13), whatever the variables z are.
-motions = Motions(problem, problem.degrees, np.zeros(joints, dtype=np.int64))
+program = Program(problem, problem.degrees, np.zeros(joints, dtype=np.int64))
+motions = program.motions
 print(f"(16)   degrees {problem.degrees}: {motions.size} variables are left for the one equation (14)")
 
 # With quintics alone, z = 0, the base ends elsewhere, (14); b of least length (17) bring it there.
-program = Program(problem, motions, h, reach=0.0)
+nowhere = np.zeros(0)  # inequalities hold at no instant
 quintics = np.zeros(motions.size)
-plain = program.evaluate(quintics)
+plain = program.evaluate(quintics, nowhere)
 print(f"(14)   quintics miss the orientation by {plain.rows[0]:+.4f} rad")
-solution = minimise(program, quintics)
+solution = minimise(program, quintics, nowhere)
 b, _ = motions.b(solution.x)
 assert solution.violation < 1e-9
 print(f"(17)   {solution.steps} steps take the base there to less than 1e-9 rad, with |b| = {np.linalg.norm(b):.4f}")

@@ -1,16 +1,13 @@
 """How the joints move: sine functions of polynomials (12), which meet the conditions (13) whatever the variables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments, powers_map
 from floatplan.problem.problem import Problem
-
-CONDITIONS = 6  # (13) of a joint: p, p', p'' at both ends
 
 
 class Motions:
@@ -25,26 +22,24 @@ class Motions:
         low, high = problem.position_limits.T
         centre = (low + high) / 2
         amplitude = (high - low) / 2
-        duration = problem.flight.duration
+        T = problem.flight.duration
         conditions = []
         for state, on_branch in ((problem.initial, 0 * branch), (problem.final, branch)):
             at_end = state.positions, state.velocities, state.accelerations
             p, rate, curvature = boundary_arguments(*at_end, centre, amplitude, on_branch)
-            conditions += [p, rate * duration, curvature * duration**2]
+            conditions += [p, rate * T, curvature * T**2]
         free = tuple(degree + 1 - CONDITIONS for degree in degrees)
-        self.polynomials = SinePolynomials(centre, amplitude, duration, np.transpose(conditions), free)
+        self.polynomials = SinePolynomials(centre, amplitude, T, np.transpose(conditions), free)
         self.size = sum(free)
         joint, power = np.divmod(self.polynomials.free_indices, self.polynomials.width)
         self.by_z = np.zeros((len(free), CONDITIONS + self.polynomials.width, self.size))
         self.by_z[joint, CONDITIONS + power, np.arange(self.size)] = 1
 
     def coefficients(self, z: Array) -> Array:
-        """Of each joint's p (n, 6+width): its conditions (13), then its z."""
-        return np.asarray(np.pad(self.polynomials.boundary, ((0, 0), (0, self.polynomials.width))) + self.by_z @ z)
-
-    def free_part(self, z: Array) -> Array:
-        """The z of each joint (n, width), with zeros where its degree is lower."""
-        return self.coefficients(z)[:, CONDITIONS:]
+        """Of each joint's p (n, 6+width): its conditions (13), then its z, with zeros where its degree is lower."""
+        coefficients = self.by_z @ z
+        coefficients[:, :CONDITIONS] = self.polynomials.boundary
+        return np.asarray(coefficients)
 
     def b(self, z: Array) -> tuple[Array, Array]:
         """All b of (12), powers of seconds, whose norm is least in (17), and their derivatives by z."""
@@ -54,18 +49,16 @@ class Motions:
 
     def at(self, s: Array, z: Array) -> tuple[Array, Array]:
         """q, q', q'' (N, 3n) of (12) at instants s (N,) of [0, 1], and their derivatives (N, 3n, m) by z."""
-        centre = self.polynomials.centre
-        amplitude = self.polynomials.amplitude
-        per_second = 1 / self.polynomials.duration
-        coefficients = self.coefficients(z).T
-        values = [per_second**order * value for order, value in enumerate(basis(self.polynomials.form).values(s))]
-        p, p1, p2 = (value @ coefficients for value in values)
-        dp, dp1, dp2 = (np.tensordot(value, self.by_z, (1, 1)) for value in values)
-        sine = amplitude * np.sin(p)
-        cosine = amplitude * np.cos(p)
-        motion = np.hstack((centre + sine, cosine * p1, cosine * p2 - sine * p1**2))
-        position = cosine[..., None] * dp
-        velocity = cosine[..., None] * dp1 - (sine * p1)[..., None] * dp
-        acceleration = cosine[..., None] * dp2 - (2 * sine * p1)[..., None] * dp1
-        acceleration -= (sine * p2 + cosine * p1**2)[..., None] * dp
-        return motion, np.concatenate((position, velocity, acceleration), axis=1)
+        columns = [
+            column / self.polynomials.duration**k for k, column in enumerate(basis(self.polynomials.form).values(s))
+        ]
+        p, p1, p2 = (column @ self.coefficients(z).T for column in columns)
+        p_by_z, p1_by_z, p2_by_z = (np.tensordot(column, self.by_z, (1, 1)) for column in columns)
+        sine = self.polynomials.amplitude * np.sin(p)
+        cosine = self.polynomials.amplitude * np.cos(p)
+        motion = np.hstack((self.polynomials.centre + sine, cosine * p1, cosine * p2 - sine * p1**2))
+        q_by_z = cosine[..., None] * p_by_z
+        v_by_z = cosine[..., None] * p1_by_z - (sine * p1)[..., None] * p_by_z
+        a_by_z = cosine[..., None] * p2_by_z - (2 * sine * p1)[..., None] * p1_by_z
+        a_by_z -= (sine * p2 + cosine * p1**2)[..., None] * p_by_z
+        return motion, np.concatenate((q_by_z, v_by_z, a_by_z), axis=1)

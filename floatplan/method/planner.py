@@ -1,37 +1,35 @@
 """From a problem to a plan: starts, instants that are added, and the verdict."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import whole
+from floatplan.arguments import SEED
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.method.dynamics import QUANTITIES
-from floatplan.method.motion import Motions
-from floatplan.method.program import Program, back_off
-from floatplan.method.sqp import Solution, minimise
+from floatplan.method.program import Program
+from floatplan.method.sqp import FEASIBLE, Solution, minimise
+from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.file import given_problem
+from floatplan.problem.parts import Circle, HalfPlane
 from floatplan.problem.problem import Problem, shares_of_limits
-from floatplan.tables import OBJECTIVE_TABLE, ORIENTATION, Range
+from floatplan.tables import ORIENTATION
 
-GRID = np.linspace(0, 1, 401)  # instants at which inequalities are looked at
-INSTANTS = np.linspace(0, 1, 65)[1:-1]  # at which they hold, where a motion without them violates some
+INSTANTS = np.linspace(0, 1, 65)[1:-1]  # of the flight, at which inequalities hold at first
+GRID = np.linspace(0, 1, 401)  # instants at which they are looked at
 NEARLY = 1e-2  # [-] of rows' scales: with less on the grid they may be violated between its instants
-ROUNDING = 1e-12  # [-] of rows' scales
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # in all, as many at each degree
-SPREADS = (0.2, 0.4, 0.8, 1.6)  # [rad] root mean square of each polynomial in p, of random starts in turn
+SPREAD = 0.2  # [rad] root mean square of each variable, by which each start is wilder than the one before
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
-SEED = whole(Range(0, 2**63 - 1, ""))
 
 
 @one_thread
@@ -58,105 +56,88 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     began = time.perf_counter()
     problem = given_problem(problem)
     refuse(problem)
-    rng = np.random.default_rng(SEED(seed, "seed"))
-    tried: list[tuple[float, Plan]] = []
+    tried = []
     steps = 0
-    for program, x in starts(problem, rng):
+    for program, x in starts(problem, np.random.default_rng(SEED(seed, "seed"))):
         solution = solve(program, x)
-        moving = plan_of(program, solution)
-        violation = max(moving.whole.missed, violated(program, solution.x)[0])  # (14) by the plan's own dynamics
-        tried.append((violation, moving))
+        motion = Plan.of_motion(
+            problem,
+            program.motions.polynomials,
+            program.motions.coefficients(solution.x[: program.motions.size])[:, CONDITIONS:],
+            program.angular_momentum(solution.x),
+            status="optimal" if solution.converged else "feasible",
+            ok=True,
+            explanation="Every constraint holds at all times.",
+            solver={},
+        )
+        violation = max(motion.whole.missed, solution.violation)  # (14) by the plan's own dynamics
+        tried.append((violation, motion))
         steps += solution.steps
-        if solution.converged and violation <= ORIENTATION:
+        if violation <= ORIENTATION and solution.converged:
             break
     violation, nearest = min(tried, key=lambda one: max(one[0], ORIENTATION))
-    ok = bool(violation <= ORIENTATION)
+    ok = violation <= ORIENTATION
     seconds = time.perf_counter() - began
     solver = {"starts": len(tried), "solved": int(ok), "iterations": steps, "seed": seed, "seconds": seconds}
     if ok:
         return replace(nearest, solver=solver)
-    missed = f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad or of its scale."
-    return replace(nearest, ok=False, status="infeasible", explanation=missed, solver=solver)
+    reason = f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad or of its scale."
+    return replace(nearest, ok=False, status="infeasible", explanation=reason, solver=solver)
 
 
 def refuse(problem: Problem) -> None:
     """Refuse what is not taken: InputError names the key."""
-    unknown = ["robot.base"] if problem.robot.in_plane is None else []
-    unknown += ["ground"] if problem.ground else []
-    unknown += ["jump"] if problem.jump is not None else []
-    unknown += ["self_clearance"] if problem.self_clearances else []
-    unknown += ["motion.clip"] if problem.reference is not None else []
+    others: dict[str, Any] = {
+        "robot.base": problem.robot.in_plane is None,
+        "ground": problem.ground,
+        "jump": problem.jump,
+        "self_clearance": problem.self_clearances,
+        "motion.clip": problem.reference is not None,
+    }
     for end, state in (("start", problem.initial), ("goal", problem.final)):
-        unknown += [f"{end}.velocities"] if state.frame_rests else []
-        unknown += [f"{end}.accelerations"] if state.free_accelerations else []
-    for index, shape in enumerate(problem.obstacles):
-        unknown += [] if shape.kind in ("circle", "half-plane") else [f"obstacles.{index}.kind"]
-        unknown += [] if shape.window is None else [f"obstacles.{index}.window"]
-    minimised = OBJECTIVE_TABLE[problem.motion.objective].quantity
-    unknown += [] if minimised in (None, *QUANTITIES) else ["motion.objective"]
+        others |= {f"{end}.velocities": state.frame_rests, f"{end}.accelerations": state.free_accelerations}
+    for index, obstacle in enumerate(problem.obstacles):
+        others[f"obstacles.{index}.kind"] = not isinstance(obstacle, Circle | HalfPlane)
+        others[f"obstacles.{index}.window"] = obstacle.window
     for limit in shares_of_limits(problem):
-        unknown += ["limits.motor"] if limit.also else []
-        unknown += [] if set(limit.used) <= set(QUANTITIES) else [f"limits.{limit.key}"]
-    if unknown:
-        reason = "the reference method plans flights in a plane, between given states, past circles and half-planes, "
-        reason += f"with limits of {', '.join(QUANTITIES)} alone"
-        raise InputError(reason, element=unknown[0], advice='use the method "kernel"')
+        others[f"limits.{'motor' if limit.also else limit.key}"] = limit.also or {*limit.used} - {*QUANTITIES}
+    reason = "the reference method plans flights in a plane, between given states, past circles and half-planes, "
+    reason += f"with limits of {', '.join(QUANTITIES)} alone"
+    for key in filter(others.get, others):
+        raise InputError(reason, element=key, advice='use the method "kernel"')
 
 
 def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program, Array]]:
     """Yield a program and its x: quintics (13) first, then random motions, on other branches too; degrees by (16)."""
-    low, high = problem.momentum_interval  # (7) to (9)
-    h = problem.angular_momentum  # (10) where none is given
-    momentum, reach = (h, 0.0) if h is not None else ((low + high) / 2, (high - low) / 2)
-    joints = len(problem.robot.joints)
     lowest = max(problem.degrees)
-    rising = range(lowest, max(HIGHEST_DEGREE, lowest) + 1, 2) if problem.raises_degree else [lowest]
-    for degree in rising:
-        degrees = [degree] * joints if problem.raises_degree else problem.degrees
-        for number in range(STARTS // len(rising)):
-            branch = np.zeros(joints, dtype=np.int64)
-            branch[rng.integers(joints)] = rng.choice([-1, 1]) if number % 2 else 0
-            program = Program(problem, Motions(problem, degrees, branch), momentum, reach)
-            x = np.zeros(program.size)
-            if number:
-                program.near = SPREADS[number % len(SPREADS)] * rng.normal(size=program.size)
-                x = minimise(program, program.near).x  # (14) first
-                program.near = None
-            yield program, x
+    rises = range(0, max(HIGHEST_DEGREE - lowest, 0) + 1, 2) if problem.raises_degree else [0]
+    for rise in rises:
+        for number in range(STARTS // len(rises)):
+            branch = np.zeros(len(problem.degrees), dtype=np.int64)
+            branch[rng.integers(len(branch))] = rng.choice([-1, 1]) if number % 2 else 0
+            program = Program(problem, [degree + rise for degree in problem.degrees], branch)
+            yield program, SPREAD * number * rng.normal(size=program.size)
 
 
 def solve(program: Program, x: Array) -> Solution:
-    """Solve a program from x; at more instants, wherever rows are violated between them, until none is."""
-    solution = minimise(program, x)
-    for _ in range(EXCHANGES):
-        _, instants = violated(program, solution.x)
-        exchanged = len(program.instants) > 0
-        if not len(instants) or (exchanged and solution.violation > ORIENTATION):
-            break
-        if exchanged:
-            program.instants = np.union1d(program.instants, instants)
-            x = solution.x
-        else:
-            program.instants = INSTANTS  # from x again: past an obstacle there are several ways
-        following = minimise(program, x)
+    """Solve a program from x without inequalities; where some are violated, at instants and where they still are."""
+    solution = minimise(program, x, np.zeros(0))
+    violation, added = violated(program, solution.x)
+    instants = INSTANTS
+    for _ in range(EXCHANGES if len(added) else 0):  # from x again: past an obstacle there are several ways
+        following = minimise(program, x, instants)
         solution = following._replace(steps=solution.steps + following.steps)
-    return solution
+        violation, added = violated(program, solution.x)
+        if not len(added) or solution.violation > ORIENTATION:
+            break
+        instants = np.union1d(instants, added)
+        x = solution.x
+    return solution._replace(violation=max(solution.violation, violation))
 
 
 def violated(program: Program, x: Array) -> tuple[float, Array]:
-    """Largest violation of a row at any time, and the instants of [0, 1] where rows are least that are violated."""
-    values = program.rows_at(GRID, x)
+    """Largest violation of an inequality in flight, and the instants of [0, 1] where those violated are least."""
+    values = program.inequalities(x, GRID)
     k, row = lowest_of_neighbours(np.where(values < NEARLY, values, np.inf))
-    s, least = narrowed(lambda closer: program.rows_at(closer, x), row, GRID[k], values[k, row], GRID[1], 1.0)
-    worst = max(0.0, float((-least - back_off(s)).max(initial=0.0)))
-    return worst, np.unique(s[least < -0.9 * back_off(s) - ROUNDING])
-
-
-def plan_of(program: Program, solution: Solution) -> Plan:
-    """The plan that moves as an SQP has ended."""
-    z = program.motions.free_part(solution.x[: program.motions.size])
-    h = np.array([program.angular_momentum(solution.x)])
-    status = "optimal" if solution.converged else "feasible"
-    explanation = "Every constraint holds at all times."
-    motion = program.problem, program.motions.polynomials, z, h
-    return Plan.of_motion(*motion, status=status, ok=True, explanation=explanation, solver={})
+    s, least = narrowed(lambda s: program.inequalities(x, s), row, GRID[k], values[k, row], GRID[1], 1.0)
+    return max(0.0, -least.min(initial=0.0)), np.unique(s[least < -FEASIBLE / 2])

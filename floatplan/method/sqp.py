@@ -1,9 +1,7 @@
-"""Sequential quadratic programming whose steps exist whatever the constraints ask, by one elastic variable.
+"""Sequential quadratic programming in a trust region; an elastic variable gives each quadratic program a solution.
 
 Numbers in parentheses are those of Nocedal and Wright, Numerical Optimization, second edition, chapter 18.
 """
-
-from __future__ import annotations
 
 from typing import NamedTuple
 
@@ -14,20 +12,11 @@ from floatplan.arrays import Array
 from floatplan.method.program import Evaluation, Program
 
 FEASIBLE = 1e-9  # [-] of a row's scale: largest violation at a solution
-STATIONARY = 1e-9  # [-] of the objective: twice what a step promises at a solution
-ROUNDING = 1e-12  # [-] of the merit: a change that means nothing
+STATIONARY = 1e-10  # [-] of the merit: what a step promises at a solution
 MOST_STEPS = 150
-LONGEST_STEP = 0.2  # [rad] root mean square of p, for which linearised rows are trusted
-SHORTEST_STEP = 1e-4  # [-] of the first that is tried
-MEANINGLESS = 1e6  # [rad] of a whole step: rows that ask for so much do not depend on x
-ARMIJO = 1e-4  # [-] of what a step promises: it has to bring so much
-NEAR = 0.5  # [-] of its scale: a row that leaves more is not in a QP
-WEIGHTS = (1e2, 1e4, 1e6)  # [-] of the elastic variable, in units of the QP: the first that suffices
-QP_ACCURACY = 1e-9  # [-] of a QP's residuals
-ACTIVE = 1e-6  # [-] of a row's multiplier, in units of the QP: with less it counts as inactive
-QP_ITERATIONS = 100  # outer ones, and inner ones of each
+LONGEST_STEP = 0.5  # [rad] root mean square of p, of each variable
+SHORTEST_STEP = 1e-7  # [rad] where none longer lowers the merit, the search ends
 LEAST_CURVATURE = 1e-12  # [-] of the Hessian's largest
-DAMPING = 0.2  # [-] least curvature that an update leaves, (18.15)
 
 
 class Solution(NamedTuple):
@@ -39,110 +28,74 @@ class Solution(NamedTuple):
     steps: int
 
 
-def minimise(program: Program, x: Array) -> Solution:
-    """Solve a program from x (m,); the merit of a point is its objective and the penalty times its violation."""
-    here = program.evaluate(x)
+def minimise(program: Program, x: Array, instants: Array) -> Solution:
+    """Solve a program from x (m,), with inequalities at instants of [0, 1].
+
+    The merit of a point is its objective and a penalty times its violation, (18.27).
+    """
+    here = program.evaluate(x, instants)
     B = here.hessian + LEAST_CURVATURE * np.diagonal(here.hessian).max(initial=0.0) * np.eye(len(x))
-    penalty = 0.0
-    for steps in range(MOST_STEPS if len(x) else 0):
-        d, violation_left, multipliers = elastic_step(here, B)
-        curvature = float(d @ B @ d)
-        if here.violation < FEASIBLE and curvature < STATIONARY * here.objective:
-            return Solution(x, here.violation, True, steps)
-        # A penalty by which the merit falls along the step, (18.36), and which makes it exact
-        descent = -float(here.gradient @ d)
-        mended = here.violation - violation_left
-        penalty = max(penalty / 2, here.objective, 2 * (curvature / 2 - descent) / max(mended, FEASIBLE))
-        if violation_left < FEASIBLE:
-            penalty = max(penalty, float(multipliers.sum()))
-        moved = line_search(program, x, here, d, multipliers, penalty, descent + penalty * mended)
-        if moved is None:
-            return Solution(x, here.violation, False, steps)
-        following = program.evaluate(x + moved)
-        change = following.gradient - here.gradient - (following.rows_by_x - here.rows_by_x).T @ multipliers
-        B = damped_bfgs(B, moved, change)  # of the Lagrangian's gradient
-        x = x + moved
-        here = following
-    return Solution(x, here.violation, False, MOST_STEPS)
-
-
-def elastic_step(here: Evaluation, B: Array) -> tuple[Array, float, Array]:
-    """Minimise ``g d + d B d / 2 + weight t`` where ``rows + rows_by_x d >= -t`` and ``t >= 0``.
-
-    Returned are d (m,), the t that is left, none where the linearised rows can be met, and the rows' multipliers.
-    ProxQP is given the problem in y, ``d = W y``, by which the Hessian is the identity.
-    """
-    near = np.flatnonzero(here.rows < NEAR)
-    eigenvalues, eigenvectors = np.linalg.eigh(B)
-    W = eigenvectors / np.sqrt(np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1]))
-    # The unit of y is as long as d without rows and d to (14)
-    to_equality = np.linalg.lstsq(here.rows_by_x[:1] @ W, here.rows[:1])[0]
-    unit = max(float(np.linalg.norm(W.T @ here.gradient) + np.linalg.norm(to_equality)), FEASIBLE)
-    W = unit * W
-    rows = np.column_stack((np.vstack((here.rows_by_x[near] @ W, np.zeros(len(B)))), np.ones(len(near) + 1)))
-    low = np.append(-here.rows[near], 0.0)
-    hessian = np.diag(np.append(np.ones(len(B)), 0.0))
-    for weight in WEIGHTS:
-        qp = proxqp.dense.QP(len(hessian), 0, len(rows))
-        qp.settings.eps_abs = QP_ACCURACY
-        qp.settings.max_iter = QP_ITERATIONS
-        qp.settings.max_iter_in = QP_ITERATIONS
-        gradient = np.append(W.T @ here.gradient / unit**2, weight)
-        qp.init(hessian, gradient, None, None, rows, low, None)
-        qp.solve()
-        solution = np.array(qp.results.x)
-        of_rows = np.maximum(-np.array(qp.results.z), 0)
-        if solution[-1] < FEASIBLE:
+    radius = LONGEST_STEP
+    penalty = max(here.objective, radius**2 * np.trace(B))
+    steps = 0
+    while steps < MOST_STEPS and radius > SHORTEST_STEP and len(x):
+        d, multipliers, left = elastic_step(here, B, radius, penalty)
+        while left > FEASIBLE:  # a larger penalty, as long as it leaves less
+            stiffer = elastic_step(here, B, radius, 10 * penalty)
+            if stiffer[2] > 0.9 * left:
+                break
+            d, multipliers, left = stiffer
+            penalty = 10 * penalty
+        if left < FEASIBLE:
+            penalty = max(here.objective, 2 * multipliers.sum())  # their sum already makes the merit exact
+        promised = penalty * (here.violation - left) - here.gradient @ d - d @ B @ d / 2
+        if promised < STATIONARY * here.merit(penalty):
             break
-    # ProxQP says which rows are active; these as equations give the solution to its last digits, the same ones always
-    active = np.flatnonzero(of_rows > ACTIVE)
-    A = rows[active]
-    equations = np.block([[hessian, -A.T], [A, np.zeros((len(active), len(active)))]])
-    both = np.linalg.lstsq(equations, np.append(-gradient, low[active]), rcond=1e-14)[0]
-    polished, of_active = np.split(both, [len(gradient)])
-    if (rows @ polished - low).min() > -QP_ACCURACY and of_active.min(initial=0) >= 0:
-        solution = polished
-        of_rows = np.zeros(len(rows))
-        of_rows[active] = of_active
-    multipliers = np.zeros(len(here.rows))
-    multipliers[near] = unit**2 * of_rows[:-1]
-    multipliers[:2] -= multipliers[:2].min()  # what (14) has with both signs is nothing
-    return W @ solution[:-1], max(float(solution[-1]), 0.0), multipliers
+        there = program.evaluate(x + d, instants)
+        if here.merit(penalty) - there.merit(penalty) < promised / 4:
+            # Corrected to second order, (18.42), by what active rows, and (14), lack there
+            lacking = there.rows - here.rows - here.rows_by_x @ d
+            short = (lacking < 0) & ((multipliers > 0) | (np.arange(len(lacking)) < 2))
+            d = d - np.linalg.lstsq(here.rows_by_x[short], lacking[short], rcond=1e-10)[0]
+            there = program.evaluate(x + d, instants)
+        gained = here.merit(penalty) - there.merit(penalty)
+        if gained < promised / 4:
+            radius = min(radius, np.abs(d).max()) / 4
+        elif gained > promised * 3 / 4:
+            radius = min(2 * radius, LONGEST_STEP)
+        # BFGS with the gradient of the Lagrangian, (18.13), where B stays positive definite
+        change = there.gradient - here.gradient - (there.rows_by_x - here.rows_by_x).T @ multipliers
+        Bd = B @ d
+        if d @ change > 1e-3 * d @ Bd:
+            B = B - np.outer(Bd, Bd) / (d @ Bd) + np.outer(change, change) / (d @ change)
+        steps += 1
+        if gained > 0:
+            x = x + d
+            here = there
+    return Solution(x, here.violation, here.violation < FEASIBLE and steps < MOST_STEPS, steps)
 
 
-def line_search(
-    program: Program, x: Array, here: Evaluation, d: Array, multipliers: Array, penalty: float, promised: float
-) -> Array | None:
-    """How far to go (m,) along d: the first of ever shorter steps that lowers the merit, None where none does.
+def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> tuple[Array, Array, float]:
+    """Minimise ``g d + d B d / 2 + penalty t`` where ``rows + rows_by_x d >= -t``, ``t >= 0``, ``|d| <= radius``.
 
-    Each is tried also as corrected to second order, (18.42), by the shortest step to what active rows lack there.
+    Returned are d (m,), the rows' multipliers (r,) and t. ProxQP is given the problem in y, ``d = W y``, by which the
+    Hessian is the identity and the penalty 1.
     """
-    size = float(np.linalg.norm(d))
-    longest = min(1.0, LONGEST_STEP / max(size, FEASIBLE))
-    length = longest
-    near = multipliers > 0
-    near[:2] = True  # (14)
-    while promised > 0 and size < MEANINGLESS and length > SHORTEST_STEP * longest:
-        enough = here.merit(penalty) * (1 + ROUNDING) - ARMIJO * length * promised
-        step = length * d
-        following = program.evaluate(x + step)
-        if following.merit(penalty) <= enough:
-            return step
-        lacking = np.minimum(following.rows - here.rows - here.rows_by_x @ step, 0)
-        short = near & (lacking < 0)
-        corrected = step - np.linalg.lstsq(here.rows_by_x[short], lacking[short], rcond=1e-10)[0]
-        if program.evaluate(x + corrected).merit(penalty) <= enough:
-            return np.asarray(corrected)
-        length /= 2
-    return None
-
-
-def damped_bfgs(B: Array, step: Array, change: Array) -> Array:
-    """Update B (m, m) by how the Lagrangian's gradient changes along a step, (18.14) to (18.16)."""
-    Bs = B @ step
-    curvature = float(step @ Bs)
-    share = 1.0
-    if step @ change < DAMPING * curvature:
-        share = (1 - DAMPING) * curvature / (curvature - float(step @ change))
-    r = share * change + (1 - share) * Bs
-    return np.asarray(B - np.outer(Bs, Bs) / curvature + np.outer(r, r) / float(step @ r))
+    m = len(B)
+    eigenvalues, eigenvectors = np.linalg.eigh(B)
+    W = eigenvectors * np.sqrt(penalty / np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1]))
+    near = np.flatnonzero(here.rows < radius * np.abs(here.rows_by_x).sum(axis=1))  # others hold wherever d goes
+    without_t = np.zeros((m, 1))
+    rows = np.block([[here.rows_by_x[near] @ W, np.ones((len(near), 1))], [W / radius, without_t], [without_t.T, 1.0]])
+    low = np.concatenate((-here.rows[near], -np.ones(m), [0.0]))
+    high = np.concatenate((np.full(len(near), np.inf), np.ones(m), [np.inf]))
+    gradient = np.append(W.T @ here.gradient / penalty, 1.0)
+    qp = proxqp.dense.QP(m + 1, 0, len(rows))
+    qp.settings.eps_abs = 1e-10
+    qp.init(np.diag(np.append(np.ones(m), 0.0)), gradient, None, None, rows, low, high)
+    qp.solve()
+    multipliers = np.zeros(len(here.rows))
+    multipliers[near] = penalty * np.maximum(-qp.results.z[: len(near)], 0)
+    multipliers[:2] -= multipliers[:2].min()  # what (14) has with both signs is nothing
+    d = W @ qp.results.x[:-1]
+    return d, multipliers, max(0.0, -(here.rows + here.rows_by_x @ d).min())

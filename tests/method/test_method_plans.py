@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from generated_problems import random_problem
 from long_cases import cases
-from method_flights import at_motion, from_there
+from method_flights import at_motion, from_there, plan_there
 from needed import skip_or_fail
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.method.planner import plan_of
 from floatplan.robot.urdf.tree import robots_folder
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,7 +45,7 @@ def same_minimum(plan: fp.Plan) -> fp.Plan:
     program, there = from_there(plan)
     assert there.converged
     assert there.violation < 1e-8
-    return plan_of(program, there)
+    return plan_there(program, there.x)
 
 
 @pytest.mark.parametrize("name", ONE_MINIMUM)
@@ -120,12 +119,12 @@ def test_a_plan_s_motion_is_a_point_of_the_program(planned: Callable[[str], fp.P
     """Of the kernel's plan past the pole (14) and (23) hold there, as its torques do those of the full model."""
     plan = planned("obstacle")
     program, x = at_motion(plan)
-    there = program.evaluate(x)
+    there = program.evaluate(x, np.zeros(0))
     assert np.abs(there.rows[:2]).max() < 1e-9
-    assert program.rows_at(np.linspace(0, 1, 201), x).min() > -1e-9
+    assert program.inequalities(x, np.linspace(0, 1, 201)).min() > -1e-9
     times = np.linspace(0, plan.duration, 9)
     for u, torques in zip(program.states(x, times / plan.duration)[0][-9:], plan.at(times).torques, strict=True):
-        assert program.dynamics.quantities(u)["torques"].values == pytest.approx(torques, abs=1e-8)
+        assert program.dynamics.quantities(u)["torques"][0] == pytest.approx(torques, abs=1e-8)
 
 
 def test_what_has_no_plan_has_the_nearest_motion_and_its_violation() -> None:

@@ -6,15 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from method_flights import plan_there
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.method.motion import Motions
 from floatplan.method.planner import starts
-from floatplan.method.program import LENGTH_SCALE, Evaluation, Program, back_off
+from floatplan.method.program import LENGTH_SCALE, Evaluation, Program
 from floatplan.method.sqp import elastic_step, minimise
 
 STEP, SLOPE = 1e-6, 2e-6
+INSTANTS = np.array([0.11, 0.37, 0.52, 0.83])
 
 
 @pytest.fixture
@@ -35,31 +36,27 @@ def everything(gymnast: fp.Robot) -> fp.Problem:
     )
 
 
-def program_of(problem: fp.Problem, reach: float = 0.4) -> Program:
-    program = Program(problem, Motions(problem, problem.degrees, np.array([0, 1])), -1.2, reach)
-    program.instants = np.array([0.11, 0.37, 0.52, 0.83])
-    return program
+def program_of(problem: fp.Problem) -> Program:
+    return Program(problem, problem.degrees, np.array([0, 1]))
 
 
-@pytest.mark.parametrize("objective", ["coefficients", "torque", "acceleration", "near"])
+@pytest.mark.parametrize("objective", ["coefficients", "torque", "acceleration"])
 def test_derivatives_are_differences(everything, objective):
     """Of objective, (14) and every inequality, by all variables, h among them."""
-    if objective != "near":
-        everything = replace(everything, motion=fp.Motion(degree=[7, 8], objective=objective))
+    everything = replace(everything, motion=fp.Motion(degree=[7, 8], objective=objective))
     program, rng = program_of(everything), np.random.default_rng(0)
     x = rng.normal(scale=0.5, size=program.size)
-    program.near = np.zeros(program.size) if objective == "near" else None
 
     def residuals(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return program.residuals(x, *program.states(x, np.zeros(0)))
 
-    here = program.evaluate(x)
+    here = program.evaluate(x, INSTANTS)
     assert here.hessian == pytest.approx(residuals(x)[1].T @ residuals(x)[1], rel=1e-9)
     assert len(here.rows) == 2 + 4 * (3 * 2 * 2 + 2 + 3 + 3 + 6)
     for index in range(program.size):
         step = np.zeros(program.size)
         step[index] = STEP
-        ahead, behind = program.evaluate(x + step), program.evaluate(x - step)
+        ahead, behind = program.evaluate(x + step, INSTANTS), program.evaluate(x - step, INSTANTS)
         slope = (residuals(x + step)[0] - residuals(x - step)[0]) / (2 * step[index])
         own = residuals(x)[1][:, index]
         assert np.abs(own - slope).max() <= SLOPE * max(1.0, np.abs(own).max()), index
@@ -74,20 +71,15 @@ def test_rows_are_what_a_plan_measures(everything):
     """Torques, rates, orientation and clearances of the plan with the same motion, by the full model."""
     program = program_of(everything)
     x = np.random.default_rng(1).normal(scale=0.3, size=program.size)
-    motions, s = program.motions, program.instants
-    free, h = motions.free_part(x[: motions.size]), np.array([program.angular_momentum(x)])
-    plan = fp.Plan.of_motion(
-        everything, motions.polynomials, free, h, status="feasible", ok=True, explanation="", solver={}
-    )
-    state, used = plan.at(s * plan.duration), 1 - program.rows_at(s, x) - back_off(s)[:, None]
-    u = program.states(x, s)[0][-len(s) :]
+    plan = plan_there(program, x)
+    state, used = plan.at(INSTANTS * plan.duration), 1 - program.inequalities(x, INSTANTS)
+    u = program.states(x, INSTANTS)[0][-len(INSTANTS) :]
     assert u[:, -1] == pytest.approx(state.orientation, abs=1e-6)
     assert np.abs(state.torques / 5.0) == pytest.approx(np.maximum(used[:, :2], used[:, 2:4]), abs=1e-6)
     assert (np.abs(state.orientation_rate) / 8.0) == pytest.approx(used[:, -14:-12].max(axis=1), abs=1e-6)
     lowest = (1 - used[:, -12:]).min(axis=1) * LENGTH_SCALE
     assert np.isfinite(lowest).all()
-    dense = np.linspace(0, 1, 2001)
-    clear = (program.rows_at(dense, x)[:, -12:-9] + back_off(dense)[:, None]).min() * LENGTH_SCALE + 0.02
+    clear = program.inequalities(x, np.linspace(0, 1, 2001))[:, -12:-9].min() * LENGTH_SCALE + 0.02
     only = replace(everything, obstacles=everything.obstacles[:1])
     assert replace(plan, problem=only).peaks.clearance == pytest.approx(clear, abs=1e-5)
 
@@ -96,11 +88,11 @@ def test_a_qp_without_solution_has_an_elastic_step():
     """x >= 1 and x <= -1 leave x between, where both lack 1; y = -0.5 can be met, and is no worse."""
     rows, rows_by_x = np.array([0.5, -0.5, -1.0, -1.0]), np.array([[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0]])
     at = Evaluation(0.0, np.zeros(2), np.eye(2), rows, rows_by_x)
-    direction, left, _ = elastic_step(at, np.eye(2))
+    direction, _, left = elastic_step(at, np.eye(2), 10.0, 100.0)
     assert direction[0] == pytest.approx(0.0, abs=1e-6)
     assert left == pytest.approx(1.0, abs=1e-6)
     possible = at._replace(rows=np.array([0.5, -0.5, -1.0, 3.0]))
-    direction, left, multipliers = elastic_step(possible, np.eye(2))
+    direction, multipliers, left = elastic_step(possible, np.eye(2), 10.0, 100.0)
     assert direction == pytest.approx([1.0, -0.5], abs=1e-8)
     assert left == pytest.approx(0.0, abs=1e-9)
     assert (multipliers >= 0).all()
@@ -111,7 +103,7 @@ def test_a_qp_without_solution_has_an_elastic_step():
 def test_a_minimum_stays_one(number):
     """Begun at its own solution, the SQP stays."""
     program, x = next(starts(plain_problems(number + 1)[number], np.random.default_rng(0)))
-    there = minimise(program, x)
+    there = minimise(program, x, np.zeros(0))
     assert there.converged
     assert there.violation < 1e-9
-    assert minimise(program, there.x).steps <= 1
+    assert minimise(program, there.x, np.zeros(0)).steps <= 1
