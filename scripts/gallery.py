@@ -44,8 +44,10 @@ TITLES = {
 SPACE_TITLES = {
     "diver_half_twist": "diver, half a twist",
     "diver_full_twist": "diver, full twist",
+    "diver_past_a_bar": "diver, half a twist past a bar",
     "go2_barrel_roll": "Go2, barrel roll",
     "go2_half_twist": "Go2, backflip with half a twist",
+    "go2_half_twist_clear": "Go2, the same, legs kept apart",
     "go2_levels": "Go2, levels out, h = 0",
     "cat": "cat of Kane and Scher, h = 0",
     "free_ur5": "UR5, h = 0",
@@ -84,6 +86,7 @@ SPACE_COLUMNS = (
     "largest rate of the base, rad/s",
     "torque / limit",
     "rate / limit",
+    "proved to within, rad",
     "replay off by, rad",
     "planned in, s",
 )
@@ -140,6 +143,7 @@ class Entry:
         plan = self.plan
         rates = plan.at(np.linspace(0.0, plan.duration, 1000)).orientation_rate
         shares = (self.torque_share, largest_share(plan.peaks.velocity, plan.problem.velocity_limits))
+        certificate = fp.certify(plan)
         return [
             SPACE_TITLES[self.name],
             str(len(plan.robot.joints)),
@@ -147,6 +151,7 @@ class Entry:
             f"{plan.duration:g}",
             f"{np.linalg.norm(rates, axis=1).max():.3g}",
             *("not asked" if share is None else f"{share:.2f}" for share in shares),
+            f"{certificate.attitude_bound:.0e}" if certificate.proved else "not proved",
             f"{fp.replay(plan).orientation_error:.0e}",
             f"{self.seconds:.1f}",
         ]

@@ -26,7 +26,8 @@ def at_motion(plan: fp.Plan) -> tuple[Program, Array]:
     polynomials = program.motions.polynomials
     free = np.linalg.solve(basis(polynomials.form).powers, powers.T)[CONDITIONS:].T
     own = np.arange(free.shape[1]) < np.array(polynomials.free)[:, None]
-    return program, free[own]
+    x: Array = free[own].astype(np.float64)
+    return program, x
 
 
 def from_there(plan: fp.Plan) -> tuple[Program, Solution]:
@@ -39,5 +40,5 @@ def plan_there(program: Program, x: Array) -> fp.Plan:
     """Return the plan with the motion of an x (m,)."""
     z = program.motions.coefficients(x[: program.motions.size])[:, CONDITIONS:]
     h = program.angular_momentum(x)
-    said = {"status": "feasible", "ok": True, "explanation": "", "solver": {}}
-    return fp.Plan.of_motion(program.problem, program.motions.polynomials, z, h, **said)
+    of_problem = (program.problem, program.motions.polynomials, z, h)
+    return fp.Plan.of_motion(*of_problem, status="feasible", ok=True, explanation="", solver={})
