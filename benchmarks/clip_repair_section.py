@@ -96,7 +96,7 @@ def clip_repair(counts: Counts) -> None:
     print(f"true hops that come back as they are: {unchanged} of {counts.repairs}")
     for line in lines:
         print(line)
-    _twists(counts.repairs // 5)
+    _twists(max(1, counts.repairs // 5))
     for name in ("go2", "g1"):
         _long_clip(name, min(counts.repairs, 40))
     print()
