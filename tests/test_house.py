@@ -28,7 +28,7 @@ LIMITS = {  # measure: (limit, goal)
     "comprehensions per 1000 lines": (30.6, 25),
     "module constants": (935, 600),
     "private words": (3_980, 2_514),
-    "lines that ask in_plane or in_space": (66, 70),
+    "lines that ask in_plane or in_space": (67, 70),
     "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords
     "files of a folder": (20, 20),

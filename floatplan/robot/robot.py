@@ -601,7 +601,10 @@ class Robot:
     @property
     def mass(self) -> float:
         """Mass of the whole robot, kg."""
-        return float(pin.computeTotalMass(self.model))
+        if self.in_plane is None:
+            return float(pin.computeTotalMass(self.model))
+        # Pinocchio's sum differs in the last bit from that of the bodies, by which flights in the plane are planned.
+        return float(self.tree.mass.sum())
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as it is, but for read-only mappings, which cannot be pickled."""
