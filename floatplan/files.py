@@ -234,14 +234,14 @@ def _not_finite(number: float) -> InputError:
     return InputError(f"is not finite: {shown}", advice="give a finite number")
 
 
-def plain(value: Any) -> Any:
+def json_ready(value: Any) -> Any:
     """Turn arrays, tuples and mappings into what JSON holds; numbers that are not finite become ``None``."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_ready(item) for item in value]
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_ready(item) for key, item in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -254,10 +254,10 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
         The system refuses it, such as on a full disk, or there is something else than a file, or a file that cannot be
         read.
     """
-    return write_together({Path(path): content})[0]
+    return write_all({Path(path): content})[0]
 
 
-def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[], object] | None = None) -> list[Path]:
+def write_all(contents: Mapping[Path, str | bytes], replacing: Callable[[], object] | None = None) -> list[Path]:
     """Write files that belong together, each whole: all are on the disk before the first takes its place.
 
     Parameters

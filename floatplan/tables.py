@@ -13,15 +13,17 @@ ORIENTATION = 1e-8  # [rad] at the end of the flight
 BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
 CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
 POINT_FEET = 4e-3  # [m] that feet may be in the ground where a jump stands on points: they turn about their frames
-AT_REST = 1e-9  # [m/s] of a frame that leaves or meets the ground at rest
-ROUNDED_REST = 1e-4  # [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE
-PLACE = 1e-8  # [m] takeoff frame, landing frame
+FRAME_SPEED = 1e-9  # [m/s] of a frame that leaves or meets the ground at rest
+ROUNDED_FRAME_SPEED = (
+    1e-4  # [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE
+)
+FRAME_POSITION = 1e-8  # [m] takeoff frame, landing frame
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
 RANGE = 1e-12  # [rad] of joint ranges
 STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined
 A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
 
-REST = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
+FLIGHT_EVENTS = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
 
 Base: TypeAlias = Literal["planar", "free-flyer"]  # how a robot's base moves
 Unit: TypeAlias = Literal["rad", "deg"]  # of angles

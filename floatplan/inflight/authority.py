@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
-from floatplan.files import plain
+from floatplan.files import json_ready
 from floatplan.inflight.estimate import Estimate, adapted
 from floatplan.inflight.remaining_motion import Rewriting
 from floatplan.inflight.replanner import REACHED, Replanner
@@ -55,7 +55,7 @@ class Authority(Outlined):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --authority --json`` prints."""
-        facts: dict[str, Any] = plain({name: getattr(self, name) for name in self.__dataclass_fields__})
+        facts: dict[str, Any] = json_ready({name: getattr(self, name) for name in self.__dataclass_fields__})
         return facts
 
 

@@ -22,7 +22,7 @@ from floatplan.robot import Coupling
 from floatplan.robot.planar.choice import MOST_LEANING, against_gravity
 from floatplan.robot.robot import Robot
 from floatplan.robot.wheels import wheels
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_REST, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_FRAME_SPEED, LimitRow
 
 USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
 Kind: TypeAlias = Literal[
@@ -274,7 +274,10 @@ def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[Plan
     for contact in contacts:
         instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
         state = plan.at(instant)
-        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_REST:
+        if (
+            contact.ratio == math.inf
+            and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_FRAME_SPEED
+        ):
             continue
         if not contact.ok:
             subject = contact.joint or contact.frame

@@ -25,7 +25,7 @@ from floatplan.files import (
     read_regular,
 )
 from floatplan.plans.record import FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
-from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.asked import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.shapes.collisions import LARGEST_MESH
 from floatplan.robot.urdf.tree import is_address
@@ -194,7 +194,7 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     choices |= {"balance_inertias": record.balance_inertias, "payload": record.payload}
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_robot(record, plan_file) if urdf is None else urdf
-    robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
+    robot = chosen_robot(source, choices, plan_file, "robot.", record.kind)
     if robot.sha256 != record.sha256:
         raise _changed(f"the {record.kind.upper()}", f"robot.sha256 of {urdf or record.file}", plan_file)
     for name in robot.files:

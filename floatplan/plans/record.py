@@ -33,9 +33,9 @@ from floatplan.arguments import (
 from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_ready, write_atomically
 from floatplan.keys import Key, Keyed, is_needed
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, REST, Range, RobotKind
+from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, Range, RobotKind
 
 FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
@@ -221,7 +221,7 @@ class RobotRecord(Record):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what files of plans and jumps hold: the key of the other kind of file is not there."""
-        content: dict[str, Any] = plain({name: value for name, value in vars(self).items() if value is not None})
+        content: dict[str, Any] = json_ready({name: value for name, value in vars(self).items() if value is not None})
         return content
 
 
@@ -335,7 +335,7 @@ class PlanRecord(Record):
     def to_dict(self) -> dict[str, Any]:
         """Return what the file holds, as plain lists, numbers and ``None``."""
         first = {"format": self.format, "floatplan": self.floatplan}
-        content: dict[str, Any] = plain({**first, **vars(self), "robot": self.robot.to_dict()})
+        content: dict[str, Any] = json_ready({**first, **vars(self), "robot": self.robot.to_dict()})
         return content
 
     def to_json(self) -> str:
@@ -454,7 +454,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
             {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
         )
-        for end, rest in REST.items()
+        for end, rest in FLIGHT_EVENTS.items()
     }
     flight: dict[str, Check] = {
         "duration": positive(),

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias, get_args
 from floatplan.arguments import html_table, short
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.files import plain
+from floatplan.files import json_ready
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
 Tone: TypeAlias = Literal["good", "bad", "open"]
@@ -155,7 +155,9 @@ class Certificate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a plan file and ``floatplan certify --json`` hold; numbers that are not finite are null."""
-        values: dict[str, Any] = plain({**vars(self), "findings": [finding.to_dict() for finding in self.findings]})
+        values: dict[str, Any] = json_ready(
+            {**vars(self), "findings": [finding.to_dict() for finding in self.findings]}
+        )
         return values
 
     @classmethod

@@ -17,9 +17,9 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from typing import Any, ParamSpec, TypeVar
 
-from floatplan.pool.fork_server import get_ready, remember, same_modules, start
+from floatplan.pool.fork_server import remember, same_modules, start, start_server
 
-__all__ = ["get_ready", "in_order", "one_thread", "processes", "same_modules"]
+__all__ = ["in_order", "one_thread", "processes", "same_modules", "start_server"]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -43,9 +43,9 @@ def processes(
     prepare : callable, optional
         Called with ``given`` in each process when it begins; what it returns does the tasks of :func:`in_order`.
     """
-    from floatplan.pool.executor import WorkerPool  # here, because :func:`get_ready` does without
+    from floatplan.pool.executor import WorkerPool  # here, because :func:`start_server` does without
 
-    context = get_ready(*modules)
+    context = start_server(*modules)
     ended, held = context.Pipe(duplex=False)
 
     def begin(pipe: Connection) -> BaseProcess:

@@ -24,7 +24,7 @@ _before: dict[str, str | None] = {}  # of its variables, before the first of the
 _server: int | None = None  # process ID of the fork server, as the last process said that it has started
 
 
-def get_ready(*modules: str) -> ForkServerContext:
+def start_server(*modules: str) -> ForkServerContext:
     """Begin to load modules, once for all processes, unless that has begun already; return at once.
 
     Every process is a copy of one that has loaded them, and the only one that an interpreter is started for.

@@ -13,18 +13,18 @@ import tomli_w
 from floatplan.arguments import FINITE, by_name, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
-from floatplan.files import parsed_toml, plain, read_text, write_atomically
+from floatplan.files import json_ready, parsed_toml, read_text, write_atomically
 from floatplan.keys import Key, Keyed, json_schema, read_tables, table_of, tables
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import read_reference
 from floatplan.problem.spatial_obstacles import SpatialObstacle
-from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.asked import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.inertias import Payload, payloads
 from floatplan.robot.urdf.tree import is_address, refuse_bare_name
-from floatplan.tables import REST, ROBOT_KINDS, Base, RobotKind, Unit
+from floatplan.tables import FLIGHT_EVENTS, ROBOT_KINDS, Base, RobotKind, Unit
 
 Angles: TypeAlias = Annotated[Unit, Key("Unit of all angles and rates in this file")]
 Name: TypeAlias = Annotated[
@@ -238,7 +238,7 @@ def problem_from_dict(
         As :func:`load_problem`.
     """
     content = dict(content)
-    words = {end: _popped(content, end, [f"{name}_asked" for name in SETTLED]) for end in REST}
+    words = {end: _popped(content, end, [f"{name}_asked" for name in SETTLED]) for end in FLIGHT_EVENTS}
     (own,) = _popped(content, "limits", ["motor_torque"])
     if own is not None:  # contains the limits of the generalised torques
         content["limits"] = {**content["limits"], "torque": own}
@@ -280,8 +280,8 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     content = {
         "name": problem.name,
         "ground": problem.ground,
-        "start": _posture(problem.initial, REST["start"]),
-        "goal": _posture(problem.final, REST["goal"]),
+        "start": _posture(problem.initial, FLIGHT_EVENTS["start"]),
+        "goal": _posture(problem.final, FLIGHT_EVENTS["goal"]),
         "flight": {**asdict(problem.flight), "takeoff": asdict(problem.takeoff), "landing": asdict(problem.landing)},
         "motion": {
             "degree": "auto" if problem.raises_degree else problem.degrees,
@@ -293,7 +293,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "self_clearance": [asdict(pair) for pair in problem.self_clearances],
         **({} if problem.jump is None else {"jump": table_of(problem.jump)}),
     }
-    values: dict[str, Any] = plain(content)
+    values: dict[str, Any] = json_ready(content)
     return values
 
 
@@ -359,7 +359,7 @@ def _robot(asked: RobotRequest, path: Path, angles: Unit) -> Robot:
     if isinstance(source, Path) and not source.exists():
         advice = "paths begin at this file's folder; floatplan robots lists robots of installed packages"
         raise InputError(f"there is no file {str(source)!r}", source=path, element=f"robot.{kind}", advice=advice)
-    return robot_as_asked(source, asked.choices() | {"angles": angles}, path, "robot.", kind)
+    return chosen_robot(source, asked.choices() | {"angles": angles}, path, "robot.", kind)
 
 
 def _problem(

@@ -28,7 +28,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
-from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
+from floatplan.tables import FLIGHT_EVENTS, OBJECTIVE_TABLE, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
@@ -119,7 +119,7 @@ class Posture(Keyed):
         InputError
             A number is none, or out of its range.
         """
-        converted = by_joint(_radians, *REST.values(), "free")
+        converted = by_joint(_radians, *FLIGHT_EVENTS.values(), "free")
         return cls(
             _radians(orientation, "orientation"),
             converted(positions, "positions"),

@@ -20,7 +20,7 @@ from floatplan.problem.ballistics import frame_from_com
 from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, STEEPEST, LimitRow
+from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, STEEPEST, LimitRow
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
@@ -36,7 +36,7 @@ TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant 
 def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointState:
     """Return a posture as arrays in joint order."""
     settled = posture.settled or (None, None)
-    frame_rests = _is_word(posture.velocities, REST[element], f"{element}.velocities")
+    frame_rests = _is_word(posture.velocities, FLIGHT_EVENTS[element], f"{element}.velocities")
     free_accelerations = _is_word(posture.accelerations, "free", f"{element}.accelerations")
     velocities = settled[0] if frame_rests else posture.velocities
     accelerations = settled[1] if free_accelerations else posture.accelerations
@@ -44,7 +44,9 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
     if (attitude is None) == (robot.in_plane is None):
         raise _not_so(robot, f"{element}.orientation", "an angle", "an Attitude: quaternion_xyzw, or angles and axes")
     if frame_rests and robot.in_plane is None:
-        raise InputError(f"{REST[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates")
+        raise InputError(
+            f"{FLIGHT_EVENTS[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates"
+        )
     return JointState(
         orientation=math.nan if isinstance(posture.orientation, Attitude) else float(posture.orientation),
         attitude=attitude,
@@ -321,8 +323,8 @@ def end_errors(
     meets what is off by no more than the tolerances of the boundary conditions.
     """
     if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
-        reason = f"{REST[element]!r} needs a frame that stands on the ground"
-        advice = f"name it as flight.{REST[element]}, or give the rates"
+        reason = f"{FLIGHT_EVENTS[element]!r} needs a frame that stands on the ground"
+        advice = f"name it as flight.{FLIGHT_EVENTS[element]}, or give the rates"
         yield InputError(reason, element=f"{element}.velocities", advice=advice)
     values = (each.tolist() for each in (limits, state.positions, state.velocities, state.accelerations))
     for joint, (low, high), position, velocity, acceleration in zip(robot.joints, *values, strict=True):

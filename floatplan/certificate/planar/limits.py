@@ -12,7 +12,7 @@ from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind
-from floatplan.tables import AT_REST, ORIENTATION, PLACE
+from floatplan.tables import FRAME_POSITION, FRAME_SPEED, ORIENTATION
 
 
 def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:
@@ -47,14 +47,14 @@ def flight_findings(
         for end, (state, frame) in enumerate(zip(states, frames, strict=True))
     )
     findings = [
-        near("takeoff", ("position",), left, asked["takeoff"]["position"], PLACE, 0.0),
-        near("landing", ("height",), landed[1:], [asked["landing"]["height"]], PLACE, record.duration),
+        near("takeoff", ("position",), left, asked["takeoff"]["position"], FRAME_POSITION, 0.0),
+        near("landing", ("height",), landed[1:], [asked["landing"]["height"]], FRAME_POSITION, record.duration),
         same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
     ]
     for end, kind, velocity, instant in zip(ENDS, kinds, (left_at, landed_at), instants, strict=True):
         if record.problem[end].get("velocities_asked"):
-            findings.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
+            findings.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], FRAME_SPEED, instant))
     if not isinstance(asked["angular_momentum"], str):
         findings.append(same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
     return findings

@@ -12,7 +12,7 @@ import numpy as np
 from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.files import plain
+from floatplan.files import json_ready
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
     End,
@@ -179,7 +179,7 @@ class Contact(Outlined):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` prints of it; None for what is not finite."""
-        content: dict[str, Any] = plain(
+        content: dict[str, Any] = json_ready(
             {
                 "frame": self.frame,
                 "contact": self.found is not None,

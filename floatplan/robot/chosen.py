@@ -11,7 +11,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import RobotKind
 
 
-def robot_as_asked(
+def chosen_robot(
     source: str | Path,
     choices: Mapping[str, Any],
     asker: str | Path | None,
