@@ -234,14 +234,14 @@ def _not_finite(number: float) -> InputError:
     return InputError(f"is not finite: {shown}", advice="give a finite number")
 
 
-def json_ready(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Turn arrays, tuples and mappings into what JSON holds; numbers that are not finite become ``None``."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [json_ready(item) for item in value]
+        return [json_value(item) for item in value]
     if isinstance(value, Mapping):
-        return {str(key): json_ready(item) for key, item in value.items()}
+        return {str(key): json_value(item) for key, item in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -16,7 +16,7 @@ from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, install_advice
-from floatplan.files import json_ready, write_atomically
+from floatplan.files import json_value, write_atomically
 
 if TYPE_CHECKING:
     from floatplan.motion.flight import Reachable
@@ -135,7 +135,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
         "wheels": explain_wheels(robot),
     }
     facts["warnings"] = [*robot.warnings, *facts.get("warnings", [])]
-    shown: dict[str, Any] = json_ready(facts)
+    shown: dict[str, Any] = json_value(facts)
     return shown
 
 
@@ -278,7 +278,7 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     from floatplan.motion.flight import End
 
     low, high = problem.inertia_extremes
-    facts: dict[str, Any] = json_ready(
+    facts: dict[str, Any] = json_value(
         {
             "angular_momentum_bounds": problem.momentum_interval,
             "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,

@@ -16,7 +16,7 @@ from floatplan.clips.curve import centre_of_mass
 from floatplan.clips.formats import continuous_signs
 from floatplan.clips.page import clip_facts
 from floatplan.clips.repair import ClipRepair, FlightRepair
-from floatplan.files import json_ready, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import robot_in_space, rounded
@@ -55,7 +55,7 @@ def write_repair_page(repaired: Clip, told: ClipRepair, path: str | Path) -> Pat
         "name": f"{clip.path.name}: repaired",
         "question": f"{clip.robot.name}, {done} of {len(told.flights)} flights planned anew",
         "version": version("floatplan"),
-        "pair": json_ready(pair),
+        "pair": json_value(pair),
     }
     facts = {"facts": "".join(parts)}
     styles = ("report.css", "pair.css")

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
-from floatplan.files import json_ready, read_regular, runs_folder
+from floatplan.files import json_value, read_regular, runs_folder
 from floatplan.kernel.library import description
 from floatplan.keys import read_tables
 from floatplan.plans.reading import robot_record
@@ -142,7 +142,7 @@ class StudyFile:
             "sampling": [self.samples.kind, self.samples.count, self.samples.seed],
             "plan": asdict(self.plan),
         }
-        return hashlib.sha256(json.dumps(json_ready(content), sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(json_value(content), sort_keys=True).encode()).hexdigest()
 
 
 @cache

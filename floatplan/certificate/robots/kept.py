@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from floatplan.certificate.robots.taken import NotReadError
 from floatplan.certificate.robots.urdf import Urdf, read_urdf
 from floatplan.errors import InputError
-from floatplan.files import check_hash, json_ready
+from floatplan.files import check_hash, json_value
 from floatplan.plans.record import RobotRecord
 
 MOST = 8  # robots kept
@@ -47,7 +47,7 @@ def kept_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[
         content, digest = _resolved(record)
     roles = [record.plane, record.base, record.joints, record.coupled, record.locked, record.armature]
     taken = [record.balance_inertias, record.payload]
-    key = json.dumps(json_ready([record.kind, digest, *roles, *taken]))
+    key = json.dumps(json_value([record.kind, digest, *roles, *taken]))
     if key not in _kept:
         robot = make(read_urdf(content, path), record)
         if len(_kept) >= MOST:

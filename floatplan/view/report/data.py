@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 
 from floatplan.arguments import short
 from floatplan.arrays import Array
-from floatplan.files import json_ready
+from floatplan.files import json_value
 from floatplan.jumps.check import JumpCheck, judged
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
@@ -274,7 +274,7 @@ def _robot(problem: Problem) -> dict[str, Any]:
 def rounded(values: Any) -> Any:
     """Return numbers, or lists of them, of 11 digits, which compare with the plan to 1e-6; None where not finite."""
     array = np.asarray(values, dtype=np.float64)
-    return json_ready(float(f"{array:.11g}")) if array.ndim == 0 else list(map(rounded, array))
+    return json_value(float(f"{array:.11g}")) if array.ndim == 0 else list(map(rounded, array))
 
 
 def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
