@@ -19,8 +19,8 @@ def joint_motion(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, 
     amplitude = Balls.exact(record.amplitude)
     cosine, sine = cos_sin(p)
     q = sine.times(amplitude) + Taylor.constant(Balls.exact(record.centre).broadcast(p.e.shape), ORDER)
-    swing, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
-    dq = swing.times(amplitude)
+    speed_share, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
+    dq = speed_share.times(amplitude)
     ddq = (push - sine * speed).times(amplitude)
     return q, dq, ddq
 

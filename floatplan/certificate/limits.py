@@ -44,9 +44,9 @@ def boundary_findings(record: PlanRecord, states: Sequence[JointState]) -> list[
         for end, instant in zip(ENDS, (0.0, record.duration), strict=True)
         for quantity, tolerance in zip(QUANTITIES, BOUNDARY, strict=True)
     ]
-    wanted = np.array([record.problem[end][quantity] for end, quantity, _, _ in rows], dtype=np.float64)
+    exact = np.array([record.problem[end][quantity] for end, quantity, _, _ in rows], dtype=np.float64)
     values = [value for state in states for of_joints in state for value in of_joints]
-    bounds = (bound.tolist() for bound in deviations(Balls.from_arb(values, wanted.shape), wanted))
+    bounds = (bound.tolist() for bound in deviations(Balls.from_arb(values, exact.shape), exact))
     return [
         at_most(end, (quantity,), upper, attained, 0.0, tolerance, instant)
         for (end, quantity, tolerance, instant), upper, attained in zip(rows, *bounds, strict=True)
@@ -173,7 +173,7 @@ def limit_findings(
             if name not in record.motor_torque_peak:
                 raise InputError("is missing", element=f"motor_torque_peak.{name}")
         recorded["motor_torque_peak"] = np.array([float(record.motor_torque_peak[name]) for name in robot.motors])
-    return findings + [_recorded_peaks(name, each, peaks[name]) for name, each in recorded.items()], peaks
+    return findings + [_recorded_peaks(name, values, peaks[name]) for name, values in recorded.items()], peaks
 
 
 def _range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
@@ -221,8 +221,8 @@ def _limited(robot: Actuated, record: PlanRecord, joints: Moved) -> tuple[list[L
     for i, name in enumerate(names):
         claimed["torque_peak"].append(len(limited) if several[i] else claimed["motor_torque_peak"][i])
         if several[i]:
-            together = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
-            limited.append(LimitedQuantity("generalized_torque", (name,), together, _limit(limits["torque"][i])))
+            summed = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
+            limited.append(LimitedQuantity("generalized_torque", (name,), summed, _limit(limits["torque"][i])))
     for name, motor in (limits.get("motor") or {}).items():
         limited.append(_motor_curve(robot, joints, name, motor))
     if limits.get("orientation_rate") is not None:
@@ -280,7 +280,7 @@ def _recorded_peaks(name: str, recorded: Array, peaks: Sequence[Minimum]) -> Fin
     scale = RECORDED_PEAK * np.maximum(upper, 1e-3)
     farthest = np.maximum(np.abs(recorded - upper), np.abs(recorded - lower)) / scale
     nearest = np.maximum(0.0, np.maximum(recorded - upper, lower - recorded)) / scale
-    upper_off, least_off = (float(each.max()) * RECORDED_PEAK for each in (farthest, nearest))
+    upper_off, least_off = (float(bounds.max()) * RECORDED_PEAK for bounds in (farthest, nearest))
     return at_most("recorded", (name,), upper_off, least_off, 0.0, RECORDED_PEAK, None)
 
 

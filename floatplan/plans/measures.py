@@ -259,7 +259,7 @@ def overlap_warnings(problem: Problem, positions: Callable[[Array], Array], dura
 def _overlap_warning(robot: Robot, overlap: Overlap) -> PlanWarning:
     first, second = overlap.links
     in_reference = f", in the reference posture {overlap.reference_depth:.2g} m" if overlap.reference_depth > 0 else ""
-    shapes = "" if robot.has_shapes else ", as the bars of pictures, since the file gives no shapes"
+    shapes = "" if robot.has_shapes else ", as the bars that are drawn, since the file gives no shapes"
     if overlap.joint is not None:
         advice = f"a narrower limits.position of {overlap.joint} keeps them apart"
     else:

@@ -167,7 +167,7 @@ class Plans(Outlined, Sequence[Plan]):
         titles = ["problem", "status", "proof", "objective", "angular momentum, kg m²/s", ""]
         rows = []
         for index in range(min(len(self), MOST_SHOWN)):
-            entry = self.entry(index)
+            entry = self.answer(index)
             numbers = [short(number, 5) for number in (entry.objective, entry.angular_momentum)]
             rows.append([str(index), entry.status, entry.verdict, *numbers, entry.message])
         if len(self) > MOST_SHOWN:

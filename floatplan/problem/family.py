@@ -68,8 +68,8 @@ class Family(Checked, Outlined, Sequence[Problem]):
             _with_values(self.base, {path: 0.0})
         lengths = {len(array) for array in arrays.values()}
         if len(lengths) > 1:
-            lengths = ", ".join(f"{path} has {len(array)}" for path, array in arrays.items())
-            raise InputError(f"the arrays differ in length: {lengths}", element="Family")
+            listed = ", ".join(f"{path} has {len(array)}" for path, array in arrays.items())
+            raise InputError(f"the arrays differ in length: {listed}", element="Family")
         if max(lengths) > MOST_PROBLEMS:
             raise InputError(f"{max(lengths)} problems, more than {MOST_PROBLEMS}", element="Family")
 
@@ -143,8 +143,8 @@ def _set(current: Any, parts: Sequence[str], value: float, base: Problem, path: 
     key, *remaining = parts
     if isinstance(current, Mapping):
         if key not in (*current, *base.robot.joints, *base.robot.motors):
-            names = dict.fromkeys((*base.robot.joints, *base.robot.motors))
-            raise InputError(f"no joint {key!r}", element=path, advice=f"joints: {', '.join(names)}")
+            joints = dict.fromkeys((*base.robot.joints, *base.robot.motors))
+            raise InputError(f"no joint {key!r}", element=path, advice=f"joints: {', '.join(joints)}")
         if key not in current and remaining:
             raise InputError(f"the base problem gives {key!r} nothing that could be varied", element=path)
         return {**current, key: _set(current.get(key), remaining, value, base, path)}

@@ -18,7 +18,7 @@ MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # on each side of the flight
 LARGEST_PITCH_ERROR = 0.5  # [rad] a robot that lands farther off has fallen
-ONLY_THE_FLIGHT = "Planned is only the flight, not the jump around it."
+ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 
 def _margin(value: Any, element: str) -> dict[str, float]:
@@ -69,7 +69,7 @@ class JumpSide(Keyed):
             if low > high:
                 yield f"durations[{index}]", f"low {low} s is above high {high} s"
         if self.contacts is not None and self.durations and len(self.durations) != len(self.contacts):
-            yield "durations", f"{len(self.durations)} stated for {len(self.contacts)} phases of contacts"
+            yield "durations", f"{len(self.durations)} given for {len(self.contacts)} phases of contacts"
 
     def _fault(self, groups: Groups) -> str:
         for name in dict.fromkeys(name for group in groups for name in group):

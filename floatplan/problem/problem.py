@@ -159,16 +159,16 @@ class Problem(Checked):
         errors = self.faults()
         fields = {error.element for error in errors}
         try:
-            errors = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
-            errors += resolution.flight_errors(self.robot, self.flight)
-            errors += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
-            errors += resolution.surroundings_errors(
+            further = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
+            further += resolution.flight_errors(self.robot, self.flight)
+            further += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
+            further += resolution.surroundings_errors(
                 self.robot, self.obstacles, self.self_clearances, self.flight.duration
             )
             if self.obstacles or self.self_clearances or self.ground:
-                errors += faults((self.robot.check_shapes,))
+                further += faults((self.robot.check_shapes,))
             errors += [
-                error for error in errors if not any(str(field).startswith(error.element or "?") for field in fields)
+                error for error in further if not any(str(field).startswith(error.element or "?") for field in fields)
             ]
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
@@ -206,9 +206,9 @@ class Problem(Checked):
             changes = np.array([rotation, *(self.final.positions - self.initial.positions)])
             low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
             momenta = float(low), float(high)
-            momentum = self.flight.momentum_in_plane
-            if momentum != "free":
-                momentum = sum(momenta) / 2 if isinstance(momentum, str) else float(momentum)
+            requested = self.flight.momentum_in_plane
+            if requested != "free":
+                momentum = sum(momenta) / 2 if isinstance(requested, str) else float(requested)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
         vars(self).update(
             path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum

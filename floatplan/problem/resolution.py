@@ -246,7 +246,7 @@ def _joint_limit(robot: Robot, row: LimitRow, values: str | JointValues) -> Arra
         return read_only(_in_order(robot, values, f"limits.{row.key}"))
     scales_by_ratio = row.quantity in ("velocities", "accelerations")
     if not scales_by_ratio and np.count_nonzero(robot.motor_ratios) > len(robot.joints):
-        reason = "is unknown of each motor where joints follow others"
+        reason = "is not known of each motor where joints follow others"
         raise InputError(reason, element=f"limits.{row.key}", advice="give a list, a number for each planned joint")
     return read_only(least_of_motors(robot, motor_limits(robot, row, values)))
 

@@ -21,42 +21,42 @@ def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[l
     goal = float(record.problem["goal"]["orientation"])
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
-    found = [
+    findings = [
         near("goal", ("orientation",), last, [goal], ORIENTATION, record.duration),
         same("stated", ("orientation", "start"), recorded["start"], start, 0.0),
         same("stated", ("orientation", "goal"), recorded["goal"], goal, record.duration),
         near("recorded", ("orientation.end",), last, [recorded["end"]], ORIENTATION, record.duration),
     ]
-    return found, last
+    return findings, last
 
 
 def flight_findings(
     robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, states: Sequence[JointState]
 ) -> list[Finding]:
-    """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height.
+    """The centre of mass leaves the takeoff frame where requested, and brings the landing frame down to its height.
 
     ``states`` are those of :func:`at_ends`.
     """
-    asked = record.problem["flight"]
+    requested = record.problem["flight"]
     com = record.com
     instants = (0.0, record.duration)
     kinds: tuple[Kind, Kind] = ("takeoff", "landing")
-    frames = [asked[kind]["frame"] for kind in kinds]
+    frames = [requested[kind]["frame"] for kind in kinds]
     (left, left_at), (landed, landed_at) = (
         _frame_motion(robot, record, flight, state, frame, end)
         for end, (state, frame) in enumerate(zip(states, frames, strict=True))
     )
     findings = [
-        near("takeoff", ("position",), left, asked["takeoff"]["position"], FRAME_POSITION, 0.0),
-        near("landing", ("height",), landed[1:], [asked["landing"]["height"]], FRAME_POSITION, record.duration),
-        same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
-        same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
+        near("takeoff", ("position",), left, requested["takeoff"]["position"], FRAME_POSITION, 0.0),
+        near("landing", ("height",), landed[1:], [requested["landing"]["height"]], FRAME_POSITION, record.duration),
+        same("stated", ("com", "gravity"), com["gravity"], requested["gravity"], None),
+        same("stated", ("com", "velocity0"), com["velocity0"][0], requested["horizontal_velocity"], 0.0),
     ]
     for end, kind, velocity, instant in zip(ENDS, kinds, (left_at, landed_at), instants, strict=True):
         if record.problem[end].get("velocities_asked"):
             findings.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], FRAME_SPEED, instant))
-    if not isinstance(asked["angular_momentum"], str):
-        findings.append(same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
+    if not isinstance(requested["angular_momentum"], str):
+        findings.append(same("angular_momentum", (), record.angular_momentum, requested["angular_momentum"], None))
     return findings
 
 
@@ -71,9 +71,9 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
 def _frame_motion(
     robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, state: JointState, frame: str, end: int
 ) -> tuple[Balls, Balls]:
-    """Place and velocity of a frame at the beginning (end 0) or the end (1): (2,) each, in Arb.
+    """Position and velocity of a frame at the beginning (end 0) or the end (1): (2,) each, in Arb.
 
-    The place is ``c + sum_b w_b exp(i phi_b)``, with c of the centre of mass and horizontal parts first. Of all this
+    The position is ``c + sum_b w_b exp(i phi_b)``, with c of the centre of mass and horizontal parts first. Of all this
     only the orientation and its rate come from the models.
     """
     if frame not in robot.frames:
@@ -82,7 +82,7 @@ def _frame_motion(
     u = (-1.0, 1.0)[end]
     with flint.ctx.workprec(PRECISION):
         sine, cosine = _at_end(flight.orientation[-end], u).sin_cos()
-        turn = flint.acb(cosine, sine)
+        rotation = flint.acb(cosine, sine)
         rate = _at_end(flight.joints.rate[-end], u)
         swung = moved = flint.acb(0)
         for weight, turned_by in zip(robot.weights_of(robot.frames[frame]), robot.turned_by, strict=True):
@@ -90,15 +90,17 @@ def _frame_motion(
                 sum((factor * values[joint] for joint, factor in turned_by), start=flint.arb(0)) for values in state[:2]
             )
             sine, cosine = angle.sin_cos()
-            swing = weight * flint.acb(cosine, sine)
-            swung += swing
-            moved += swing * (rate + speed)
+            arm = weight * flint.acb(cosine, sine)
+            swung += arm
+            moved += arm * (rate + speed)
         com = com_polynomials(record, robot.sigma)
-        relative = ((com, turn * swung), ([each.derivative() for each in com], turn * flint.acb(0, 1) * moved))
-        place, velocity = (
-            Balls.from_arb([x(at) + part.real, robot.sigma * (y(at) + part.imag)], (2,)) for (x, y), part in relative
-        )
-    return place, velocity
+        x, y = com
+        offset = rotation * swung
+        position = Balls.from_arb([x(at) + offset.real, robot.sigma * (y(at) + offset.imag)], (2,))
+        dx, dy = x.derivative(), y.derivative()
+        offset_rate = rotation * flint.acb(0, 1) * moved
+        velocity = Balls.from_arb([dx(at) + offset_rate.real, robot.sigma * (dy(at) + offset_rate.imag)], (2,))
+    return position, velocity
 
 
 def _at_end(model: Taylor, u: float) -> Any:

@@ -49,7 +49,7 @@ def principal(inertia: Any) -> tuple[Any, list[Any]]:
 
     Moments raised to a least one stay within: in Frobenius' norm matrices come no farther apart by that.
     """
-    rough = np.linalg.eigh(np.array([[float(each.mid()) for each in row] for row in inertia.tolist()]))[1].T
+    rough = np.linalg.eigh(np.array([[float(entry.mid()) for entry in row] for row in inertia.tolist()]))[1].T
     axes = of_axes(*(flint.arb_mat(3, 1, row.tolist()) for row in rough[:2]))
     seen = axes.transpose() * inertia * axes
     off = sum((abs(seen[i, j]) for i in range(3) for j in range(3) if i != j), start=flint.arb(0))

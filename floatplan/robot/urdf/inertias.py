@@ -36,7 +36,7 @@ def payloads(value: Any, element: str) -> tuple[Payload, ...]:
 def _payload(value: Any, element: str) -> Payload:
     if isinstance(value, Mapping):
         reader = Reader()
-        value = reader.part(Payload, by_name(_any_value)(value, element), element)
+        value = reader.table(Payload, by_name(_any_value)(value, element), element)
         refuse(reader.errors)
     payload: Payload = made(Payload)(value, element)
     return payload
