@@ -292,7 +292,7 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
     for judged in check.flights:
         flight = judged.flight
         when = f"{flight.begin:.2f}..{flight.end:.2f} s"
-        rotation = "too few frames" if judged.turn is None else f"{math.degrees(judged.turn.rms):.2f}"
+        rotation = "too few frames" if judged.rotation is None else f"{math.degrees(judged.rotation.rms):.2f}"
         shares = [_clip_share(share) for share in (judged.torque_share, judged.rate_share)]
         fall = (
             f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
@@ -366,7 +366,7 @@ def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> R
     rows = []
     for check in checks:
         falls = [flight.fall.fall for flight in check.flights if math.isfinite(flight.fall.interval)]
-        turns = [math.degrees(flight.turn.rms) for flight in check.flights if flight.turn is not None]
+        turns = [math.degrees(flight.rotation.rms) for flight in check.flights if flight.rotation is not None]
         unphysical = sum(flight.verdict == "unphysical" for flight in check.flights)
         worst = f"{max(falls, key=lambda fall: abs(fall - check.gravity)):.2f}" if falls else ""
         name = Text(escaped(check.clip.path.name), COLOURS["good" if check.ok else "bad"])

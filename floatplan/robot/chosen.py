@@ -25,7 +25,7 @@ def chosen_robot(
     source : path
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
     asker, prefix : as of :func:`blamed`
-    kind : of the file, where it is known from its name
+    kind : of the file, where its name decides it
 
     Raises
     ------

@@ -88,7 +88,7 @@ def _nothing_to_plan(name: str, axes: Iterable[Array], *, is_user_s: bool) -> In
 def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Array | None = None) -> str:
     """Return ``name``, or else that of the plane in which most joints rotate.
 
-    Where the direction of gravity is known, this is a plane with a vertical, if any joint rotates in such a one, and
+    Where the file has a direction of gravity, this is a plane with a vertical, if any joint rotates in such a one, and
     its vertical is the axis nearest to the line of gravity.
 
     Parameters
@@ -191,7 +191,7 @@ class Choice:
     warnings: tuple[str, ...]
 
     @property
-    def given_plane(self) -> Plane:
+    def required_plane(self) -> Plane:
         """The plane, where there is one.
 
         Raises

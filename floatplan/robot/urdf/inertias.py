@@ -101,7 +101,7 @@ def with_sound_inertias(tree: UrdfTree, balance: bool) -> UrdfTree:
                 "--balance-inertias"
             )
             raise InputError(reason, element=f'link "{name}": inertia', advice=advice)
-    used = "used, because together with the links fixed to them they make sound bodies"
+    used = "used, because with the links fixed to them they make sound bodies"
     warning = f"links with an inertia that no body can have: {', '.join(faults)}; {used}"
     return replace(tree, warnings=(*tree.warnings, warning))
 
