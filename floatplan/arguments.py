@@ -7,12 +7,12 @@ them on their arguments. Results are short text for a prompt, and tables for not
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from itertools import count, islice
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,8 @@ LARGEST_SEED = 2**63 - 1
 MOST_ERRORS = 1000  # of one sequence
 MOST_NUMBERS = 8  # [-] of a list in a line
 LINE = 160  # [-] characters of one
+Name = TypeVar("Name")
+Value = TypeVar("Value")
 Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a message names -> the value stored
 
 
@@ -416,3 +418,18 @@ def html_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = 
     above = f"<thead><tr>{cells(head, 'th')}</tr></thead>" if head else ""
     body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
     return f"<table><caption><b>{html.escape(title)}</b></caption>{above}<tbody>{body}</tbody></table>"
+
+
+def attributes(instance: object, names: Iterable[str]) -> dict[str, Any]:
+    """Return attributes by their names."""
+    return {name: getattr(instance, name) for name in names}
+
+
+def without(mapping: Mapping[Name, Value], names: Container[Any]) -> dict[Name, Value]:
+    """Return a mapping without some of its keys."""
+    return {name: value for name, value in mapping.items() if name not in names}
+
+
+def without_none(mapping: Mapping[Name, Value | None]) -> dict[Name, Value]:
+    """Return a mapping without keys whose value is None."""
+    return {name: value for name, value in mapping.items() if value is not None}

@@ -203,7 +203,7 @@ class Reader:
             if not isinstance(name, str) or name not in kinds:
                 return self._missing(f"{content!r} is not a table with kind = {either(map(repr, kinds))}", path)
             kind = kinds[name]
-            content = {key: value for key, value in content.items() if key != "kind"}
+            content = arguments.without(content, ("kind",))
         if not isinstance(content, Mapping):
             return self._missing(f"{content!r} is not a table", path)
         inside = f"{path}." if path else ""
@@ -284,7 +284,7 @@ def table_of(record: Keyed) -> dict[str, Any]:
     """Return the table that describes a dataclass, as data in rad: what :class:`Reader` makes the same dataclass of."""
     kind = {"kind": record.kind} if hasattr(record, "kind") else {}
     values = {in_files(name): _written(getattr(record, name)) for name in record.keys}
-    return {**kind, **{key: value for key, value in values.items() if value is not None}}
+    return {**kind, **arguments.without_none(values)}
 
 
 def _written(value: Any) -> Any:

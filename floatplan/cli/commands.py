@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import typer
 
 import floatplan as fp
+from floatplan.arguments import without
 from floatplan.cli import clips, common, motions, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
@@ -129,7 +130,7 @@ def plan(
             from floatplan.view.report.report import write_report
 
             files.append(write_report(result, directory / REPORT, stances))
-    facts = {key: value for key, value in result.record.to_dict().items() if key != "problem"}
+    facts = without(result.record.to_dict(), ("problem",))
     facts |= {"launch": of_stances} if launch else {}
     proved = result.certificate is not None and result.certificate.proved
     ok = result.ok and (proved or not prove)

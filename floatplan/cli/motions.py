@@ -12,6 +12,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 import floatplan as fp
+from floatplan.arguments import without_none
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
@@ -152,7 +153,7 @@ def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -
     """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
     from floatplan.simulation.replay import replays
 
-    chosen = {name: value for name, value in options.items() if value is not None}
+    chosen = without_none(options)
     with progress("flying", tell=True) as bar:
         results = replays(plan, flights, progress=partial(bar.count, "flight"), **chosen)
     facts = [flight.to_dict() for flight in results]
@@ -182,7 +183,7 @@ def _fly_many(
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
-    chosen = {name: value for name, value in options.items() if value is not None}
+    chosen = without_none(options)
     closed_loop = None if rate is None else fp.closed_loop(plan, rate, **chosen)
     authority = fp.authority(plan) if with_authority else None
     page = None

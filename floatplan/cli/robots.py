@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 import floatplan as fp
+from floatplan.arguments import attributes
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
@@ -124,7 +125,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
     from floatplan.robot.wheels import explain_wheels
 
     facts: dict[str, Any] = {
-        **{name: getattr(robot, name) for name in OF_ROBOT},
+        **attributes(robot, OF_ROBOT),
         "locked": dict(robot.locked),
         **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
         "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
@@ -147,7 +148,7 @@ def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
     low, high = inertia_extremes(robot.tree, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
     return {
-        "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
+        "plane": attributes(robot.plane, ("name", "horizontal", "vertical", "normal")),
         "D_min": low,
         "D_max": high,
         "frames": sorted(robot.frames),

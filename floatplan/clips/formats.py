@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from floatplan.arguments import without
 from floatplan.arrays import Array, BoolArray
 from floatplan.clips.pickles import NUMBERS, read_pickle
 from floatplan.errors import InputError
@@ -245,7 +246,7 @@ def _gmr(data: Mapping[str, Any]) -> Recording:
         joints=_numbers(data, "dof_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others={key: value for key, value in others.items() if key not in KEYS["gmr-pkl"]},
+        others=without(others, KEYS["gmr-pkl"]),
     )
 
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import without
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, problems_afloat, warnings_in_plane
@@ -159,7 +160,7 @@ def requested_flight(
         for name, word in list({**options.typed, **words}.items())[:most]:
             progress(f"without {word}")
             fewer = replace(options, **{name: getattr(InitOptions, name)}) if name in options.typed else options
-            others = {key: value for key, value in robot_options.items() if key != name}
+            others = without(robot_options, (name,))
             try:
                 other = chosen_robot(source, others, fewer.foot, fewer.posture)
                 first_flight(other, fewer, seed=seed, progress=progress, afloat=False)

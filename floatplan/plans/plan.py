@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import in_line, in_short, made, optional
+from floatplan.arguments import attributes, in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -111,7 +111,7 @@ class Plan(Outputs, PlannedMotion):
         self, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None = None
     ) -> Plan:
         """Return the plan with another motion, as to :meth:`of_motion`."""
-        result = {name: getattr(self, name) for name in ("status", "ok", "explanation", "solver")}
+        result = attributes(self, ("status", "ok", "explanation", "solver"))
         return Plan.of_motion(self.problem, polynomials, z, angular_momentum, coefficients, **result)
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
@@ -154,7 +154,7 @@ class Plan(Outputs, PlannedMotion):
         peaks = self.peaks
         problem = self.problem
         return PlanRecord(
-            **{name: getattr(self, name) for name in (*MOTION, *RESULT)},
+            **attributes(self, (*MOTION, *RESULT)),
             problem=problem_to_dict(problem),
             robot=robot_record(self.robot),
             format=FORMAT if self.robot.in_plane else FORMAT_IN_SPACE,
@@ -240,7 +240,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
             problem=problem,
             ballistics=Ballistics(read_only(com["position0"]), read_only(com["velocity0"]), float(com["gravity"])),
             as_recorded=record,
-            **{name: getattr(record, name) for name in (*MOTION, *RESULT)},
+            **attributes(record, (*MOTION, *RESULT)),
         )
         if record.in_space:
             _check_stated(plan, record)

@@ -5,13 +5,13 @@ Its robot is read again, as it was read then, and must be the same file.
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from floatplan.arguments import in_short, number
+from floatplan.arguments import in_short, number, without
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import (
@@ -71,7 +71,7 @@ def checked(record: PlanRecord) -> PlanRecord:
         which a file would hold as ``null``.
     """
     check_depth(vars(record))
-    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
+    stated = without(vars(record), NOT_STATED)
     check_finite({**stated, "robot": vars(record.robot)})
     written = _record(record.to_dict())
     check_requested(written)
@@ -119,7 +119,7 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
         angles = np.abs(coefficients) * duration ** np.arange(coefficients.shape[1])
     if not (angles <= LARGEST_ANGLE).all():
         raise InputError(f"give terms of more than {LARGEST_ANGLE:g} rad", element="coefficients")
-    solver = {name: value for name, value in content["solver"].items() if name != "seed"}
+    solver = without(content["solver"], ("seed",))
     for name, value in {**content, "solver": solver}.items():
         if name not in ("coefficients", "certificate", "replay"):
             check_size(value, name, LARGEST if name in REQUESTED else LARGEST_RESULT)

@@ -29,6 +29,7 @@ from floatplan.arguments import (
     positive,
     text,
     whole,
+    without_none,
 )
 from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
@@ -221,7 +222,7 @@ class RobotRecord(Record):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what files of plans and jumps hold: the key of the other kind of file is not there."""
-        content: dict[str, Any] = json_value({name: value for name, value in vars(self).items() if value is not None})
+        content: dict[str, Any] = json_value(without_none(vars(self)))
         return content
 
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 import tomli_w
 
-from floatplan.arguments import FINITE, by_name, in_short, made, optional
+from floatplan.arguments import FINITE, attributes, by_name, in_short, made, optional, without
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import json_value, parsed_toml, read_text, write_atomically
@@ -84,7 +84,7 @@ class RobotRequest(Keyed):
 
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""
-        chosen = {name: getattr(self, name) for name in self.keys if name not in ROBOT_KINDS}
+        chosen = without(attributes(self, self.keys), ROBOT_KINDS)
         return {**chosen, "coupled": self.coupled or None, "locked": self.locked or None}
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
@@ -261,7 +261,7 @@ def _popped(content: dict[str, Any], table: str, keys: Sequence[str]) -> list[An
     content_there = content.get(table)
     if not isinstance(content_there, Mapping):
         return [None] * len(keys)
-    content[table] = {key: value for key, value in content_there.items() if key not in keys}
+    content[table] = without(content_there, keys)
     return [content_there.get(key) for key in keys]
 
 

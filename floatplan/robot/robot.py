@@ -15,7 +15,20 @@ from xml.etree.ElementTree import fromstring, tostring
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import FINITE, Check, by_name, flag, for_all, made, many, number, one_of, optional, text
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    by_name,
+    flag,
+    for_all,
+    made,
+    many,
+    number,
+    one_of,
+    optional,
+    text,
+    without_none,
+)
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -441,7 +454,7 @@ class Robot:
 
     def _of_joints(self, key: str) -> Mapping[str, float]:
         values = {joint.name: getattr(joint, key) for joint in self.joint_tree.joints}
-        return {name: value for name, value in values.items() if value is not None}
+        return without_none(values)
 
     def check_shapes(self) -> None:
         """Refuse collision geometry that ``shapes`` leave out: the robot would be clear of what it hits.

@@ -13,6 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from floatplan.arguments import without
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
 from floatplan.files import json_value, read_regular, runs_folder
@@ -137,7 +138,7 @@ class StudyFile:
         content = {
             "versions": versions(),
             "problem": self.problem_file.decode("utf-8", "replace"),
-            "robot": {key: value for key, value in robot.items() if key not in ROBOT_KINDS},
+            "robot": without(robot, ROBOT_KINDS),
             "vary": [[axis.path, axis.values] for axis in self.samples.axes],
             "sampling": [self.samples.kind, self.samples.count, self.samples.seed],
             "plan": asdict(self.plan),

@@ -8,7 +8,7 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from floatplan.arguments import LARGEST_SEED
+from floatplan.arguments import LARGEST_SEED, attributes, without
 from floatplan.errors import InputError
 from floatplan.keys import Key, Keyed, entry_of, in_files, json_schema
 from floatplan.planning.many import UNSOLVED
@@ -49,7 +49,7 @@ class PlanTable(Keyed):
     @property
     def effort(self) -> dict[str, Any]:
         """Options of :func:`floatplan.plan_many`."""
-        return {name: getattr(self, name) for name in ("starts", "prove", "attempts", "search")}
+        return attributes(self, ("starts", "prove", "attempts", "search"))
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
     if not isinstance(vary, Mapping):
         return content
     lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
-    numbers = {key: value for key, value in vary.items() if key not in lifted}
+    numbers = without(vary, lifted)
     return {**content, **lifted, "vary": numbers}
 
 
