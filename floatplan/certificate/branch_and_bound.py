@@ -38,13 +38,16 @@ def _from_powers(order: int) -> Array:
 
     def blossom(row: int, power: int) -> float:
         """That of u^power at (degree - row) times -1 and row times +1."""
-        ways = (
-            math.comb(row, plus) * math.comb(degree - row, power - plus) * (-1) ** (power - plus)
-            for plus in range(power + 1)
-        )
-        return float(sum(ways) / math.comb(degree, power))
+        ways = 0
+        for plus in range(power + 1):
+            minus = power - plus
+            ways += math.comb(row, plus) * math.comb(degree - row, minus) * (-1) ** minus
+        return float(ways / math.comb(degree, power))
 
-    return read_only([[blossom(row, power) for power in range(order)] for row in range(order)])
+    matrix = np.empty((order, order))
+    for row, power in np.ndindex(matrix.shape):
+        matrix[row, power] = blossom(row, power)
+    return read_only(matrix)
 
 
 @cache
@@ -53,7 +56,9 @@ def _splitting(order: int, halvings: int) -> Array:
 
     A product of integers, so that each entry is rounded once at most.
     """
-    left = np.array([[math.comb(r, c) << order - 1 - r for c in range(order)] for r in range(order)], dtype=object)
+    left = np.zeros((order, order), dtype=object)
+    for row, column in np.ndindex(left.shape):
+        left[row, column] = math.comb(row, column) << order - 1 - row
     matrix = np.eye(order, dtype=object)
     for _ in range(halvings):
         matrix = np.concatenate([matrix @ left, matrix @ left[::-1, ::-1]])
@@ -208,12 +213,11 @@ def smallest(
             break
         items = items.split(remaining, halvings)
         depth = depth + halvings
-    return tuple(
-        Minimum(bound, attained, cells.time(cell, u), member)
-        for bound, attained, cell, u, member in zip(
-            *(array.tolist() for array in (bound, attained, cell, u, member)), strict=True
-        )
-    )
+    minima = []
+    for index in range(len(bound)):
+        instant = cells.time(int(cell[index]), float(u[index]))
+        minima.append(Minimum(float(bound[index]), float(attained[index]), instant, int(member[index])))
+    return tuple(minima)
 
 
 def at_most(

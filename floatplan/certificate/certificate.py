@@ -166,9 +166,13 @@ def _proved(
     budget: int,
 ) -> Certificate:
     obstacles = record.problem.get("obstacles") or []
-    windows = [obstacle["window"] for obstacle in obstacles if obstacle.get("window")]
-    within = [(max(float(first), 0.0), min(float(last), record.duration)) for first, last in windows]
-    flight = fly(robot, record, [(first, last) for first, last in within if first <= last], budget)
+    windows = []
+    for obstacle in obstacles:
+        if obstacle.get("window"):
+            first, last = map(float, obstacle["window"])
+            if first <= record.duration and last >= 0.0:
+                windows.append((max(first, 0.0), min(last, record.duration)))
+    flight = fly(robot, record, windows, budget)
     orientation, last = orientation_findings(record, flight)
     limits, peaks = limit_findings(robot, record, flight.joints, flight.cells)
     states = at_ends(record)

@@ -183,7 +183,8 @@ def stack(models: Sequence[Taylor]) -> Taylor:
 def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
     """Products of pairs of models of one shape (K, ..., items): as one by one, in fewer and longer operations."""
     joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
-    c, e = (array.reshape(*array.shape[:-1], len(pairs), -1) for array in (joined.c, joined.e))
+    c = joined.c.reshape(*joined.c.shape[:-1], len(pairs), -1)
+    e = joined.e.reshape(*joined.e.shape[:-1], len(pairs), -1)
     return [Taylor(c[..., index, :], e[..., index, :]) for index in range(len(pairs))]
 
 
@@ -272,8 +273,10 @@ def _delayed(b: Array) -> Array:
 def _unit_circle(angles: Array) -> tuple[Array, Array, Array]:
     """Cosines and sines of doubles, and a radius for each."""
     with flint.ctx.workprec(PRECISION):
-        values = [value for angle in angles.ravel().tolist() for value in flint.arb(angle).sin_cos()]
+        values: list[Any] = []
+        for angle in angles.ravel().tolist():
+            values += flint.arb(angle).sin_cos()
         widest = float(sum(values, flint.arb(0)).rad())  # of a sum, which is wider than its terms
-    sines, cosines = np.array([float(value) for value in values]).reshape(-1, 2).T
+    sines, cosines = np.array(list(map(float, values))).reshape(-1, 2).T
     radius = up(np.full(angles.shape, 2.0 * ROUND + 2.0 * widest))
     return cosines.reshape(angles.shape), sines.reshape(angles.shape), radius

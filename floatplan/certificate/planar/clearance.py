@@ -60,16 +60,17 @@ def shape_weights(robot: PlanarRobot, link_shapes: tuple[LinkShape, ...] | None)
     else:
         if any(not 0.0 <= float(radius) < float("inf") for *_, radius in link_shapes):
             raise ValueError("the radius of a shape is negative")
-        shapes = [
-            Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
-            for link, start, end, radius in link_shapes
-        ]
+        shapes = []
+        for link, start, end, radius in link_shapes:
+            shape = Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
+            shapes.append(shape)
     count = len(robot.weights)
     rows = []
     lengths = []
     with flint.ctx.workprec(PRECISION):
         for end in ("start", "end"):
-            rows += [entry for shape in shapes for entry in robot.weights_of(getattr(shape, end))]
+            for shape in shapes:
+                rows += robot.weights_of(getattr(shape, end))
         for shape in shapes:
             along = shape.end.local - shape.start.local
             lengths.append(abs(along))
@@ -97,7 +98,9 @@ class Bars:
     def __getitem__(self, index: Sequence[int]) -> Bars:
         """Some of the bars, maybe repeatedly."""
         chosen = list(index)
-        start, end, direction = (vectors.items(chosen) for vectors in (self.start, self.end, self.direction))
+        start = self.start.items(chosen)
+        end = self.end.items(chosen)
+        direction = self.direction.items(chosen)
         return Bars(start, end, direction, self.length[chosen], self.radius[chosen])
 
 
@@ -105,7 +108,9 @@ def shapes_in_base(flight: FlightEnclosure, weights: ShapeWeights) -> Bars:
     """Where the shapes are at all times."""
     count = len(weights.shapes)
     placed = weights.points.times(flight.joints.cos, flight.joints.sin)
-    start, end, direction = (placed[..., first : first + count] for first in (0, count, 2 * count))
+    start = placed[..., :count]
+    end = placed[..., count : 2 * count]
+    direction = placed[..., 2 * count :]
     return Bars(start, end, direction, weights.length, Balls.exact([shape.radius for shape in weights.shapes]))
 
 
@@ -135,9 +140,11 @@ class PointSegments:
     def of_bars(cls, first: Bars, second: Bars) -> PointSegments:
         """Pairs of the ends of each bar with the bar of the same number; one of either stands for all."""
         couples = ((first, second), (second, first))
-        pairs = cls.joined(
-            [cls.of_points(end, one.radius, other) for one, other in couples for end in (one.start, one.end)]
-        )
+        sets = []
+        for one, other in couples:
+            sets.append(cls.of_points(one.start, one.radius, other))
+            sets.append(cls.of_points(one.end, one.radius, other))
+        pairs = cls.joined(sets)
         return replace(pairs, couples=np.arange(len(pairs.radius.mid)).reshape(4, -1).T)
 
     @classmethod
@@ -155,7 +162,9 @@ class PointSegments:
 
     def along_and_across(self, cell: IntArray, pair: IntArray) -> Vectors:
         """The points' components (K, items) along and across their segments, from the segments' starts."""
-        point, start, direction = (vectors.on(cell, pair) for vectors in (self.point, self.start, self.direction))
+        point = self.point.on(cell, pair)
+        start = self.start.on(cell, pair)
+        direction = self.direction.on(cell, pair)
         return (point - start).turned_back(direction)
 
     def items(self, cells: IntArray) -> Items:
@@ -176,9 +185,8 @@ class PointSegments:
         its direction times the length do. What is then still farther than some pair's distance in a middle is left
         out.
         """
-        (point_x, point_y, point_radius, point_spread), (start_x, start_y, start_radius, start_spread) = (
-            _in_middle(vectors, cells) for vectors in (self.point, self.start)
-        )
+        point_x, point_y, point_radius, point_spread = _in_middle(self.point, cells)
+        start_x, start_y, start_radius, start_spread = _in_middle(self.start, cells)
         cos, sin, rotation_radius, rotation_spread = _in_middle(self.direction, cells)
         x = point_x - start_x
         y = point_y - start_y
@@ -230,9 +238,10 @@ class PointSegments:
         x = point.x.at_end(-1.0)
         y = point.y.at_end(-1.0)
         beyond = x.mid - x.rad > (length.mid + length.rad) * (1.0 + 2.0 * ROUND)
-        left, right, before, after = (
-            outside.reshape(-1, 2, 2) for outside in (y.mid > y.rad, y.mid < -y.rad, x.mid < -x.rad, beyond)
-        )
+        left = (y.mid > y.rad).reshape(-1, 2, 2)
+        right = (y.mid < -y.rad).reshape(-1, 2, 2)
+        before = (x.mid < -x.rad).reshape(-1, 2, 2)
+        after = beyond.reshape(-1, 2, 2)
         apart = left.all(axis=2) | right.all(axis=2) | before.all(axis=2) | after.all(axis=2)
         return np.asarray(apart), np.asarray(left.any(axis=2) & right.any(axis=2))
 

@@ -138,11 +138,18 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
     duration = record.duration
     grid = np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS)
     grid[-1] = duration
-    edges = {*grid.tolist(), *(end for window in windows for end in window)}
-    ends = np.array(sorted([*edges, *{first for first, last in windows if first == last}]))  # an instant is a cell
+    edges = set(grid.tolist())
+    instants = set()  # each is a cell
+    for first, last in windows:
+        edges |= {first, last}
+        if first == last:
+            instants.add(first)
+    ends = np.array(sorted([*edges, *instants]))
     low = ends[:-1]
     high = ends[1:]
-    done: list[tuple[Array, Array, Joints]] = []
+    done_low: list[Array] = []
+    done_high: list[Array] = []
+    done_joints: list[Joints] = []
     count = 0
     while True:
         cells = TimeCells.between(low, high)
@@ -151,10 +158,12 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         coarse = _coarse(joints, duration) & (low < middle) & (middle < high)
         if count + len(low) + coarse.sum() > budget:
             coarse[:] = False
-        if not done and not coarse.any():  # not copied: arrays in another order have sums of other last bits
+        if not done_joints and not coarse.any():  # not copied: arrays in another order have sums of other last bits
             return assemble(record, cells, joints)
         fine = np.flatnonzero(~coarse)
-        done.append((low[fine], high[fine], joints[fine]))
+        done_low.append(low[fine])
+        done_high.append(high[fine])
+        done_joints.append(joints[fine])
         count += len(fine)
         if not coarse.any():
             break
@@ -163,9 +172,10 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         high = high[coarse]
         low = np.concatenate([low, middle])
         high = np.concatenate([middle, high])
-    low, high = (np.concatenate([row[k] for row in done]) for k in (0, 1))
+    low = np.concatenate(done_low)
+    high = np.concatenate(done_high)
     order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
-    joints = Joints.joined([row[2] for row in done])[order]
+    joints = Joints.joined(done_joints)[order]
     return assemble(record, TimeCells.between(low[order], high[order]), joints)
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -186,7 +187,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             turns=_matrix([body.turns for body in bodies]),
             turned_by=[_nonzero(body.turns) for body in bodies],
             inertia=inertia,
-            rotors=_matrix(rotors) if any(rotor != 0 for row in rotors for rotor in row) else None,
+            rotors=_matrix(rotors) if any(rotor != 0 for rotor in chain.from_iterable(rotors)) else None,
             weights=weights,
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
             carriers=_carriers(urdf),
@@ -229,7 +230,8 @@ def _placed(urdf: Urdf, record: RobotRecord, normal_axis: int) -> tuple[dict[str
         turned = joint
         if joint.name in record.joints or joint.name in record.coupled:
             axis = at.rotation * joint.unit_axis
-            if any(not abs(axis[k, 0]) < LARGEST_TILT for k in range(3) if k != normal_axis):
+            across = (abs(axis[(normal_axis + 1) % 3, 0]), abs(axis[(normal_axis + 2) % 3, 0]))
+            if not (across[0] < LARGEST_TILT and across[1] < LARGEST_TILT):
                 raise InputError("its axis is not the plane's normal", element=f'joint "{joint.name}"')
             sign = signs[joint.name] = 1.0 if axis[normal_axis, 0] > 0 else -1.0
             turned = replace(joint, axis=flint.arb_mat(3, 1, [sign * at.rotation[normal_axis, k] for k in range(3)]))
@@ -269,7 +271,7 @@ def _carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
 
 
 def _matrix(rows: Sequence[Sequence[Any]]) -> Balls:
-    return Balls.from_arb([entry for row in rows for entry in row], (len(rows), len(rows[0])))
+    return Balls.from_arb(list(chain.from_iterable(rows)), (len(rows), len(rows[0])))
 
 
 def _weights_and_inertia(bodies: list[_Body]) -> tuple[list[list[Any]], ComplexBalls]:
@@ -285,21 +287,27 @@ def _weights_and_inertia(bodies: list[_Body]) -> tuple[list[list[Any]], ComplexB
         origins.append([flint.acb(0)] * count if body.parent < 0 else list(origins[body.parent]))
         if body.parent >= 0:
             origins[-1][body.parent] += body.origin - bodies[body.parent].origin
-    links = [(b, *link) for b, body in enumerate(bodies) for link in body.masses]
-    masses = flint.acb_mat([[mass for _, mass, _, _ in links]])
-    total = sum(masses.entries(), start=flint.acb(0)).real
+    masses: list[Any] = []
+    rows: list[list[Any]] = []
+    moments = [flint.arb(0)] * count  # of the links about their own centres, by body
+    for index, body in enumerate(bodies):
+        for mass, position, about in body.masses:
+            row = list(origins[index])
+            row[index] += position
+            masses.append(mass)
+            rows.append(row)
+            moments[index] += about
+    total = sum(masses, start=flint.acb(0)).real
     if not total > 0:
         raise InputError("has no mass")
-    of_links = flint.acb_mat(
-        [[weight + point * (b == j) for j, weight in enumerate(origins[b])] for b, _, point, _ in links]
-    )
-    center = masses * of_links * (1 / total)
-    relative = of_links - flint.acb_mat([[1]] * len(links)) * center
-    weighted = flint.acb_mat(
-        [[mass * entry for entry in row] for (_, mass, *_), row in zip(links, relative.tolist(), strict=True)]
-    )
-    matrix = (relative.conjugate().transpose() * weighted).tolist()
-    for b, _, _, about in links:
-        matrix[b][b] += about
+    of_links = flint.acb_mat(rows)
+    center = flint.acb_mat([masses]) * of_links * (1 / total)
+    relative = of_links - flint.acb_mat([[1]] * len(rows)) * center
+    weighted = relative.tolist()
+    for row, mass in zip(weighted, masses, strict=True):
+        row[:] = [mass * entry for entry in row]
+    matrix = (relative.conjugate().transpose() * flint.acb_mat(weighted)).tolist()
+    for index, moment in enumerate(moments):
+        matrix[index][index] += moment
     weights = (flint.acb_mat(origins) - flint.acb_mat([[1]] * count) * center).tolist()
-    return weights, ComplexBalls.from_acb([entry for row in matrix for entry in row], (count, count))
+    return weights, ComplexBalls.from_acb(list(chain.from_iterable(matrix)), (count, count))

@@ -41,11 +41,8 @@ def flight_findings(
     com = record.com
     instants = (0.0, record.duration)
     kinds: tuple[Kind, Kind] = ("takeoff", "landing")
-    frames = [requested[kind]["frame"] for kind in kinds]
-    (left, left_at), (landed, landed_at) = (
-        _frame_motion(robot, record, flight, state, frame, end)
-        for end, (state, frame) in enumerate(zip(states, frames, strict=True))
-    )
+    left, left_at = _frame_motion(robot, record, flight, states[0], requested["takeoff"]["frame"], 0)
+    landed, landed_at = _frame_motion(robot, record, flight, states[1], requested["landing"]["frame"], 1)
     findings = [
         near("takeoff", ("position",), left, requested["takeoff"]["position"], FRAME_POSITION, 0.0),
         near("landing", ("height",), landed[1:], [requested["landing"]["height"]], FRAME_POSITION, record.duration),
@@ -86,9 +83,10 @@ def _frame_motion(
         rate = _at_end(flight.joints.rate[-end], u)
         swung = moved = flint.acb(0)
         for weight, turned_by in zip(robot.weights_of(robot.frames[frame]), robot.turned_by, strict=True):
-            angle, speed = (
-                sum((factor * values[joint] for joint, factor in turned_by), start=flint.arb(0)) for values in state[:2]
-            )
+            angle = speed = flint.arb(0)
+            for joint, factor in turned_by:
+                angle += factor * state[0][joint]
+                speed += factor * state[1][joint]
             sine, cosine = angle.sin_cos()
             arm = weight * flint.acb(cosine, sine)
             swung += arm

@@ -111,15 +111,22 @@ def ground_finding(surroundings: Surroundings, robot: PlanarRobot, standing: Sha
 
     for carrier in robot.carriers[takeoff["frame"]]:
         if carrier in links:
-            feet = [index for index, link in enumerate(links) if link == carrier]
+            feet = _indices(links, carrier)
             level = above(0.0, hulls[feet]).least_at_start()
             break
     return _finding(surroundings, "ground", (), above(level, hulls), surroundings.cells, 0.0)[0]
 
 
+def _indices(links: Sequence[str], name: str) -> list[int]:
+    """Indices of the shapes of a link."""
+    return [index for index, link in enumerate(links) if link == name]
+
+
 def self_finding(surroundings: Surroundings, pair: Mapping[str, Any]) -> Finding:
     """Clearance between two links."""
-    first, second = ([i for i, link in enumerate(surroundings.links) if link == name] for name in pair["links"])
+    one_link, other_link = pair["links"]
+    first = _indices(surroundings.links, one_link)
+    second = _indices(surroundings.links, other_link)
     if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
     one = np.repeat(first, len(second))
