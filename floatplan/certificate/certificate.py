@@ -169,9 +169,9 @@ def _proved(
     windows = []
     for obstacle in obstacles:
         if obstacle.get("window"):
-            first, last = map(float, obstacle["window"])
-            if first <= record.duration and last >= 0.0:
-                windows.append((max(first, 0.0), min(last, record.duration)))
+            begin, end = map(float, obstacle["window"])
+            if begin <= record.duration and end >= 0.0:
+                windows.append((max(begin, 0.0), min(end, record.duration)))
     flight = fly(robot, record, windows, budget)
     orientation, last = orientation_findings(record, flight)
     limits, peaks = limit_findings(robot, record, flight.joints, flight.cells)

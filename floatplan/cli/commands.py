@@ -13,7 +13,6 @@ from typing import Annotated, Literal
 import typer
 
 import floatplan as fp
-from floatplan.arguments import without
 from floatplan.cli import clips, common, motions, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
@@ -92,7 +91,7 @@ def plan(
     The plan is proved for every instant of the flight, unless --no-certify. Exit code 0 where there is a
     plan; with --prove only where it was proved too.
     """
-    from floatplan.arguments import one_of
+    from floatplan.arguments import one_of, without
     from floatplan.cli.option_values import is_robot, requested_problem
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.plans.trajectory import sample_times

@@ -39,14 +39,17 @@ R = TypeVar("R")
 
 def folder() -> Path | None:
     """The folder above ``urdf/`` and ``problems/``; None where they were left out."""
-    return next((above for above in ABOVE if all((above / kind).is_dir() for kind in KINDS)), None)
+    for above in ABOVE:
+        if all((above / kind).is_dir() for kind in KINDS):
+            return above
+    return None
 
 
 def bundled(source: str) -> str:
     """The path of a file; where there is none, that of the robot or problem of this name that comes with floatplan."""
     above = folder()
     path = Path(source)
-    if above is None or path.is_absolute() or ".." in path.parts or path.parts[:1] not in [(kind,) for kind in KINDS]:
+    if above is None or path.is_absolute() or ".." in path.parts or not path.parts or path.parts[0] not in KINDS:
         return source
     return str(above / path) if not os.path.lexists(path) and is_file(above / path) else source
 
@@ -134,23 +137,27 @@ Degrees = Annotated[bool, flag("Unit of all angles and rates on this command lin
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of the tables that parameters of its are annotated with."""
     hints = get_type_hints(command, include_extras=True)
-    noted = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
-    tables: dict[str, dict[str, KeyOption]] = {name: note for name, note in noted.items() if isinstance(note, dict)}
+    tables: dict[str, dict[str, KeyOption]] = {}
+    for name, hint in hints.items():
+        note = getattr(hint, "__metadata__", (None,))[0]
+        if isinstance(note, dict):
+            tables[name] = note
     parameters: list[Parameter] = []
     for parameter in signature(command).parameters.values():
         if parameter.name not in tables:
             parameters.append(parameter.replace(annotation=hints[parameter.name]))
         for name, row in tables.get(parameter.name, {}).items():
             asks = flag(row.help, typed_option(name)) if row.kind is bool else option(row.metavar, row.help)
-            hint = Annotated[row.kind | None, asks]  # type: ignore[name-defined]
+            hint = Annotated[row.kind | None, asks]
             parameters.append(Parameter(name, parameter.kind, default=None, annotation=hint))
 
     @functools.wraps(command)
     def run(**words: Any) -> None:
-        options_by_table = {
-            table: {name: words[name] for name in rows if words[name] is not None} for table, rows in tables.items()
-        }
-        command(**{name: value for name, value in words.items() if name in hints}, **options_by_table)
+        arguments: dict[str, Any] = {}
+        for table, rows in tables.items():
+            typed = {name: words.pop(name) for name in rows}
+            arguments[table] = {name: value for name, value in typed.items() if value is not None}
+        command(**words, **arguments)
 
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}

@@ -6,13 +6,13 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
 
 import floatplan as fp
-from floatplan.arguments import without_none
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
@@ -151,6 +151,7 @@ def _fly_once(
 
 def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -> NoReturn:
     """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
+    from floatplan.arguments import without_none
     from floatplan.simulation.replay import replays
 
     chosen = without_none(options)
@@ -183,6 +184,8 @@ def _fly_many(
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
+    from floatplan.arguments import without_none
+
     chosen = without_none(options)
     closed_loop = None if rate is None else fp.closed_loop(plan, rate, **chosen)
     authority = fp.authority(plan) if with_authority else None
@@ -222,8 +225,9 @@ def show(
     other = None if compare is None else fp.load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)
-    formats = [name for name, chosen in (("png", png or (other is not None and not svg)), ("svg", svg)) if chosen]
-    films = [name for name, chosen in (("gif", gif), ("mp4", mp4)) if chosen]
+    png = png or (other is not None and not svg)
+    formats = list(compress(("png", "svg"), (png, svg)))
+    films = list(compress(("gif", "mp4"), (gif, mp4)))
     files = []
     with progress("drawing", quiet) as bar:
         if not (scene or formats or films):

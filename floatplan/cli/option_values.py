@@ -46,9 +46,9 @@ def posture(option: str, text: str | None, degrees: bool) -> dict[str, float] | 
     if text is None:
         return None
     positions = {joint: _number(f"{option} {joint}", value) for joint, value in _pairs(option, text, "JOINT=ANGLE")}
-    unknown = next((joint for joint, position in positions.items() if not math.isfinite(position)), None)
-    if unknown is not None:
-        raise _wrong(option, f"{unknown} = {positions[unknown]} is not a finite angle", "give one in its range")
+    for joint, position in positions.items():
+        if not math.isfinite(position):
+            raise _wrong(option, f"{joint} = {position} is not a finite angle", "give one in its range")
     return {joint: math.radians(position) for joint, position in positions.items()} if degrees else positions
 
 
@@ -56,7 +56,10 @@ def contacts(option: str, text: str | None) -> list[tuple[str, ...]] | None:
     """Return phases of contact as typed, ``a,b;a``; InputError where one of them names nothing."""
     if text is None:
         return None
-    phases = [tuple(name for name in map(str.strip, phase.split(",")) if name) for phase in text.split(";")]
+    phases = []
+    for phase in text.split(";"):
+        names = filter(None, map(str.strip, phase.split(",")))
+        phases.append(tuple(names))
     if not all(phases):
         raise _wrong(
             option, f"{text!r} has a phase without a frame", "give frames by commas, phases by semicolons: a,b;a"
@@ -91,10 +94,10 @@ def _pairs(option: str, text: str, form: str) -> list[tuple[str, str]]:
     pairs = [tuple(map(str.strip, pair.split("=", 1))) for pair in text.split(",") if pair.strip()]
     if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
         raise _wrong(option, f"{text!r} is not {form},..", f"give {form}")
-    names = [pair[0] for pair in pairs]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise _wrong(option, f"{twice!r} is given twice", "keep one of them")
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise _wrong(option, f"{name!r} is given twice", "keep one of them")
     return [(name, value) for name, value in pairs]
 
 

@@ -117,7 +117,8 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, except_
     figure_names = {*FIGURE_NAMES, *(row.title.lower() for row in LIMIT_TABLE.values())}
     made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
-    made += [directory / FIGURES / f"{name}.{form}" for name in figure_names for form in ("png", "svg")]
+    for name in figure_names:
+        made += [directory / FIGURES / f"{name}.png", directory / FIGURES / f"{name}.svg"]
     older = [path for path in made if path.is_file() and path.name not in (TRAJECTORY, *except_for)]
     for path in older:
         check_readable(path, "is not removed")

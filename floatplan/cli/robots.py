@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 import typer
 
 import floatplan as fp
-from floatplan.arguments import attributes
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
@@ -39,8 +38,12 @@ def robots(json_output: common.Json = False) -> None:
     with progress("reading"):
         above = common.folder()
         own = [] if above is None else sorted(f"urdf/{path.name}" for path in above.glob("urdf/*.*"))
-        all_facts = [_facts(source) for source in (*own, *(PREFIX + name for name in example_urdfs()))]
-    usable, unusable = ([facts for facts in all_facts if ("reason" in facts) == refused] for refused in (False, True))
+        sources = own + [PREFIX + name for name in example_urdfs()]
+        usable: list[dict[str, Any]] = []
+        unusable: list[dict[str, Any]] = []
+        for source in sources:
+            facts = _facts(source)
+            (unusable if "reason" in facts else usable).append(facts)
     if json_output:
         common.print_json({"robots": usable, "unusable": unusable})
         return
@@ -122,12 +125,15 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
     In a plane also what it is there; the extremes of D are those over the joint ranges of its file, [-pi, pi] where it
     gives none.
     """
+    from floatplan.arguments import attributes
     from floatplan.robot.wheels import explain_wheels
 
     facts: dict[str, Any] = {
         **attributes(robot, OF_ROBOT),
         "locked": dict(robot.locked),
-        **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+        "armature": dict(robot.armature),
+        "damping": dict(robot.damping),
+        "friction": dict(robot.friction),
         "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
         "balance_inertias": robot.balance_inertias,
         "payload": [asdict(payload) for payload in robot.payload],
@@ -141,21 +147,23 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
 
 
 def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
+    from floatplan.arguments import attributes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
     from floatplan.robot.planar.inertia import inertia_extremes
 
     low, high = inertia_extremes(robot.tree, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
+    shapes = []
+    for shape in robot.shapes:
+        length = abs(shape.end - shape.start)
+        shapes.append({"link": shape.link, "length": length, "radius": shape.radius})
     return {
         "plane": attributes(robot.plane, ("name", "horizontal", "vertical", "normal")),
         "D_min": low,
         "D_max": high,
         "frames": sorted(robot.frames),
-        "shapes": [
-            {"link": shape.link, "length": abs(shape.end - shape.start), "radius": shape.radius}
-            for shape in robot.shapes
-        ],
+        "shapes": shapes,
         "out_of_plane_leak": leak,
         "warnings": [*filter(None, [explain_leak(robot, leak)])],
     }
@@ -279,20 +287,17 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
     from floatplan.motion.flight import End
 
     low, high = problem.inertia_extremes
-    facts: dict[str, Any] = json_value(
-        {
-            "angular_momentum_bounds": problem.momentum_interval,
-            "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
-            "D_min": low,
-            "D_max": high,
-            **{
-                f"{end}_{key}": getattr(sets.get(end), key.removesuffix("_bounds"), None)
-                for end in get_args(End)
-                for key in OF_ENDS
-            },
-        }
-    )
-    return facts
+    facts: dict[str, Any] = {
+        "angular_momentum_bounds": problem.momentum_interval,
+        "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
+        "D_min": low,
+        "D_max": high,
+    }
+    for end in get_args(End):
+        for key in OF_ENDS:
+            facts[f"{end}_{key}"] = getattr(sets.get(end), key.removesuffix("_bounds"), None)
+    written: dict[str, Any] = json_value(facts)
+    return written
 
 
 class File(StrEnum):

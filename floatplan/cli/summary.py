@@ -96,9 +96,10 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
-    carried = [
-        f"{payload['mass']:g} kg on {payload['link']} at {shortened(payload['at'])} m" for payload in facts["payload"]
-    ]
+    carried = []
+    for payload in facts["payload"]:
+        position = shortened(payload["at"])
+        carried.append(f"{payload['mass']:g} kg on {payload['link']} at {position} m")
     rows = [
         *([("payload", "; ".join(carried))] if carried else []),
         *_rotors(facts),
@@ -252,8 +253,9 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
         return "nothing"
     low, high = bounds
     if low is None or high is None:
-        ends = [f"{word} {end:z.5g}" for word, end in (("above", low), ("below", high)) if end is not None]
-        return ends[0] if ends else "no limit"
+        if low is not None:
+            return f"above {low:z.5g}"
+        return "no limit" if high is None else f"below {high:z.5g}"
     return _span(low, high, 5)
 
 
@@ -327,10 +329,8 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
             continue
         when = f"{flight.begin:.2f} to {flight.end:.2f} s"
         shares = [_clip_share(share) for share in (repaired.rate_share, repaired.torque_share)]
-        degrees = [
-            f"{math.degrees(value):.2f}"
-            for value in (repaired.joints_rms, repaired.joints_largest, repaired.base_largest)
-        ]
+        changes = np.degrees([repaired.joints_rms, repaired.joints_largest, repaired.base_largest])
+        degrees = [f"{value:.2f}" for value in changes]
         word = Text(str(repaired.choice), "green") if repaired.repairable else Text("left", "red")
         rows.append(
             (
@@ -438,7 +438,10 @@ def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: b
 
     Nothing is cut short; where ``whole``, names, which come first, are broken into lines before anything else is.
     """
-    cells = [[cell if isinstance(cell, Text) else Text(cell) for cell in row] for row in ([*titles], *rows)]
+    cells = []
+    for row in ([*titles], *rows):
+        texts = [cell if isinstance(cell, Text) else Text(cell) for cell in row]
+        cells.append(texts)
     first, *others = (max(map(len, column)) for column in zip(*cells, strict=True))
     width = Console().width
     whole = whole and sum(others) + len(others) < width

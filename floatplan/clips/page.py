@@ -60,7 +60,9 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     """
     name = checks[0].clip.path.name if len(checks) == 1 else f"{len(checks)} clips"
     title = f"{html.escape(name)}: its flights" if len(checks) == 1 else f"{html.escape(name)}: their flights"
-    flights = [(check, judged) for check in checks for judged in check.flights]
+    flights = []
+    for check in checks:
+        flights += [(check, judged) for judged in check.flights]
     flights.sort(key=lambda pair: pair[1].verdict != UNPHYSICAL)
     parts = [clip_facts(check) for check in checks]
     parts += [_flight_section(check, judged) for check, judged in flights[:MOST_FLIGHTS]]
@@ -210,9 +212,10 @@ def _chart(
 
 def _curve(x: Array, y: Array, line: Line) -> str:
     if line.dots:
-        return "".join(
-            f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{line.colour}"/>' for a, b in zip(x, y, strict=True)
-        )
+        dots = ""
+        for a, b in zip(x, y, strict=True):
+            dots += f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{line.colour}"/>'
+        return dots
     dashes = ' stroke-dasharray="5 4"' if line.dashed else ""
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
     return f'<polyline points="{points}" stroke="{line.colour}"{dashes}/>'
@@ -222,7 +225,8 @@ def _ticks(low: float, high: float) -> list[float]:
     """Round numbers between two others."""
     rough = (high - low) / TICKS
     power = 10.0 ** np.floor(np.log10(rough))
-    step = min(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
+    steps = power * np.array([1.0, 2.0, 5.0, 10.0])
+    step = steps[steps >= rough][0]
     numbers = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
     return [round(float(number * step), 10) + 0.0 for number in numbers]
 

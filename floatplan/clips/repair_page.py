@@ -45,11 +45,11 @@ def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> P
     after = check_clip(repaired, repair.before.gravity)
     rows = [_row(flight) for flight in repair.flights]
     parts = [html_table("", rows, TITLES) if rows else ""]
-    parts += [f"<h2>{words}</h2>{clip_facts(check)}" for words, check in (("before", repair.before), ("after", after))]
-    pair = [
-        {"name": name, "motion": motion_data(shown, *_played(shown, repair))}
-        for name, shown in (("before", clip), ("after", repaired))
-    ]
+    parts += [f"<h2>before</h2>{clip_facts(repair.before)}", f"<h2>after</h2>{clip_facts(after)}"]
+    pair = []
+    for name, shown in (("before", clip), ("after", repaired)):
+        begin, end = _played(shown, repair)
+        pair.append({"name": name, "motion": motion_data(shown, begin, end)})
     done = sum(flight.repaired is not None and flight.repaired.repairable for flight in repair.flights)
     data: dict[str, Any] = {
         "name": f"{clip.path.name}: repaired",
@@ -72,9 +72,7 @@ def _row(flight_repair: FlightRepair) -> list[str]:
     changes = ["", ""]
     if repaired.plan is not None:
         changes = [f"{np.rad2deg(value):.2g}" for value in (repaired.joints_rms, repaired.base_largest)]
-    shares = [
-        "" if share is None else f"{100 * share[0]:.0f} %" for share in (repaired.torque_share, repaired.rate_share)
-    ]
+    shares = [_percent(repaired.torque_share), _percent(repaired.rate_share)]
     return [
         when,
         str(repaired.choice) if repaired.repairable else "not repairable",
@@ -84,6 +82,10 @@ def _row(flight_repair: FlightRepair) -> list[str]:
         f"{1e3 * flight_repair.seam_foot:.2f}",
         repaired.reason,
     ]
+
+
+def _percent(share: tuple[float, str] | None) -> str:
+    return "" if share is None else f"{100 * share[0]:.0f} %"
 
 
 def _played(clip: Clip, repair: ClipRepair) -> tuple[float, float]:

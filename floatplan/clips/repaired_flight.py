@@ -7,6 +7,7 @@ the centre of mass takes as long as it needs to fall; "raise" keeps the duration
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -137,13 +138,14 @@ def _none(flight: ClipFlight, choice: str | float, reason: str) -> RepairedFligh
 def _limits_within(problem: Problem, share: float) -> Limits:
     """The limits of the robot's file, less a margin."""
     robot = problem.robot
-    rates = zip(robot.motors, robot.motor_velocity_limits.tolist(), strict=True)
-    torques = zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True)
-    return replace(
-        problem.limits,
-        velocity={motor: share * limit for motor, limit in rates if math.isfinite(limit)} or "none",
-        torque={motor: share * limit for motor, limit in torques if math.isfinite(limit)} or "none",
-    )
+    rates = _finite_limits(robot.motors, share * robot.motor_velocity_limits)
+    torques = _finite_limits(robot.motors, share * robot.motor_torque_limits)
+    return replace(problem.limits, velocity=rates or "none", torque=torques or "none")
+
+
+def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
+    """Limits by motor, those without one left out."""
+    return {motor: limit for motor, limit in zip(motors, limits.tolist(), strict=True) if math.isfinite(limit)}
 
 
 def flight_problem(
@@ -172,15 +174,15 @@ def flight_problem(
     chosen = degree or next(value for longest, value in DEGREES if duration <= longest)
     rates = _end_rates(planned, (low + high) / 2, (high - low) / 2, duration, chosen)
     goal_angles = _attitudes_of_ends(clip, flight)
-    postures = [
-        Posture(
+    postures = []
+    for end in (0, 1):
+        posture = Posture(
             orientation=goal_angles[end],
             positions=tuple(planned[end].tolist()),
             velocities=tuple(rates[end].tolist()),
             accelerations="free",
         )
-        for end in (0, 1)
-    ]
+        postures.append(posture)
     across = (com[1, :2] - com[0, :2]) / duration
     instants = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
     reference = clip.curve.positions(instants)[:, columns]

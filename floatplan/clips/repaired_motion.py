@@ -44,14 +44,15 @@ class RepairedMotion:
         self._clip = clip
         self._plans = plans
         flights = clip.flights
-        factors = [
-            plans[number].duration / flight.duration if number in plans else 1.0
-            for number, flight in enumerate(flights)
-        ]
+        factors = [1.0] * len(flights)
+        for number, plan in plans.items():
+            factors[number] = plan.duration / flights[number].duration
         self.clock = Clock.of(clip.duration, flights, factors)
         begins = self.clock.to_new(np.array([flight.begin for flight in flights]))
         self.begins = {number: float(begins[number]) for number in plans}
-        self._seams = [seam for number in plans for seam in self._seams_of(number, factors[number])]
+        self._seams: list[Seam] = []
+        for number in plans:
+            self._seams += self._seams_of(number, factors[number])
 
     def _seams_of(self, number: int, pace: float) -> list[Seam]:
         """Where the stances before and after a flight meet it."""

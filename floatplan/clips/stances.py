@@ -87,7 +87,7 @@ def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array) -> Ar
     shares = np.clip((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - FIXED), 0.0, 1.0)
     chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
     for foot, chain in enumerate(chains):
-        others = {joint for other, joints in enumerate(chains) if other != foot for joint in joints}
+        others = set[int]().union(*chains[:foot], *chains[foot + 1 :])
         leg = [joint for joint in chain if joint not in others]
         near = np.flatnonzero(shares[:, foot] > 0)
         if not (leg and len(near)):

@@ -68,9 +68,10 @@ def shape_weights(robot: PlanarRobot, link_shapes: tuple[LinkShape, ...] | None)
     rows = []
     lengths = []
     with flint.ctx.workprec(PRECISION):
-        for end in ("start", "end"):
-            for shape in shapes:
-                rows += robot.weights_of(getattr(shape, end))
+        for shape in shapes:
+            rows += robot.weights_of(shape.start)
+        for shape in shapes:
+            rows += robot.weights_of(shape.end)
         for shape in shapes:
             along = shape.end.local - shape.start.local
             lengths.append(abs(along))
