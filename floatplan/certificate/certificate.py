@@ -1,8 +1,8 @@
 """The certificate: is a plan true, for every instant? The plan may be alive, a record, or a file.
 
-What is proved depends on the record, the URDF and its meshes alone; of a robot from MJCF on the URDF that the record
+What is proved depends on the record, only the URDF and its meshes; of a robot from MJCF on the URDF that the record
 holds, as MuJoCo resolved it: that this is what the MJCF says is not proved, and a finding says so. A loaded robot is
-needed only for the capsules around collision geometry, which the certificate takes as given. See
+needed only for the capsules around collision geometry, which the certificate assumes. See
 ``docs/certificate.md`` for the statement.
 """
 
@@ -25,7 +25,7 @@ from floatplan.certificate.enclosure import Balls
 from floatplan.certificate.limits import at_ends, boundary_findings, limit_findings
 from floatplan.certificate.planar.clearance import LinkShape, ShapeWeights, shape_weights
 from floatplan.certificate.planar.flight import fly
-from floatplan.certificate.planar.inertia import PlanarRobot, kept_robot
+from floatplan.certificate.planar.inertia import PlanarRobot, cached_robot
 from floatplan.certificate.planar.limits import flight_findings, orientation_findings
 from floatplan.certificate.planar.obstacles import Surroundings, ground_finding, obstacle_finding, self_finding
 from floatplan.certificate.robots.taken import NotReadError
@@ -72,7 +72,7 @@ def certify(
     Raises
     ------
     InputError
-        The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together.
+        The plan, its URDF or a collision mesh is missing, damaged, or they do not match.
     """
     urdf = optional(as_path)(urdf, "urdf")
     budget = MOST_CELLS(budget, "budget")
@@ -107,8 +107,8 @@ def shapes_of(robot: Robot, capsules: Sequence[LinkCapsule] | None = None) -> li
     shapes: list[LinkShape] = []
     for shape in robot.shapes if capsules is None else capsules:
         origin = robot.frames[shape.link].local
-        turn = cmath.exp(1j * robot.tree.turn * float(robot.tree.offsets[shape.body]))
-        start, end = ((place - origin) * turn for place in (shape.start, shape.end))
+        rotation = cmath.exp(1j * robot.tree.turn * float(robot.tree.offsets[shape.body]))
+        start, end = ((point - origin) * rotation for point in (shape.start, shape.end))
         shapes.append((shape.link, (start.real, start.imag), (end.real, end.imag), shape.radius))
     return shapes
 
@@ -129,19 +129,19 @@ def prove(
     shapes : of the links, and their hulls: what stands on the ground
         Capsules, m: places are (horizontal, vertical) from the link's origin, along the root link's axes in the posture
         with all planned positions zero. Of None, a link is the segments from its origin to its children's joints; a
-        robot that has ``<collision>`` elements needs them given.
+        robot that has ``<collision>`` elements needs them.
     unknown_meshes : files that these are around and whose hashes the record lacks: they leave clearances undecided
     """
     with _ONE_AT_A_TIME:
-        began = time.perf_counter()
+        start_time = time.perf_counter()
         try:
             if record.robot.kind == "mjcf":
                 check_parts(record.robot, path)
             content = robot_content(path)
             if record.in_space:
-                flying = spatial_robot.kept_robot(content, path, record.robot)
+                flying = spatial_robot.cached_robot(content, path, record.robot)
             else:
-                robot = kept_robot(content, path, record.robot)
+                robot = cached_robot(content, path, record.robot)
         except NotReadError as error:
             return _undecided(record.robot, str(error))
         try:
@@ -155,7 +155,7 @@ def prove(
                 raise
             reason = f"cannot be read as a problem: {type(error).__name__} {error}"
             raise InputError(reason, element="problem") from error
-        return replace(certificate, seconds=time.perf_counter() - began)
+        return replace(certificate, seconds=time.perf_counter() - start_time)
 
 
 def _proved(
@@ -166,9 +166,13 @@ def _proved(
     budget: int,
 ) -> Certificate:
     obstacles = record.problem.get("obstacles") or []
-    windows = [obstacle["window"] for obstacle in obstacles if obstacle.get("window")]
-    within = [(max(float(first), 0.0), min(float(last), record.duration)) for first, last in windows]
-    flight = fly(robot, record, [(first, last) for first, last in within if first <= last], budget)
+    windows = []
+    for obstacle in obstacles:
+        if obstacle.get("window"):
+            begin, end = map(float, obstacle["window"])
+            if begin <= record.duration and end >= 0.0:
+                windows.append((max(begin, 0.0), min(end, record.duration)))
+    flight = fly(robot, record, windows, budget)
     orientation, last = orientation_findings(record, flight)
     limits, peaks = limit_findings(robot, record, flight.joints, flight.cells)
     states = at_ends(record)
@@ -180,20 +184,20 @@ def _proved(
     if record.asks_clearance:
         of_links, of_hulls = shapes
         surroundings = Surroundings(robot, record, flight, _weights(robot, of_links))
-        asked: list[Finding] = []
+        requested: list[Finding] = []
         if obstacles:
-            asked, clearance = _clearances(surroundings, obstacles)
-        asked += [self_finding(surroundings, pair) for pair in record.problem.get("self_clearance") or []]
+            requested, clearance = _clearances(surroundings, obstacles)
+        requested += [self_finding(surroundings, pair) for pair in record.problem.get("self_clearance") or []]
         if record.problem.get("ground"):
             standing = None if of_hulls is None else _weights(robot, of_hulls)
-            asked.append(ground_finding(surroundings, robot, standing))
-        if unknown_meshes:  # the shapes may not be those that were planned with: nothing is known of clearances
+            requested.append(ground_finding(surroundings, robot, standing))
+        if unknown_meshes:  # the shapes may not be those that were planned with: clearances are unknown
             unknown = [Finding("mesh", (name,), "undecided", None) for name in unknown_meshes]
-            asked = unknown + [replace(finding, verdict="undecided") for finding in asked]
+            requested = unknown + [replace(finding, verdict="undecided") for finding in requested]
             clearance = None
-        clear += asked
-    found = _certificate(record, robot.motors, [*orientation, *ends, *limits, *clear], peaks, len(flight.cells))
-    return replace(found, orientation_end=_enclosure(last), clearance_min=clearance)
+        clear += requested
+    certificate = _certificate(record, robot.motors, [*orientation, *ends, *limits, *clear], peaks, len(flight.cells))
+    return replace(certificate, orientation_end=_enclosure(last), clearance_min=clearance)
 
 
 def _proved_in_space(robot: SpatialRobot, record: PlanRecord, budget: int) -> Certificate:
@@ -203,8 +207,8 @@ def _proved_in_space(robot: SpatialRobot, record: PlanRecord, budget: int) -> Ce
     states = at_ends(record)
     ends = [*boundary_findings(record, states), *spatial_findings.flight_findings(robot, record, flight, states)]
     clear = clearance_findings(record)
-    found = _certificate(record, robot.motors, [*attitude, *ends, *limits, *clear], peaks, len(flight.cells))
-    return replace(found, attitude_bound=flight.attitude.bound)
+    certificate = _certificate(record, robot.motors, [*attitude, *ends, *limits, *clear], peaks, len(flight.cells))
+    return replace(certificate, attitude_bound=flight.attitude.bound)
 
 
 def _certificate(
@@ -216,7 +220,7 @@ def _certificate(
 ) -> Certificate:
     """What is proved of flights in a plane and in space alike, with the peaks that ``limit_findings`` gives."""
     resolved = [Finding("resolved", (), "proved", None)] if record.robot.kind == "mjcf" else []
-    bounds = {name: [-peak.bound for peak in each] for name, each in peaks.items()}
+    bounds = {name: [-peak.bound for peak in of_row] for name, of_row in peaks.items()}
     return Certificate(
         verdict=worst([*resolved, *findings]),
         orientation_end=(-math.inf, math.inf),
@@ -231,7 +235,7 @@ def _certificate(
 
 
 def _undecided(robot: RobotRecord, reason: str) -> Certificate:
-    """Nothing is known of a robot that is not read."""
+    """All is unknown of a robot that is not read."""
     unknown = read_only([math.inf] * len(robot.joints))
     return Certificate(
         verdict="undecided",
@@ -248,7 +252,7 @@ def _undecided(robot: RobotRecord, reason: str) -> Certificate:
 
 
 def _enclosure(ball: Balls) -> tuple[float, float]:
-    """Numbers around the first of a ball's; infinite where it is not known."""
+    """Numbers around the first of a ball's; infinite where it is unknown."""
     low = float(ball.mid[0] - ball.rad[0])
     high = float(ball.mid[0] + ball.rad[0])
     if not low <= high:
@@ -267,7 +271,7 @@ def _weights(robot: PlanarRobot, shapes: Sequence[LinkShape] | None) -> ShapeWei
 
 def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[list[Finding], float]:
     """One finding per obstacle, one on the recorded minimum, and the proved minimum."""
-    found, least = zip(
+    findings, least = zip(
         *(obstacle_finding(surroundings, index, obstacle) for index, obstacle in enumerate(obstacles)), strict=True
     )
     bound = min(item.bound for item in least)
@@ -277,7 +281,7 @@ def _clearances(surroundings: Surroundings, obstacles: Sequence[Any]) -> tuple[l
     subject = ("clearance_min",)
     if recorded is None:  # nothing was near, because no obstacle exists during the flight
         verdict: Verdict = "proved" if bound == math.inf else "refuted" if attained < math.inf else "undecided"
-        return [*found, Finding(kind, subject, verdict, bound, None, None)], bound
+        return [*findings, Finding(kind, subject, verdict, bound, None, None)], bound
     farthest = max(abs(recorded - bound), abs(recorded - attained))
     nearest = max(0.0, recorded - attained, bound - recorded)
-    return [*found, at_most(kind, subject, farthest, nearest, 0.0, RECORDED_CLEARANCE, None)], bound
+    return [*findings, at_most(kind, subject, farthest, nearest, 0.0, RECORDED_CLEARANCE, None)], bound

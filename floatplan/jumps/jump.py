@@ -23,7 +23,7 @@ from floatplan.arguments import flag, many, number, numbers, one_of, optional, t
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming, refuse, single
-from floatplan.files import check_finite, plain, read_json, write_atomically
+from floatplan.files import check_finite, json_value, read_json, write_atomically
 from floatplan.jumps.check import JumpCheck, check_jump
 from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
@@ -148,7 +148,7 @@ class Jump(Outputs, JumpMotion):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as builtin data: what ``floatplan jump --json`` prints."""
-        facts: dict[str, Any] = plain(
+        facts: dict[str, Any] = json_value(
             {
                 "status": self.status,
                 "ok": self.ok,
@@ -179,7 +179,7 @@ class Jump(Outputs, JumpMotion):
             "flight": None if self.flight is None else self.flight.record.to_dict(),
             "stances": [{"side": side, **_stance(stance)} for side, stances in sides for stance in stances],
         }
-        return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+        return json.dumps(json_value(content), indent=1, allow_nan=False) + "\n"
 
     def __repr__(self) -> str:
         checked = "" if self.flight is None else f", stances {'checked' if self.check.ok else 'not within limits'}"

@@ -18,7 +18,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
-from floatplan.problem.file import given_problem
+from floatplan.problem.file import as_problem
 from floatplan.problem.parts import Circle, HalfPlane
 from floatplan.problem.problem import Problem, shares_of_limits
 from floatplan.tables import ORIENTATION
@@ -54,7 +54,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
         The problem is none, its file is wrong, or it asks for what is not taken.
     """
     began = time.perf_counter()
-    problem = given_problem(problem)
+    problem = as_problem(problem)
     refuse(problem)
     tried = []
     steps = 0

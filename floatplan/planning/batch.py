@@ -26,7 +26,7 @@ from floatplan.planning.result import AttemptResult
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, Start, whitened
-from floatplan.plans.plans import ALL_HOLDS, Answer
+from floatplan.plans.plans import ALL_HOLDS, PlanEntry
 from floatplan.problem.problem import Problem, shares_of_limits
 
 
@@ -218,13 +218,13 @@ class Batch:
         numbers = self.attempts.numbers
         return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
 
-    def answer(self, row: int) -> Answer | None:
+    def answer(self, row: int) -> PlanEntry | None:
         """Where the best start of one of them led; None where that is no plan."""
         attempt = self.attempts.pointer[row]
         if not attempt.violation <= 0:  # which may be no number
             return None
         b = self.coefficients[row]
-        return Answer(
+        return PlanEntry(
             status=STATUS[attempt.status],
             objective=attempt.objective if attempt.wanted else float(np.linalg.norm(b)),
             angular_momentum=float(self.motions.momentum[row]),

@@ -16,7 +16,7 @@ from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import Answer
+from floatplan.plans.plans import PlanEntry
 from floatplan.problem.reference import REFERENCE_NODES, distance_from
 
 LOG = logging.getLogger(__name__)
@@ -254,9 +254,9 @@ class SearchedPlan:
     work: float = 0.0
 
     @property
-    def answer(self) -> Answer:
+    def answer(self) -> PlanEntry:
         """In numbers."""
-        return Answer.of_plan(self.plan, self.plan.status)
+        return PlanEntry.of_plan(self.plan, self.plan.status)
 
     @cached_property
     def best(self) -> AttemptResult:

@@ -1,6 +1,6 @@
-"""What is asked: a robot, the states at takeoff and landing, the flight, and what must hold meanwhile.
+"""What a plan has to do: a robot, the states at takeoff and landing, the flight, and what must hold meanwhile.
 
-Every dataclass is frozen. :class:`Problem` checks what it is given once, here, and keeps it resolved: arrays in the
+Every dataclass is frozen. :class:`Problem` checks its arguments once, here, and stores them resolved: arrays in the
 order of ``robot.joints``, SI units, radians.
 """
 
@@ -47,9 +47,9 @@ class Problem(Checked):
     ground : bool
         Whether all links stay above the horizontal line through the lowest point of the takeoff link's shapes at t = 0.
     jump : JumpRequest or None
-        The whole jump of which this is the flight, for :func:`floatplan.jump`; plans of the flight leave it alone.
+        The whole jump of which this is the flight, for :func:`floatplan.jump`; plans of the flight ignore it.
     written : str, optional
-        The problem file, kept as ``file_text``; ``dataclasses.replace`` drops it.
+        The problem file's text, as ``file_text``; ``dataclasses.replace`` drops it.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Problem(Checked):
     joint_limits : key of ``[limits]`` -> (n,), of the planned coordinates; infinite where there is none
         In the units of the table of limits.
     torque_limits : (n,) N m, of the generalised torques; infinite where there is none
-        As given by a sequence, or what the motors' own limits add up to, by ratio.
+        As in a sequence, or what the motors' own limits add up to, by ratio.
     motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
     motor_slope : (m,) N m s/rad
     degrees : (n,) int
@@ -76,10 +76,10 @@ class Problem(Checked):
     angular_momentum_bounds : (low, high) kg m^2/s, or None in space
         (9): where h lies if orientation and joints all move monotonically; its middle is (10).
     angular_momentum : kg m^2/s, or None where it is free, and in space
-        The h that is asked for as a number: (10) in place of the word.
-    has_inequalities : whether more is asked than what holds at both ends
+        The requested h as a number: (10) instead of the word.
+    has_inequalities : whether more is requested than the states at both ends
     minimises_b : whether (17) is its objective, the size of b, as of "coefficients" in a plane
-    is_standard : whether it asks for (17) in a plane, between given states at a given h: batches plan such problems
+    is_standard : whether it minimises (17) in a plane, between fixed states at a fixed h: batches plan such problems
     is_plain : whether it is standard, and has no inequalities
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
     raises_degree : whether the degree may be raised where nothing else helps
@@ -159,16 +159,16 @@ class Problem(Checked):
         errors = self.faults()
         fields = {error.element for error in errors}
         try:
-            found = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
-            found += resolution.flight_errors(self.robot, self.flight)
-            found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
-            found += resolution.surroundings_errors(
+            further = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
+            further += resolution.flight_errors(self.robot, self.flight)
+            further += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
+            further += resolution.surroundings_errors(
                 self.robot, self.obstacles, self.self_clearances, self.flight.duration
             )
             if self.obstacles or self.self_clearances or self.ground:
-                found += faults((self.robot.check_shapes,))
+                further += faults((self.robot.check_shapes,))
             errors += [
-                error for error in found if not any(str(field).startswith(error.element or "?") for field in fields)
+                error for error in further if not any(str(field).startswith(error.element or "?") for field in fields)
             ]
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
@@ -184,8 +184,8 @@ class Problem(Checked):
         has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
         chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
         minimises_b = self.angular_momentum_bounds is not None and self.motion.objective == "coefficients"
-        is_given = self.angular_momentum is not None and not chooses_ends
-        is_standard = minimises_b and is_given and len(self.robot.joints) > 0
+        fixes_momentum = self.angular_momentum is not None and not chooses_ends
+        is_standard = minimises_b and fixes_momentum and len(self.robot.joints) > 0
         vars(self).update(
             landing_height=self.landing.height or 0.0,
             has_inequalities=has_inequalities,
@@ -197,18 +197,18 @@ class Problem(Checked):
         )
 
     def _settle_flight(self) -> None:
-        """What is known of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
+        """What holds of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
         extremes = np.empty(0), np.empty(0)
         momenta = momentum = None
         if self.robot.in_plane:
             extremes = inertia_extremes(self.robot.tree, self.position_limits)
-            turn = self.final.orientation - self.initial.orientation
-            changes = np.array([turn, *(self.final.positions - self.initial.positions)])
+            rotation = self.final.orientation - self.initial.orientation
+            changes = np.array([rotation, *(self.final.positions - self.initial.positions)])
             low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
             momenta = float(low), float(high)
-            asked = self.flight.momentum_in_plane
-            if asked != "free":
-                momentum = sum(momenta) / 2 if isinstance(asked, str) else float(asked)
+            requested = self.flight.momentum_in_plane
+            if requested != "free":
+                momentum = sum(momenta) / 2 if isinstance(requested, str) else float(requested)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
         vars(self).update(
             path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum
@@ -220,7 +220,7 @@ class Problem(Checked):
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
 
     def _errors_in_space(self) -> Iterator[InputError]:
-        """What is asked that flights in space have not yet; and a turn whose direction is left open."""
+        """What flights in space do not support yet; and a rotation whose direction is left open."""
         if self.jump:
             yield InputError(resolution.NOT_IN_SPACE, element="jump", advice="leave it out")
         if hasattr(self, "initial") and hasattr(self, "final"):
@@ -240,7 +240,7 @@ class Problem(Checked):
         return html_table(self.name, self.rows())
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return names and what is said under them, as notebooks and the report show what is asked."""
+        """Return names and values, as notebooks and the report show the problem."""
         flight, joints, momentum = self.flight, self.robot.joints, self.flight.angular_momentum
         degrees = "degree " + ", ".join(map(str, self.degrees if len(set(self.degrees)) > 1 else self.degrees[:1]))
         degrees = "the degree that is needed" if self.raises_degree else degrees
@@ -283,7 +283,7 @@ class Problem(Checked):
             ),
         }
         for name, (needed, resolve) in resolvers.items():
-            if any(part in changed for part in needed.split()):
+            if any(field in changed for field in needed.split()):
                 yield partial(self._resolve, name, resolve)
 
     def _resolve(self, name: str, resolve: Callable[[], object]) -> None:
@@ -319,7 +319,7 @@ class Problem(Checked):
     @cached_property
     @one_thread
     def ground_plane(self) -> parts.Ground | LevelGround:
-        """The half-plane below the ground's line, in space the half-space, asked for or not.
+        """The half-plane below the ground's line, in space the half-space, requested or not.
 
         Raises
         ------
@@ -384,7 +384,7 @@ def _posture(state: parts.JointState, joints: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """Limits (r,) of a key, in a unit, and what is used of them: the magnitudes of two sums of quantities, together.
+    """Limits (r,) of a key, in a unit, and what is used of them: the magnitudes of two sums of quantities, added.
 
     ``used, also`` : weights (r, m) of quantities by their names; their sums are 1 where the whole of a limit is used
     """
@@ -401,7 +401,7 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
     """Yield what a problem's limits bound, or those of many, of which the same are finite.
 
     They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates
-    and accelerations, of motors that are weaker when they turn, and of the base's rate.
+    and accelerations, of motors that are weaker at speed, and of the base's rate.
     """
     robot, own, generalized = problem.robot, problem.motor_torque_limits, problem.torque_limits
     if generalized.min(initial=np.inf) < np.inf:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.motion.spatial.clearance import SpatialSegments, pair_distances_in_space
-from floatplan.plans.record import check_asked
+from floatplan.plans.record import check_requested
 from floatplan.robot.shapes.solid_capsules import solid_capsules
 from floatplan.robot.shapes.solids import LinkSolid
 
@@ -159,7 +159,7 @@ class TestPlans:
         again = fp.load_plan(path)
         assert again.problem.obstacles == past_a_bar.problem.obstacles
         assert again.record.clearance_min == past_a_bar.record.clearance_min
-        check_asked(again.record)
+        check_requested(again.record)
         file = fp.save_problem(past_a_bar.problem, tmp_path / "problem.toml")
         assert fp.load_problem(file).obstacles == past_a_bar.problem.obstacles
 

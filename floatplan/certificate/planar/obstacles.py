@@ -11,7 +11,7 @@ from floatplan.arrays import IntArray
 from floatplan.certificate.branch_and_bound import Goal, Minimum, at_least, smallest
 from floatplan.certificate.cells import ORDER, Vectors, recentred
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
-from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, place_shapes
+from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, shapes_in_base
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.limits import com_polynomials
@@ -35,19 +35,19 @@ class Surroundings:
         self.cells = np.arange(len(flight.cells))
         self.sigma = robot.sigma
         self.links = [shape.link for shape in weights.shapes]
-        self.shapes = place_shapes(flight, weights)
+        self.shapes = shapes_in_base(flight, weights)
 
-    def seen(self, place: Any, velocity: Any) -> Vectors:
+    def seen(self, position: Any, velocity: Any) -> Vectors:
         """A moving point, relative to the centre of mass, in the base frame: one item."""
         with flint.ctx.workprec(PRECISION):
-            x, y = (-polynomial for polynomial in self._com_from(place, velocity))
+            x, y = (-polynomial for polynomial in self._com_from(position, velocity))
         both = self._path([x, y])
         return Vectors(both[:, :1], both[:, 1:]).turned_back(self.flight.direction)
 
     def direction(self, vector: Any) -> Vectors:
         """A constant vector (two arb) of the mirrored plane, in the base frame."""
         shape = (len(self.flight.cells), 1)
-        x, y = (Taylor.constant(Balls.from_arb([part], (1,)).broadcast(shape), ORDER) for part in vector)
+        x, y = (Taylor.constant(Balls.from_arb([component], (1,)).broadcast(shape), ORDER) for component in vector)
         return Vectors(x, y).turned_back(self.flight.direction)
 
     def height_offset(self, point: Any, velocity: Any, normal: Any) -> Taylor:
@@ -64,14 +64,14 @@ class Surroundings:
             length = (x * x + y * y).sqrt()
             along = (x / length, y / length) if length > 0 else (flint.arb(1), flint.arb(0))
             extent = Balls.from_arb([length], (1,))
-        first_end, last_end = (self.seen(place, velocity) for place in (start, end))
+        first_end, last_end = (self.seen(position, velocity) for position in (start, end))
         return Bars(first_end, last_end, self.direction(along), extent, Balls.exact([radius]))
 
-    def _com_from(self, place: Any, velocity: Any) -> tuple[Any, Any]:
+    def _com_from(self, position: Any, velocity: Any) -> tuple[Any, Any]:
         """The centre of mass relative to a moving point of the plane, in its mirror image: polynomials of t."""
         com_x, com_y = com_polynomials(self.record, self.sigma)
-        x = com_x - flint.arb_poly([float(place[0]), float(velocity[0])])
-        return x, com_y - flint.arb_poly([self.sigma * float(place[1]), self.sigma * float(velocity[1])])
+        x = com_x - flint.arb_poly([float(position[0]), float(velocity[0])])
+        return x, com_y - flint.arb_poly([self.sigma * float(position[1]), self.sigma * float(velocity[1])])
 
     def _path(self, polynomials: Sequence[Any]) -> Taylor:
         """Model (K, cells, polynomials) of polynomials in t of degree 2 at most."""
@@ -98,7 +98,7 @@ def ground_finding(surroundings: Surroundings, robot: PlanarRobot, standing: Sha
     hulls = surroundings.shapes
     links = surroundings.links
     if standing is not None:
-        hulls = place_shapes(surroundings.flight, standing)
+        hulls = shapes_in_base(surroundings.flight, standing)
         links = [shape.link for shape in standing.shapes]
     takeoff = surroundings.record.problem["flight"]["takeoff"]
     level = takeoff["position"][1]
@@ -111,15 +111,22 @@ def ground_finding(surroundings: Surroundings, robot: PlanarRobot, standing: Sha
 
     for carrier in robot.carriers[takeoff["frame"]]:
         if carrier in links:
-            feet = [index for index, link in enumerate(links) if link == carrier]
+            feet = _indices(links, carrier)
             level = above(0.0, hulls[feet]).least_at_start()
             break
     return _finding(surroundings, "ground", (), above(level, hulls), surroundings.cells, 0.0)[0]
 
 
+def _indices(links: Sequence[str], name: str) -> list[int]:
+    """Indices of the shapes of a link."""
+    return [index for index, link in enumerate(links) if link == name]
+
+
 def self_finding(surroundings: Surroundings, pair: Mapping[str, Any]) -> Finding:
     """Clearance between two links."""
-    first, second = ([i for i, link in enumerate(surroundings.links) if link == name] for name in pair["links"])
+    one_link, other_link = pair["links"]
+    first = _indices(surroundings.links, one_link)
+    second = _indices(surroundings.links, other_link)
     if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
     one = np.repeat(first, len(second))
@@ -136,7 +143,7 @@ def _circle(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: A
 
 def _half_plane(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PlanePoints:
     with flint.ctx.workprec(PRECISION):
-        x, y = (flint.arb(float(part)) for part in obstacle["normal"])
+        x, y = (flint.arb(float(component)) for component in obstacle["normal"])
         length = (x * x + y * y).sqrt()
         normal = (x / length, surroundings.sigma * y / length)
     offset = surroundings.height_offset(obstacle["point"], velocity, normal)

@@ -24,7 +24,7 @@ from floatplan.certificate.spatial.flight import SpatialEnclosure
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tables import A_TURN_OFF, ORIENTATION, PLACE, STEEPEST
+from floatplan.tables import A_TURN_OFF, FRAME_POSITION, ORIENTATION, STEEPEST
 
 LETTERS = "xyz"
 SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
@@ -187,8 +187,8 @@ def flight_findings(
         )
     across = asked["horizontal_velocity"]
     findings = [
-        near("takeoff", ("position",), left, asked["takeoff"]["position"], PLACE, 0.0),
-        near("landing", ("height",), landed[2:], [asked["landing"]["height"]], PLACE, duration),
+        near("takeoff", ("position",), left, asked["takeoff"]["position"], FRAME_POSITION, 0.0),
+        near("landing", ("height",), landed[2:], [asked["landing"]["height"]], FRAME_POSITION, duration),
         same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same_vector(("com", "velocity0"), com["velocity0"][:2], _vector(across, 2), "stated"),
     ]

@@ -24,7 +24,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.robots import kept
+from floatplan.certificate.robots import cached
 from floatplan.certificate.robots.columns import cross, diagonal
 from floatplan.certificate.robots.taken import as_recorded
 from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, check_roles, is_geared, joint_ratios
@@ -96,9 +96,9 @@ class SpatialRobot:
         return row
 
 
-def kept_robot(content: bytes, path: Path, record: RobotRecord) -> SpatialRobot:
-    """Return the robot of a record in space, see :func:`~floatplan.certificate.robots.kept.kept_robot`."""
-    return kept.kept_robot(content, path, record, spatial_robot)
+def cached_robot(content: bytes, path: Path, record: RobotRecord) -> SpatialRobot:
+    """Return the robot of a record in space, see :func:`~floatplan.certificate.robots.cached.cached_robot`."""
+    return cached.cached_robot(content, path, record, spatial_robot)
 
 
 @dataclass
