@@ -247,7 +247,7 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
     return {
         "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
         "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "jobs": 1, "search": False, "attempts": 4}),
-        "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000}),
+        "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000, "out_of_plane": False}),
         "takeoff": Call(fp.takeoff, asked),
         "landing": Call(fp.landing, asked),
         "load_plan": Call(fp.load_plan, {"path": file, "urdf": None}),

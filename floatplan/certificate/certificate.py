@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import optional, whole
+from floatplan.arguments import flag, optional, whole
 from floatplan.arguments import path as as_path
 from floatplan.arrays import read_only
 from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, Minimum, at_most
@@ -33,6 +33,7 @@ from floatplan.certificate.spatial import findings as spatial_findings
 from floatplan.certificate.spatial import flight as spatial_flight
 from floatplan.certificate.spatial import robot as spatial_robot
 from floatplan.certificate.spatial.findings import attitude_findings, clearance_findings
+from floatplan.certificate.spatial.out_of_plane import out_of_plane_findings
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.errors import InputError, naming
 from floatplan.plans.reading import Recorded, check_meshes, check_parts, checked, find_robot, recorded, recorded_robot
@@ -52,7 +53,11 @@ _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
 @one_thread
 def certify(
-    plan: Recorded | PlanRecord | str | Path, *, urdf: str | Path | None = None, budget: int = BUDGET
+    plan: Recorded | PlanRecord | str | Path,
+    *,
+    urdf: str | Path | None = None,
+    budget: int = BUDGET,
+    out_of_plane: bool = False,
 ) -> Certificate:
     """Prove or refute a plan for every instant of its flight.
 
@@ -63,6 +68,9 @@ def certify(
         The robot's file, where it is no longer where the plan says. Its SHA-256 has to be the recorded one.
     budget : int
         Most cells of time; with fewer than it needs, the proof may end undecided.
+    out_of_plane : bool
+        Of a plan in a plane, bound also how far the robot leaves it in space, where it is not its own mirror image:
+        three findings, on which the verdict does not depend.
 
     Returns
     -------
@@ -72,10 +80,12 @@ def certify(
     Raises
     ------
     InputError
-        The plan, its URDF or a collision mesh is missing, damaged, or they do not match.
+        The plan, its URDF or a collision mesh is missing, damaged, or they do not belong together; or a flight in space
+        is to be in a plane.
     """
     urdf = optional(as_path)(urdf, "urdf")
     budget = MOST_CELLS(budget, "budget")
+    out_of_plane = flag(out_of_plane, "out_of_plane")
     record, file, robot = recorded(plan)
     with naming(file):
         path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
@@ -92,7 +102,7 @@ def certify(
                 flight = record.problem["flight"]
                 standing = [_frame_of(robot, end, flight[end]["frame"]) for end in ("takeoff", "landing")]
                 shapes = [shapes_of(robot), shapes_of(robot, robot.hulls(standing, robot.limb_ends))]
-        return prove(record, path, shapes, unknown, budget)
+        return prove(record, path, shapes, unknown, budget, out_of_plane)
 
 
 def _frame_of(robot: Robot, end: str, frame: object) -> str:
@@ -119,6 +129,7 @@ def prove(
     shapes: Sequence[Sequence[LinkShape] | None],
     unknown_meshes: Sequence[str],
     budget: int,
+    out_of_plane: bool = False,
 ) -> Certificate:
     """Prove a record that is ``checked`` for the URDF at ``path``, one thread at a time.
 
@@ -138,18 +149,23 @@ def prove(
             if record.robot.kind == "mjcf":
                 check_parts(record.robot, path)
             content = robot_content(path)
-            if record.in_space:
-                flying = spatial_robot.cached_robot(content, path, record.robot)
-            else:
-                robot = cached_robot(content, path, record.robot)
-        except NotReadError as error:
-            return _undecided(record.robot, str(error))
-        try:
             with np.errstate(all="ignore"):
                 if record.in_space:
-                    certificate = _proved_in_space(flying, record, budget)
+                    if out_of_plane:
+                        raise InputError("is of plans in a plane, and this flight is in space", element="out_of_plane")
+                    certificate = _proved_in_space(
+                        spatial_robot.cached_robot(content, path, record.robot), record, budget
+                    )
                 else:
+                    robot = cached_robot(content, path, record.robot)
                     certificate = _proved(robot, record, shapes, unknown_meshes, budget)
+                    if out_of_plane:
+                        free = spatial_robot.cached_robot(content, path, record.robot)
+                        end = certificate.orientation_end
+                        leaving = out_of_plane_findings(free, record, robot.normal, end, budget)
+                        certificate = replace(certificate, findings=(*leaving, *certificate.findings))
+        except NotReadError as error:
+            return _undecided(record.robot, str(error))
         except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
             if isinstance(error, InputError):
                 raise

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -136,6 +136,19 @@ class Moved(Protocol):
         """The base's rate, and its limit, rad/s."""
 
 
+# Models (K, cells, n) of what limits of the joints are about, named as in the table of limits, in a plane and in space;
+# looked up only where something limits it.
+JOINT_QUANTITIES: Mapping[str, Callable[[Actuated, Moved], Taylor]] = {
+    "velocities": lambda robot, joints: joints.velocities,
+    "accelerations": lambda robot, joints: joints.accelerations,
+}
+
+
+def generalized_torques(robot: Actuated, joints: Moved) -> Taylor:
+    """Torques (K, cells, n), N m, by ratio of all motors that a planned joint moves with."""
+    return joints.motor_torques.linear(Balls.exact(robot.motor_ratios.T))
+
+
 def limit_findings(
     robot: Actuated, record: PlanRecord, joints: Moved, cells: TimeCells
 ) -> tuple[list[Finding], dict[str, list[Minimum]]]:
@@ -196,14 +209,16 @@ def _limited(robot: Actuated, record: PlanRecord, joints: Moved) -> tuple[list[L
     limited: list[LimitedQuantity] = []
     claimed: dict[str, list[int]] = {"velocity_peak": [], "torque_peak": [], "motor_torque_peak": []}
     for row in JOINT_LIMITS:
-        models: Taylor = getattr(joints, row.quantity)
-        of_row = limits.get(row.key) or [None] * len(names)
+        of_row = [_limit(limit) for limit in limits.get(row.key) or [None] * len(names)]
+        is_limited = any(limit != math.inf for limit in of_row)
+        if not (row.always or is_limited):
+            continue
+        models = JOINT_QUANTITIES[row.quantity](robot, joints)
         for i, name in enumerate(names):
-            limit = _limit(of_row[i])
             if row.key == "velocity":
                 claimed["velocity_peak"].append(len(limited))
-            if row.always or limit != math.inf:
-                limited.append(LimitedQuantity(row.key, (name,), models[:, i : i + 1], limit))
+            if row.always or of_row[i] != math.inf:
+                limited.append(LimitedQuantity(row.key, (name,), models[:, i : i + 1], of_row[i]))
     own = limits.get("motor_torque") or {}
     for name in own:
         _motor(robot, name, "motor_torque")
@@ -214,11 +229,12 @@ def _limited(robot: Actuated, record: PlanRecord, joints: Moved) -> tuple[list[L
             limit = min(limit, _limit(limits["torque"][i]))
         claimed["motor_torque_peak"].append(len(limited))
         limited.append(LimitedQuantity("torque", (name,), joints.motor_torques[:, i : i + 1], limit))
+    generalized = generalized_torques(robot, joints) if several.any() else None
     for i, name in enumerate(names):
         claimed["torque_peak"].append(len(limited) if several[i] else claimed["motor_torque_peak"][i])
-        if several[i]:
-            summed = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
-            limited.append(LimitedQuantity("generalized_torque", (name,), summed, _limit(limits["torque"][i])))
+        if generalized is not None and several[i]:
+            models = generalized[:, i : i + 1]
+            limited.append(LimitedQuantity("generalized_torque", (name,), models, _limit(limits["torque"][i])))
     for name, motor in (limits.get("motor") or {}).items():
         limited.append(_motor_curve(robot, joints, name, motor))
     if limits.get("orientation_rate") is not None:

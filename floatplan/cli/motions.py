@@ -41,12 +41,16 @@ def certify(
     budget: Annotated[
         int | None, option("N", "Most intervals of time to examine; fewer may decide less.", min=1)
     ] = None,
+    out_of_plane: Annotated[
+        bool, flag("Bound also how far the robot leaves its plane in space, in rad.", "--out-of-plane")
+    ] = False,
     save: common.Save = False,
     json_output: common.Json = False,
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     with progress("proving"):
-        certificate = fp.certify(plan_file, urdf=urdf, **({} if budget is None else {"budget": budget}))
+        most = {} if budget is None else {"budget": budget}
+        certificate = fp.certify(plan_file, urdf=urdf, out_of_plane=out_of_plane, **most)
     facts = certificate.to_dict()
     if save:
         from floatplan.plans.reading import load_record

@@ -27,6 +27,7 @@ LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, 
     "takeoff": "takeoff.{}",
     "landing": "landing.{}",
     "attitude": "attitude.{}",
+    "out_of_plane": "out_of_plane.{}",
     "stated": "{}.{}",
     "obstacle": "obstacles[{}] {}",
     "self_clearance": "self_clearance {} {}",
@@ -46,7 +47,8 @@ class Finding:
         "start", "goal", "takeoff" and "landing" hold at an end of the flight; "attitude" are the terms of the theorem
         by which flights in space are proved: "residual" (rad), "amplification", "condition" and "bound" (rad);
         "position", "velocity", "torque", "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle",
-        "self_clearance", "ground" and "mesh" belong to clearances; "robot" is what of its file is not read; "resolved"
+        "self_clearance", "ground" and "mesh" belong to clearances; "out_of_plane" bounds what a robot in a plane does
+        in space, rad, and decides nothing; "robot" is what of its file is not read; "resolved"
         says that the proof is of the URDF that the plan file holds of an MJCF; "recorded" is what the file claims of
         the motion, "stated" and "angular_momentum" are numbers that the file gives twice.
     subject : whose

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from proof_records import certify_record
 from scipy.spatial.transform import Rotation
+from space_chains import chain_file
 from space_mutations import base_plans, judge, mutate
-from space_reference import angle, chain_file, draw_coefficients, flown, make_record
+from space_reference import angle, draw_coefficients, flown, make_record
 
 import floatplan as fp
 from floatplan.arrays import read_only

@@ -4,7 +4,8 @@ import flint
 import numpy as np
 import pytest
 from flint import arb
-from space_reference import URDF, chain_file, draw_coefficients, make_record
+from space_chains import chain_file
+from space_reference import URDF, draw_coefficients, make_record
 from space_sharp import BITS, SharpRobot, column, cross, joints, turned
 
 import floatplan as fp

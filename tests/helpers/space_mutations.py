@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from space_reference import URDF, angle, chain_file, draw_coefficients, flown, free_robot, make_record
+from space_chains import chain_file
+from space_reference import URDF, angle, draw_coefficients, flown, free_robot, make_record
 
 import floatplan as fp
 from floatplan.arrays import read_only

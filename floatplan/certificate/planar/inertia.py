@@ -60,6 +60,8 @@ class PlanarRobot:
     motor_ratios : (motors, n) derivatives of the motors' positions by the planned ones
     motor_turns : (m, motors) as ``turns``, by the positions of the motors, each on its own
     sigma : +1 or -1
+    normal : (3,)
+        Along plus or minus one of the root link's axes: positive angles turn about it.
     turns : (m, n)
     turned_by : (m) pairs (joint, arb)
         The entries of ``turns`` that are not zero.
@@ -83,6 +85,7 @@ class PlanarRobot:
     motor_ratios: Array
     motor_turns: Balls
     sigma: float
+    normal: Array
     turns: Balls
     turned_by: list[list[tuple[int, Any]]]
     inertia: ComplexBalls
@@ -184,6 +187,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             motor_ratios=np.array([ratios[name][0] for name in motors]),
             motor_turns=_matrix([body.motor_turns for body in bodies]),
             sigma=sigma,
+            normal=normal * np.eye(3)[normal_axis],
             turns=_matrix([body.turns for body in bodies]),
             turned_by=[_nonzero(body.turns) for body in bodies],
             inertia=inertia,

@@ -30,7 +30,7 @@ def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable
     Parameters
     ----------
     content : of the file at ``path``; of a xacro file, the URDF that it makes
-    make : what makes the robot of a file's links and joints, and of a record
+    make : function that makes the robot of a file's links and joints, and of a record
 
     Raises
     ------
@@ -47,7 +47,7 @@ def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable
         content, digest = _resolved(record)
     roles = [record.plane, record.base, record.joints, record.coupled, record.locked, record.armature]
     taken = [record.balance_inertias, record.payload]
-    key = json.dumps(json_value([record.kind, digest, *roles, *taken]))
+    key = json.dumps(json_value([make.__name__, record.kind, digest, *roles, *taken]))
     if key not in _cache:
         robot = make(read_urdf(content, path), record)
         if len(_cache) >= MOST:

@@ -45,14 +45,16 @@ def attitude_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Find
         start, goal = (_asked(problem[end]["orientation"]) for end in ("start", "goal"))
         stated = {name: [flint.arb(part) for part in recorded[name]["quaternion_xyzw"]] for name in recorded}
         last = flight.last_quaternion
-        reached = _angle_finding("goal", ("orientation",), _angle(last, goal), eps, ORIENTATION, duration)
+        reached = _angle_finding("goal", ("orientation",), angle_between(last, goal), eps, ORIENTATION, duration)
         return [
             *_theorem(flight, is_enough=reached.verdict != "undecided"),
             reached,
             *_turn_findings(record, flight),
-            _angle_finding("stated", ("orientation", "start"), _angle(stated["start"], start), 0.0, SAME, 0.0),
-            _angle_finding("stated", ("orientation", "goal"), _angle(stated["goal"], goal), 0.0, SAME, duration),
-            _angle_finding("recorded", ("orientation.end",), _angle(last, stated["end"]), eps, ORIENTATION, duration),
+            _angle_finding("stated", ("orientation", "start"), angle_between(stated["start"], start), 0.0, SAME, 0.0),
+            _angle_finding("stated", ("orientation", "goal"), angle_between(stated["goal"], goal), 0.0, SAME, duration),
+            _angle_finding(
+                "recorded", ("orientation.end",), angle_between(last, stated["end"]), eps, ORIENTATION, duration
+            ),
         ]
 
 
@@ -254,10 +256,10 @@ def _times(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     ]
 
 
-def _angle(one: Sequence[Any], other: Sequence[Any]) -> Any:
+def angle_between(one: Sequence[Any], other: Sequence[Any]) -> Any:
     """The angle between two attitudes, in Arb, of quaternions of any length."""
     x, y, z, w = _times(one, [-other[0], -other[1], -other[2], other[3]])
-    return 2 * flint.arb.atan2((x * x + y * y + z * z).sqrt(), abs(w))
+    return 2 * flint.arb.atan2((x * x + y * y + z * z).nonnegative_part().sqrt(), abs(w))
 
 
 def _angle_finding(
