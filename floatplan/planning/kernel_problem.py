@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration, integers
-from floatplan.kernel.tolerances import Exchange, Settings
+from floatplan.kernel.tolerances import Exchange, Settings, near_recorded
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.flight import EndRates
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
@@ -116,7 +116,8 @@ class KernelProblem:
             offset_map=None if variables.offset_map is None else doubles(variables.offset_map),
             branch=branch,
         )
-        settings, rules = _numbers_of_search(rows.settings, rows.exchange, rows.node_counts, rows.bodies)
+        exchange = near_recorded(rows.exchange) if variables.has_reference else rows.exchange
+        settings, rules = _numbers_of_search(rows.settings, exchange, rows.node_counts, rows.bodies)
         of_coefficients = spec.problem.motion.objective == "coefficients"
         return cls(
             rows=rows,
