@@ -5,6 +5,8 @@ Values, and derivatives a second time, are held to a reference in NumPy and to P
 
 from __future__ import annotations
 
+import inspect
+
 import numpy as np
 import pytest
 from kernel_program import KernelProgram
@@ -14,6 +16,8 @@ import floatplan as fp
 from floatplan import tables
 from floatplan.motion.flight import flight_of
 from floatplan.motion.quadrature import NODE_COUNTS
+from floatplan.planning import constraints
+from floatplan.planning.search import Search
 from floatplan.planning.variables import decision_variables
 
 AROUND = (
@@ -69,6 +73,12 @@ def assert_derivative(values, derivative, x, scale):
         expected = (8 * (ahead - behind) - (far_ahead - far_behind)) / (12 * step)
         size = max(1.0, float(np.abs(expected).max()))
         assert np.abs(derivative @ column - expected).max() < 1e-6 * size
+
+
+def test_every_kind_of_constraint_is_among_its_rows(program: KernelProgram) -> None:
+    classes = filter(inspect.isclass, vars(constraints).values())
+    kinds = {each for each in classes if issubclass(each, constraints.Constraint)} - {constraints.Constraint}
+    assert {type(block) for block in Search(program.problem).spec.constraints} == kinds
 
 
 @pytest.mark.parametrize("seed", range(3))
