@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from proof_plans import blank_record
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import read_only
-from floatplan.plans.reading import robot_record
 from floatplan.plans.record import FORMAT_IN_SPACE, PlanRecord
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import urdf_path
@@ -133,24 +133,16 @@ def make_record(
     n = len(robot.joints)
     low, high = np.array(robot.position_limits).T
     start = [0.0, 0.0, 0.0, 1.0] if start is None else start
-    blank = PlanRecord(
-        status="feasible",
-        ok=True,
-        explanation="",
-        problem={"flight": {"duration": duration}},
-        robot=replace(robot_record(robot), resting=()),
+    blank = blank_record(
+        robot,
+        duration,
+        coefficients,
         angular_momentum=read_only(momentum),
         angular_momentum_bounds=None,
         centre=read_only((low + high) / 2),
         amplitude=read_only((high - low) / 2),
-        coefficients=read_only(coefficients),
         orientation={"start": {"quaternion_xyzw": start}},
         com={},
-        objective={"name": "coefficients", "value": 0.0},
-        torque_peak=read_only(np.zeros(n)),
-        velocity_peak=read_only(np.zeros(n)),
-        clearance_min=None,
-        solver={},
         format=FORMAT_IN_SPACE,
     )
     dense = flown(blank, np.linspace(0.0, duration, instants))
