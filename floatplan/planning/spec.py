@@ -57,10 +57,10 @@ class FlightSpec:
                 return PlanarRows(self.problem.robot.tree, (), quantity)
             flight = self.flight
             assert isinstance(flight, PlanarFlight), "the robot flies in its plane"
-            blocks = [constraint.compiled(flight) for constraint in self.constraints]
+            blocks = [constraint.rows for constraint in self.constraints]
             return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
-        return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
+        return SpatialRows(self.flight, [constraint.rows for constraint in self.constraints], quantity)
 
     def raised(self, lower: DecisionVariables, x: Array, degrees: tuple[int, ...]) -> Start:
         """Return the motion x of some variables as a start at higher degrees."""

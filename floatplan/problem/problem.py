@@ -75,6 +75,8 @@ class Problem(Checked):
         Least and largest D_i of (4) over the joint ranges.
     angular_momentum_bounds : (low, high) kg m^2/s, or None in space
         (9): where h lies if orientation and joints all move monotonically; its middle is (10).
+    limit_shares : tuple of Shares
+        What the limits bound, but for the joints' ranges.
     angular_momentum : kg m^2/s, or None where it is free, and in space
         The h that is asked for as a number: (10) in place of the word.
     has_inequalities : whether more is asked than what holds at both ends
@@ -114,6 +116,7 @@ class Problem(Checked):
     inertia_extremes: tuple[Array, Array] = field(init=False)
     angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     angular_momentum: float | None = field(init=False)
+    limit_shares: tuple[Shares, ...] = field(init=False)
     has_inequalities: bool = field(init=False)
     minimises_b: bool = field(init=False)
     is_standard: bool = field(init=False)
@@ -180,14 +183,16 @@ class Problem(Checked):
         refuse(errors)
         self._settle_flight()
         keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
-        is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
-        has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
+        is_limited = self.limits.orientation_rate is not None or bool(np.isfinite(np.concatenate(self.limited)).any())
+        limit_shares = tuple(shares_of_limits(self)) if is_limited else ()
+        has_inequalities = keeps_clear or is_limited
         chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
         minimises_b = self.angular_momentum_bounds is not None and self.motion.objective == "coefficients"
         is_given = self.angular_momentum is not None and not chooses_ends
         is_standard = minimises_b and is_given and len(self.robot.joints) > 0
         vars(self).update(
             landing_height=self.landing.height or 0.0,
+            limit_shares=limit_shares,
             has_inequalities=has_inequalities,
             minimises_b=minimises_b,
             is_standard=is_standard,

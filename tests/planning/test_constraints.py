@@ -7,8 +7,8 @@ case here fails the first test.
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import replace
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -25,17 +25,16 @@ from floatplan.arrays import read_only
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning import constraints as constraints_module
 from floatplan.planning.constraints import (
     QUANTITIES,
-    Clearance,
     Constraint,
-    Limit,
+    RowTable,
     applies,
+    clearance,
     constraints,
-    link_clearance,
-    obstacle_clearance,
 )
+from floatplan.planning.constraints import limit as limit_of
+from floatplan.planning.kernel_input.rows import DistanceRows, SumRows
 from floatplan.planning.variables import decision_variables
 from floatplan.problem.problem import Shares
 
@@ -51,22 +50,23 @@ RATIOS = read_only([[1.0, 0.0, 0.0], [0.0, 0.0, -1.3]])
 OF_JOINTS = np.eye(3)[list(JOINTS)]
 
 
-def limit(key, rows, limits=LIMITS, **also) -> Limit:
+def limit(key, rows, limits=LIMITS, **also) -> Constraint:
     row, names = tables.LIMIT_TABLE[key], tuple(f"{key} {number}" for number in range(len(rows)))
-    return Limit.of(Shares(key, names, limits, row.unit, {row.quantity: rows / limits[:, None]}, also))
+    return limit_of(Shares(key, names, limits, row.unit, {row.quantity: rows / limits[:, None]}, also), None)
 
 
 CONSTRAINTS = {
-    "circle": obstacle_clearance(CIRCLE, "circle", LINKS),
-    "half-plane": obstacle_clearance(GROUND, "ground", LINKS * 2),
-    "bar": obstacle_clearance(BAR, "bar", LINKS, window=BAR.window),
-    "self": link_clearance((0,), (2, 3), ("shank", "arms"), 0.05),
+    "circle": clearance(CIRCLE, CIRCLE.margin, LINKS, "it is there"),
+    "half-plane": clearance(GROUND, GROUND.margin, LINKS * 2, "it is there"),
+    "bar": clearance(BAR, BAR.margin, LINKS, "it is there", BAR.window),
+    "self": clearance(((0,), (2, 3)), 0.05, ("shank", "arms"), "they are there"),
     "torque": limit("torque", GROUPS),
     "velocity": limit("velocity", OF_JOINTS),
     "acceleration": limit("acceleration", OF_JOINTS),
     "motor": limit("torque", OF_JOINTS, velocities=(SLOPE / LIMITS)[:, None] * RATIOS),
     "orientation rate": limit("orientation_rate", np.eye(1), read_only([4.0])),
 }
+ROWS = [block.rows for block in CONSTRAINTS.values()]
 OBJECTIVES = {
     "coefficients": CoefficientNorm(8),
     "acceleration": IntegralOfSquares("accelerations", 300.0),
@@ -76,15 +76,14 @@ INSTANTS = np.array([0.0, 0.123, 0.5, 0.77, 1.0])  # besides the nodes; both end
 
 
 def test_every_row_of_the_tables_has_a_case():
-    limited = {name for block in CONSTRAINTS.values() if isinstance(block, Limit) for name in block.weights}
+    limited = {name for rows in ROWS if isinstance(rows, SumRows) for name in rows.weights}
     assert {row.quantity for row in tables.LIMIT_TABLE.values()} <= limited <= set(QUANTITIES)
     assert set(OBJECTIVES) == set(tables.OBJECTIVES) == set(tables.OBJECTIVE_TABLE) - {"clip"}
 
 
 def test_every_kind_of_constraint_has_a_case():
-    classes = filter(inspect.isclass, vars(constraints_module).values())
-    made = {each for each in classes if issubclass(each, Constraint)}
-    assert made - {Constraint} == {type(block) for block in CONSTRAINTS.values()}
+    kinds = get_args(get_type_hints(Constraint)["rows"])
+    assert set(kinds) == {type(rows) for rows in ROWS}
 
 
 @pytest.fixture(scope="module")
@@ -216,7 +215,7 @@ class TestConstraints:
         assert applies(CONSTRAINTS["bar"], s).tolist() == [False, True, True, True, False]
         for name in CONSTRAINTS.keys() - {"bar"}:
             assert applies(CONSTRAINTS[name], s).all()
-        assert constraints_module.RowTable.of(tuple(CONSTRAINTS.values())).window_ends == (0.2, 0.8)
+        assert RowTable.of(tuple(CONSTRAINTS.values())).window_ends == (0.2, 0.8)
 
     def test_of_a_problem_are_all_that_it_asks_for(self, problem):
         limits = fp.Limits(velocity={"q2": 9.0}, torque=40.0, motor={"q1": fp.Motor(50.0, 2.0)}, orientation_rate=5.0)
@@ -230,8 +229,7 @@ class TestConstraints:
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
         made = constraints(asked, flight_of(asked))
-        kinds = [Clearance] * 3 + [Limit] * 4
-        assert [type(block) for block in made] == kinds
+        assert [type(block.rows) for block in made] == [DistanceRows] * 3 + [SumRows] * 4
         assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
         assert constraints(problem, flight_of(problem)) == ()
         named = {label for block in made for label in block.labels}
