@@ -469,8 +469,8 @@ def gradient(variables: DecisionVariables, by_z: Array, by_momentum: Array | Non
     by_x = (
         flat if flat.shape[1] == len(variables.offset) else flat[:, variables.polynomials.free_indices]
     ) @ variables.scaling
-    if variables.momentum.free:
-        free = variables.momentum.free
+    if variables.momentum.axes.size:
+        free = variables.momentum.axes.shape[1]
         chosen = np.zeros((len(flat), free)) if by_momentum is None else by_momentum @ variables.momentum.axes
         by_x = np.concatenate((by_x, chosen.reshape(-1, free)), axis=1)
     return by_x.reshape(*shape, variables.size)

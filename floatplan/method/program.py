@@ -46,7 +46,7 @@ class Program:
         self.motions = Motions(problem, degrees, branch)
         self.dynamics = Dynamics(problem.robot)
         self.flight = planar_flight(problem)  # the path of the CM (2), (3), (6), the momenta (7) to (10)
-        self.size = self.motions.size + self.flight.momentum_set.free
+        self.size = self.motions.size + self.flight.momentum_set.axes.shape[1]
         self.limits = [(name, used) for shares in problem.limit_shares for name, used in shares.used.items()]
 
     def angular_momentum(self, x: Array) -> Array:
@@ -97,7 +97,7 @@ class Program:
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
             b, b_by_z = self.motions.b(x[: self.motions.size])
-            return b, np.pad(b_by_z, ((0, 0), (0, self.flight.momentum_set.free)))
+            return b, np.pad(b_by_z, ((0, 0), (0, self.flight.momentum_set.axes.shape[1])))
         weights = np.sqrt(2 * self.problem.flight.duration * QUADRATURE.weights)
         at_nodes = [self.dynamics.quantities(state)[quantity] for state in u]
         residuals = [weight * values for weight, (values, _) in zip(weights, at_nodes, strict=True)]

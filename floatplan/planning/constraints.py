@@ -17,7 +17,7 @@ from floatplan.motion.dynamics import FlightDynamics
 from floatplan.planning.kernel_input.rows import DistanceRows, SumRows
 from floatplan.planning.variables import AtEnds
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.problem import Problem, Shares
+from floatplan.problem.problem import Shares
 from floatplan.tables import CLEARANCE, RELATIVE
 
 FIRST_LOOK = 129  # [-] instants of the first look between the nodes
@@ -128,26 +128,6 @@ def limit(shares: Shares, flight: FlightDynamics) -> Constraint:
         cause="it follows from the {end}'s rates and accelerations",
         depends_at_ends_on=frozenset(depends_on),
     )
-
-
-def constraints(problem: Problem, flight: FlightDynamics) -> tuple[Constraint, ...]:
-    """All constraints of a problem that do not hold by construction."""
-    duration = problem.flight.duration
-    obstacles = [(f"obstacle {index} ({obstacle.kind})", obstacle) for index, obstacle in enumerate(problem.obstacles)]
-    if problem.ground:
-        obstacles.append(("the ground", problem.ground_plane))
-    blocks: list[Constraint] = []
-    for name, obstacle in obstacles:
-        low, high = obstacle.window or (0.0, duration)
-        window = max(low / duration, 0.0), min(high / duration, 1.0)  # as far as the flight lasts
-        labels = [f"clearance of {link} to {name}" for link in flight.links_measured(obstacle)]
-        blocks.append(clearance(obstacle, obstacle.margin, labels, "the obstacle covers the {end} posture", window))
-    for pair in problem.self_clearances:
-        first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
-        labels = [f"clearance of {pair.links[0]} to {pair.links[1]}"] * (len(first) * len(second))
-        blocks.append(clearance((first, second), pair.margin, labels, "it follows from the {end}'s positions"))
-    blocks += [limit(shares, flight) for shares in problem.limit_shares]
-    return tuple(blocks)
 
 
 def applies(block: Constraint, s: Array) -> BoolArray:

@@ -19,6 +19,7 @@ from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
+from floatplan.problem.attitude import Reorientation
 from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, LevelGround
@@ -71,6 +72,8 @@ class Problem(Checked):
     landing_height : m, of the landing frame at t = T
     path : Ballistics
         Of the centre of mass.
+    reorientation : Reorientation, or None in a plane
+        From which attitude to which the base turns.
     inertia_extremes : two arrays (n+1,) kg m^2; (0,) in space
         Least and largest D_i of (4) over the joint ranges.
     angular_momentum_bounds : (low, high) kg m^2/s, or None in space
@@ -113,6 +116,7 @@ class Problem(Checked):
     landing: parts.Landing = field(init=False)
     landing_height: float = field(init=False)
     path: Ballistics = field(init=False)
+    reorientation: Reorientation | None = field(init=False)
     inertia_extremes: tuple[Array, Array] = field(init=False)
     angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     angular_momentum: float | None = field(init=False)
@@ -202,9 +206,12 @@ class Problem(Checked):
         )
 
     def _settle_flight(self) -> None:
-        """What is known of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
+        """What is known of every motion that meets the problem.
+
+        That is the path of the centre of mass, in a plane (9), and in space how the base turns.
+        """
         extremes = np.empty(0), np.empty(0)
-        momenta = momentum = None
+        momenta = momentum = reorientation = None
         if self.robot.in_plane:
             extremes = inertia_extremes(self.robot.tree, self.position_limits)
             turn = self.final.orientation - self.initial.orientation
@@ -214,9 +221,15 @@ class Problem(Checked):
             asked = self.flight.momentum_in_plane
             if asked != "free":
                 momentum = sum(momenta) / 2 if isinstance(asked, str) else float(asked)
+        if self.initial.attitude and self.final.attitude:
+            reorientation = Reorientation(self.initial.attitude, self.final.attitude)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
         vars(self).update(
-            path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum
+            path=path,
+            reorientation=reorientation,
+            inertia_extremes=extremes,
+            angular_momentum_bounds=momenta,
+            angular_momentum=momentum,
         )
 
     def _planar_errors(self) -> Iterator[InputError]:

@@ -31,10 +31,10 @@ from floatplan.planning.constraints import (
     RowTable,
     applies,
     clearance,
-    constraints,
 )
 from floatplan.planning.constraints import limit as limit_of
 from floatplan.planning.kernel_input.rows import DistanceRows, SumRows
+from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import decision_variables
 from floatplan.problem.problem import Shares
 
@@ -102,7 +102,7 @@ def flight(problem):
     branches = np.array([[0, 0, 0], [0, 1, -1]])
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
-    assert variables.momentum.free == 1
+    assert variables.momentum.axes.shape[1] == 1
     sampling = sample_also(sample_nodes(gauss_grid(24), polynomials.form), INSTANTS)
     return general_flight(problem), variables, sampling
 
@@ -228,10 +228,10 @@ class TestConstraints:
             obstacles=(CIRCLE, GROUND),
             self_clearances=(fp.SelfClearance(("shank", "arms"), 0.05),),
         )
-        made = constraints(asked, flight_of(asked))
+        made = FlightSpec(asked).constraints
         assert [type(block.rows) for block in made] == [DistanceRows] * 3 + [SumRows] * 4
         assert [len(block.labels) for block in made] == [4, 8, 1, 6, 2, 4, 2]
-        assert constraints(problem, flight_of(problem)) == ()
+        assert FlightSpec(problem).constraints == ()
         named = {label for block in made for label in block.labels}
         assert {"clearance of trunk to obstacle 0 (circle)", "torque of q3", "velocity of q2"} <= named
 
