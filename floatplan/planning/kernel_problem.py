@@ -273,7 +273,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
         coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
     # In space the attitudes at both ends and the angular momentum are the body's.
     orientation = change = middle = 0.0
-    axis = np.zeros(momentum.free)
+    axis = np.zeros(momentum.axes.shape[1])
     if problem.robot.in_plane:
         orientation = problem.initial.orientation
         change = problem.final.orientation - orientation
@@ -282,7 +282,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
     return Struct(
         "Motions",
         size=variables.size,
-        axes=momentum.free,
+        axes=momentum.axes.shape[1],
         columns=series.shape[2],
         given=len(given),
         terms=series.shape[1],

@@ -124,7 +124,7 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
 def _searched(search: Search, near: Plan | None, began: float) -> SearchResult:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     spec, budget = search.spec, search.options.budget
-    if spec.problem.ground and not spec.momentum.free:
+    if spec.problem.ground and not spec.momentum.axes.size:
         refuse(spec.flight.motion_into_ground(spec.momentum.centre))
     if near and spec.problem.has_inequalities:
         start = _start_near(near, spec)
@@ -200,5 +200,5 @@ def searched_plan(result: SearchResult) -> SearchedPlan:
         result=best,
         others=result.holding[1:],
         gave_up=result.ran_out_of_patience,
-        work=result.work,
+        work=sum(attempt.work for attempt in result.results),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -79,10 +79,6 @@ class Attitude(Keyed):
         angles: Array = self._turned.as_euler(axes.upper(), suppress_warnings=True)
         return angles
 
-    def turned_from(self, start: Attitude) -> Array:
-        """By how much (3,) its angles differ from those at the start, rad, whole turns included; 0 of a quaternion."""
-        return np.zeros(3) if self.axes is None else np.array(self.angles) - start.angles_about(self.axes)
-
     def __str__(self) -> str:
         """For a person, in degrees."""
         if self.angles is None:
@@ -92,6 +88,34 @@ class Attitude(Keyed):
             for letter, angle in zip(self.axes or "", self.angles, strict=True)
         )
         return f"angles {degrees}"
+
+
+@dataclass(frozen=True, eq=False)
+class Reorientation:
+    """From which attitude to which a flight in space turns the base.
+
+    Attributes
+    ----------
+    start, goal : Attitude
+        At takeoff, and as requested for landing.
+    start_angles : (3,) rad
+        Of the start, about the goal's axes; zeros where the goal is a quaternion.
+    change : (3,) rad
+        By how much the goal's angles differ from these, whole turns included; zeros where the goal is a quaternion.
+    """
+
+    start: Attitude
+    goal: Attitude
+    start_angles: Array = field(init=False)
+    change: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compare the angles."""
+        start_angles = change = np.zeros(3)
+        if self.goal.axes is not None:
+            start_angles = self.start.angles_about(self.goal.axes)
+            change = np.array(self.goal.angles) - start_angles
+        vars(self).update(start_angles=read_only(start_angles), change=read_only(change))
 
 
 def required(attitude: Attitude | None) -> Attitude:

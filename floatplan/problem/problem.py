@@ -19,6 +19,7 @@ from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
+from floatplan.problem.attitude import Reorientation
 from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, LevelGround
@@ -71,10 +72,14 @@ class Problem(Checked):
     landing_height : m, of the landing frame at t = T
     path : Ballistics
         Of the centre of mass.
+    reorientation : Reorientation, or None in a plane
+        From which attitude to which the base turns.
     inertia_extremes : two arrays (n+1,) kg m^2; (0,) in space
         Least and largest D_i of (4) over the joint ranges.
     angular_momentum_bounds : (low, high) kg m^2/s, or None in space
         (9): where h lies if orientation and joints all move monotonically; its middle is (10).
+    limit_shares : tuple of Shares
+        What the limits bound, but for the joints' ranges.
     angular_momentum : kg m^2/s, or None where it is free, and in space
         The requested h as a number: (10) instead of the word.
     has_inequalities : whether more is requested than the states at both ends
@@ -111,9 +116,11 @@ class Problem(Checked):
     landing: parts.Landing = field(init=False)
     landing_height: float = field(init=False)
     path: Ballistics = field(init=False)
+    reorientation: Reorientation | None = field(init=False)
     inertia_extremes: tuple[Array, Array] = field(init=False)
     angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     angular_momentum: float | None = field(init=False)
+    limit_shares: tuple[Shares, ...] = field(init=False)
     has_inequalities: bool = field(init=False)
     minimises_b: bool = field(init=False)
     is_standard: bool = field(init=False)
@@ -180,14 +187,16 @@ class Problem(Checked):
         refuse(errors)
         self._settle_flight()
         keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
-        is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
-        has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
+        is_limited = self.limits.orientation_rate is not None or bool(np.isfinite(np.concatenate(self.limited)).any())
+        limit_shares = tuple(shares_of_limits(self)) if is_limited else ()
+        has_inequalities = keeps_clear or is_limited
         chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
         minimises_b = self.angular_momentum_bounds is not None and self.motion.objective == "coefficients"
         fixes_momentum = self.angular_momentum is not None and not chooses_ends
         is_standard = minimises_b and fixes_momentum and len(self.robot.joints) > 0
         vars(self).update(
             landing_height=self.landing.height or 0.0,
+            limit_shares=limit_shares,
             has_inequalities=has_inequalities,
             minimises_b=minimises_b,
             is_standard=is_standard,
@@ -197,9 +206,12 @@ class Problem(Checked):
         )
 
     def _settle_flight(self) -> None:
-        """What holds of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
+        """What holds of every motion that meets the problem.
+
+        That is the path of the centre of mass, in a plane (9), and in space how the base turns.
+        """
         extremes = np.empty(0), np.empty(0)
-        momenta = momentum = None
+        momenta = momentum = reorientation = None
         if self.robot.in_plane:
             extremes = inertia_extremes(self.robot.tree, self.position_limits)
             rotation = self.final.orientation - self.initial.orientation
@@ -209,9 +221,15 @@ class Problem(Checked):
             requested = self.flight.momentum_in_plane
             if requested != "free":
                 momentum = sum(momenta) / 2 if isinstance(requested, str) else float(requested)
+        if self.initial.attitude and self.final.attitude:
+            reorientation = Reorientation(self.initial.attitude, self.final.attitude)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
         vars(self).update(
-            path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum
+            path=path,
+            reorientation=reorientation,
+            inertia_extremes=extremes,
+            angular_momentum_bounds=momenta,
+            angular_momentum=momentum,
         )
 
     def _planar_errors(self) -> Iterator[InputError]:

@@ -72,7 +72,7 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     for number, (element, end) in enumerate(ENDS):
         if states[number].frame_rests:
             middle = float(momentum.centre[0])
-            if momentum.free:
+            if momentum.axes.size:
                 curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
             else:
                 given[number] = _rates(problem, element, end, middle)
