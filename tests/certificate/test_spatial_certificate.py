@@ -41,7 +41,7 @@ def finding(certificate, label):
 def enclosed(record):
     path = urdf_path(record.robot.file)
     with np.errstate(all="ignore"):
-        return fly(spatial_robot(read_urdf(path.read_bytes(), path), record.robot), record, 4096)
+        return fly(spatial_robot(read_urdf(path.read_bytes(), path), record.robot), record, (), 4096)
 
 
 def with_goal(record, **goal):

@@ -81,7 +81,7 @@ def enclosed(record, instants, rng):
     momentum = np.array(record.angular_momentum)
     start = np.array(record.orientation["start"]["quaternion_xyzw"])
     with np.errstate(all="ignore"):
-        flight = fly(robot, record, 4096)
+        flight = fly(robot, record, (), 4096)
         cells, motion = flight.cells, flight.motion
         approximation = approximate(motion, cells, momentum, start, flight.quaternions[:, 0])
         approximated = bound._approximated(approximation, cells, momentum)
