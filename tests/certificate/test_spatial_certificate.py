@@ -194,19 +194,6 @@ def test_what_is_too_coarse_is_named(plans):
     assert certificate.attitude_bound == math.inf
 
 
-def test_distances_in_space_stay_undecided(plans):
-    obstacle = {"kind": "sphere", "center": [5.0, 5.0, 5.0], "radius": 0.1}
-    asked = {
-        "obstacles": ({"obstacles": [obstacle]}, "obstacles[0] sphere"),
-        "pair": ({"self_clearance": [{"links": ["l0", "l5"]}]}, "self_clearance l0 l5"),
-        "ground": ({"ground": True}, "ground"),
-    }
-    for more, label in asked.values():
-        certificate = certify_record(replace(plans[2], problem={**plans[2].problem, **more}))
-        assert certificate.verdict == "undecided"
-        assert [each.label for each in certificate.unproved] == [label]
-
-
 def test_a_robot_without_inertia_about_an_axis_is_undecided(tmp_path):
     """Point masses on a line: no angular velocity about it follows from the momentum."""
     path = tmp_path / "line.urdf"

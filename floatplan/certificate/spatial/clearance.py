@@ -102,10 +102,9 @@ class Segments:
     along: Matrices
     radius: Array
 
-    def __getitem__(self, index: Sequence[int]) -> Segments:
+    def __getitem__(self, index: Sequence[int] | slice) -> Segments:
         """Some of them, maybe repeatedly."""
-        chosen = list(index)
-        return Segments(self.start[chosen], self.along[chosen], self.radius[chosen])
+        return Segments(self.start[index], self.along[index], self.radius[index])
 
 
 @dataclass(frozen=True, eq=False)
