@@ -19,7 +19,7 @@ import numpy as np
 
 from floatplan.arguments import optional, whole
 from floatplan.arguments import path as as_path
-from floatplan.arrays import Array, read_only
+from floatplan.arrays import read_only
 from floatplan.certificate.branch_and_bound import Minimum
 from floatplan.certificate.clearance import clearance_findings, unfounded_claims, windows
 from floatplan.certificate.enclosure import Balls
@@ -43,6 +43,7 @@ from floatplan.plans.record import PlanRecord, RobotRecord
 from floatplan.plans.verdicts import Certificate, Finding, worst
 from floatplan.pool import one_thread
 from floatplan.robot.robot import LinkCapsule, Robot
+from floatplan.robot.shapes.solids import link_placement
 from floatplan.robot.urdf.packages import robot_content
 from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
@@ -122,7 +123,8 @@ def capsules_of(robot: Robot) -> list[CapsuleShape]:
     """Capsules around the links of a loaded robot that flies in space, as ``certify`` takes them."""
     shapes: list[CapsuleShape] = []
     for shape in robot.solid_capsules:
-        start, end = _in_link_axes(robot, shape.link, np.stack([shape.start, shape.end])).tolist()
+        _, placement = link_placement(robot.model, shape.link)
+        start, end = (placement.actInv(end).tolist() for end in (shape.start, shape.end))
         shapes.append((shape.link, start, end, shape.radius))
     return shapes
 
@@ -135,21 +137,10 @@ def solids_of(robot: Robot) -> list[SolidShape]:
     """
     shapes: list[SolidShape] = []
     for solid in robot.solids:
-        placement = _link_placement(robot, solid.link)
-        points = _in_link_axes(robot, solid.link, solid.points)
+        _, placement = link_placement(robot.model, solid.link)
+        points = (solid.points - placement.translation) @ placement.rotation
         shapes.append((solid.link, points.tolist(), (placement.rotation.T @ solid.axes).tolist()))
     return shapes
-
-
-def _in_link_axes(robot: Robot, link: str, points: Array) -> Array:
-    """Points (k, 3), m, of the axes of the joint that carries a link, in those of the link."""
-    placement = _link_placement(robot, link)
-    return np.asarray((points - placement.translation) @ placement.rotation)
-
-
-def _link_placement(robot: Robot, link: str) -> Any:
-    """The placement of a link in the axes of the joint that carries it, as Pinocchio's model has it."""
-    return robot.model.frames[robot.model.getFrameId(link)].placement
 
 
 def prove(

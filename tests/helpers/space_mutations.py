@@ -139,7 +139,7 @@ def _with_lowest_foot(record):
     """The same flight, its takeoff frame that foot which is lowest at takeoff."""
     distances = Distances(record, _dense(_Key(record)))
     heights = dict(zip((solid[0] for solid in distances.solids), distances.over_ground(np.zeros(1))[0], strict=True))
-    return _taking_off_with(record, min(heights, key=heights.get))
+    return _taking_off_with(record, min(heights, key=lambda link: heights[link]))
 
 
 def _taking_off_with(record, frame):
