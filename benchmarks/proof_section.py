@@ -66,7 +66,7 @@ def proof_of(plan: fp.Plan) -> Proof:
     record = plan.record
     path = plan.robot.path
     with np.errstate(all="ignore"):
-        enclosed = fly(cached_robot(robot_content(path), path, record.robot), record, BUDGET)
+        enclosed = fly(cached_robot(robot_content(path), path, record.robot), record, (), BUDGET)
     motion = RecordedSpatialMotion(record, reduced_model(plan.robot, float(record.com["gravity"])))
     attitude = motion.attitudes(np.asarray(record.angular_momentum), TIGHTEST)
     return Proof(

@@ -163,24 +163,36 @@ def space(counts: Counts) -> None:
 
 
 def _past_obstacles(counts: Counts) -> None:
-    """Where drawn motions are clear of obstacles and of themselves: how many are planned, and how clear they are."""
+    """Where drawn motions are clear of obstacles and of themselves: how many are planned, proved, and how clear."""
     problems = list(obstructed(counts.in_space))
-    seconds, least, missed = [], [], []
+    seconds, of_proofs, least, missed, unproved = [], [], [], [], []
     for problem in problems:
         began = time.process_time()
         plan = fp.plan(problem)
         seconds.append(time.process_time() - began)
-        if plan.ok:
-            least.append(least_seen(plan, counts.instants))
-        else:
+        if not plan.ok:
             missed.append(problem.name)
+            continue
+        began = time.process_time()
+        certificate = fp.certify(plan)
+        of_proofs.append(time.process_time() - began)
+        least.append(least_seen(plan, counts.instants))
+        if not certificate.proved:
+            labels = ", ".join(finding.label for finding in certificate.unproved)
+            unproved.append(f"{problem.name} ({certificate.verdict}: {labels})")
     found = len(problems) - len(missed)
     worst = min(least, default=np.inf)
     row = ["past obstacles", found, len(problems), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist(), worst]
     head = ["", "found", "of", "s, median", "p90", "at most", f"least distance of {counts.instants} instants, m"]
     table(head, [row])
+    table(
+        ["", "proved", "of", "s, median", "p90", "at most"],
+        [["proofs", found - len(unproved), found, *np.quantile(of_proofs or [np.nan], (0.5, 0.9, 1.0)).tolist()]],
+    )
     if missed:
         print(f"  not found: {', '.join(missed)}")
+    if unproved:
+        print(f"  not proved: {'; '.join(unproved)}")
 
 
 def _within_limits(count: int) -> None:

@@ -142,6 +142,12 @@ class Items:
         c = self.forms.c
         return Balls(c[:: len(c) - 1].swapaxes(0, 1), self.forms.e[:, None])
 
+    def at_end(self, u: float) -> Items:
+        """Items of one instant, the beginning (u = -1) or the end (+1) of each."""
+        end = self.forms.c[[0 if u < 0.0 else -1]]
+        forms = Taylor(np.repeat(end, self.forms.order, axis=0), self.forms.e)
+        return Items(forms, self.cell, self.member, np.full_like(self.start, u), 0.0)
+
     def split(self, keep: IntArray, halvings: int) -> Items:
         """Equal parts of the items to keep."""
         parts = 2**halvings
@@ -153,6 +159,12 @@ class Items:
             np.add.outer(width * np.arange(parts), self.start[keep]).ravel(),
             width,
         )
+
+
+def may_be_least(low: Array, high: Array, cells: IntArray) -> tuple[IntArray, IntArray]:
+    """Cells and members, among (cells, members), that the smallest value of all may belong to; unknowns included."""
+    row, member = np.nonzero(~(low > np.fmin.reduce(high, axis=None, initial=np.inf)))
+    return cells[row], member
 
 
 @dataclass(frozen=True, eq=False)

@@ -127,7 +127,17 @@ def angle(one, other):
 
 
 def make_record(
-    robot: Robot, coefficients, duration, momentum, frames, *, axes=None, slack=1.05, instants=1001, start=None
+    robot: Robot,
+    coefficients,
+    duration,
+    momentum,
+    frames,
+    *,
+    axes=None,
+    slack=1.05,
+    instants=1001,
+    start=None,
+    velocity=(0.3, -0.2, 2.0),
 ) -> PlanRecord:
     """A plan that is true: limits are ``slack`` times the peaks; with ``axes`` the goal is given as angles."""
     n = len(robot.joints)
@@ -157,7 +167,7 @@ def make_record(
     takeoff, landing = frames
     body = free_robot(urdf_path(blank.robot.file), blank.robot.joints)
     position = -body.frame(takeoff, dense.attitudes[0], np.zeros(3), dense.positions[0])
-    velocity = np.array([0.3, -0.2, 2.0])
+    velocity = np.array(velocity)
     com_end = position + velocity * duration - np.array([0.0, 0.0, 9.81 / 2 * duration**2])
     height = body.frame(landing, dense.attitudes[-1], com_end, dense.positions[-1])[2]
     torque, speed = np.abs(dense.torques).max(0), np.abs(dense.velocities).max(0)

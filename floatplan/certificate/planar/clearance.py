@@ -18,7 +18,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.branch_and_bound import Items, bernstein, lower, upper
+from floatplan.certificate.branch_and_bound import Items, bernstein, lower, may_be_least, upper
 from floatplan.certificate.cells import ORDER, ComplexBalls, Vectors, join_vectors
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
 from floatplan.certificate.planar.flight import FlightEnclosure
@@ -198,7 +198,7 @@ class PointSegments:
         reach = np.hypot(x, y) + length
         radius = ROUGH * (1.0 + reach) + point_radius + start_radius + 4.0 * reach * rotation_radius + self.length.rad
         change = point_spread + start_spread + length * rotation_spread
-        return _may_be_least(distance - radius - change, distance + radius, cells)
+        return may_be_least(distance - radius - change, distance + radius, cells)
 
     def below(self, forms: Taylor, pair: IntArray) -> Array:
         """Lower bound on the distance between the surfaces over the items."""
@@ -284,7 +284,7 @@ class PlanePoints:
         uncertainty = ROUGH * (1.0 + reach + np.abs(offset.c[0])) + 2.0 * point_radius + 2.0 * reach * rotation_radius
         spread = np.abs(offset.c[1:]).sum(axis=0)
         change = spread + 2.0 * point_spread * (1.0 + rotation_spread) + reach * rotation_spread
-        return _may_be_least(height - uncertainty - offset.e - change, height + uncertainty + offset.e, cells)
+        return may_be_least(height - uncertainty - offset.e - change, height + uncertainty + offset.e, cells)
 
     def least_at_start(self) -> float:
         """The smallest height at the beginning, to within rounding."""
@@ -308,9 +308,3 @@ def _in_middle(vectors: Vectors, cells: IntArray) -> tuple[Array, Array, Array, 
     y = vectors.y[cells]
     radius = x.e + y.e
     return x.c[0], y.c[0], radius, np.abs(x.c[1:]).sum(axis=0) + np.abs(y.c[1:]).sum(axis=0) + radius
-
-
-def _may_be_least(low: Array, high: Array, cells: IntArray) -> tuple[IntArray, IntArray]:
-    """Cells and members, among (cells, members), that the smallest value of all may belong to; unknowns included."""
-    row, member = np.nonzero(~(low > np.fmin.reduce(high, axis=None, initial=np.inf)))
-    return cells[row], member

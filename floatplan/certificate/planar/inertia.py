@@ -27,7 +27,7 @@ from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.robots import cached
 from floatplan.certificate.robots.taken import as_recorded
-from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, check_roles, is_geared, joint_ratios
+from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, carriers, check_roles, is_geared, joint_ratios
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 
@@ -194,7 +194,7 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             rotors=_matrix(rotors) if any(rotor != 0 for rotor in chain.from_iterable(rotors)) else None,
             weights=weights,
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
-            carriers=_carriers(urdf),
+            carriers=carriers(urdf),
             segments=_segments(urdf, points, placed, lambda body, point: in_plane(point) - bodies[body].origin),
             with_collision=frozenset(name for name, link in urdf.links.items() if link.has_collision),
         )
@@ -264,14 +264,6 @@ def _segments(
             ends = [start]
         segments[name] = tuple((start, end) for end in ends)
     return segments
-
-
-def _carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
-    carriers: dict[str, tuple[str, ...]] = {urdf.root: (urdf.root,)}
-    for joint in urdf.joints:
-        further = carriers[joint.parent] if joint.kind == "fixed" else ()
-        carriers[joint.child] = (joint.child, *further)
-    return {joint.name: carriers[joint.child] for joint in urdf.joints} | carriers
 
 
 def _matrix(rows: Sequence[Sequence[Any]]) -> Balls:

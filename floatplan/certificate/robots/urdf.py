@@ -295,3 +295,12 @@ def joint_ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[
         by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
         ratios[name] = by_joints, [by_motor if name_of == motor else 0.0 for name_of in motors]
     return ratios
+
+
+def carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
+    """Of each link and each joint's child the links on which it stands: itself, then those that it is fixed to."""
+    standing: dict[str, tuple[str, ...]] = {urdf.root: (urdf.root,)}
+    for joint in urdf.joints:
+        further = standing[joint.parent] if joint.kind == "fixed" else ()
+        standing[joint.child] = (joint.child, *further)
+    return {joint.name: standing[joint.child] for joint in urdf.joints} | standing

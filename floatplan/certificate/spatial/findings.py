@@ -203,22 +203,6 @@ def flight_findings(
     return findings
 
 
-def clearance_findings(record: PlanRecord) -> list[Finding]:
-    """Distances in space: none is proved yet, and so whatever is asked stays undecided."""
-    problem = record.problem
-    found = [
-        Finding("obstacle", (index, str(obstacle["kind"])), "undecided", None)
-        for index, obstacle in enumerate(problem.get("obstacles") or [])
-    ]
-    pairs = problem.get("self_clearance") or []
-    found += [Finding("self_clearance", tuple(pair["links"]), "undecided", None) for pair in pairs]
-    if problem.get("ground"):
-        found.append(Finding("ground", (), "undecided", None))
-    if not found and record.clearance_min is not None:
-        found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
-    return found
-
-
 def _vector(value: Any, count: int) -> list[float]:
     """Numbers as a problem gives them: a list, or 0 for all."""
     return [float(part) for part in value] if isinstance(value, list | tuple) else [float(value)] * count

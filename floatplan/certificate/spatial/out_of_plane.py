@@ -49,7 +49,7 @@ def out_of_plane_findings(
         angular_momentum=record.angular_momentum * normal,
         orientation={"start": {"quaternion_xyzw": [0.0, 0.0, 0.0, 1.0]}},
     )
-    flight = fly(robot, spatial, budget)
+    flight = fly(robot, spatial, (), budget)
     axis = int(np.argmax(np.abs(normal)))
     steepest = _steepest(flight, axis)
     with flint.ctx.workprec(PRECISION):
