@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -163,11 +163,10 @@ class PlannedMotion(flight.MotionInFile):
         if not chosen:
             return np.full(len(instants), np.inf)
         segments = self.whole.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
-        return reduce(
-            np.minimum,
-            (least_distances(segments, obstacle, instants) for obstacle in chosen),
-            np.full(len(instants), np.inf),
-        )
+        least = np.full(len(instants), np.inf)
+        for obstacle in chosen:
+            least = np.minimum(least, least_distances(segments, obstacle, instants))
+        return least
 
     @cached_property
     def _resolved(self) -> FlightState:
@@ -191,7 +190,9 @@ class PlannedMotion(flight.MotionInFile):
         torque, motor_torque, *peaks = np.split(largest, splits)
         _, motor_instant, *instants = np.split(where * self.duration, splits)
         lowest, _, highest, _ = quadrature.extremes(state.positions)
-        ends = [time for obstacle in self.problem.obstacles for time in obstacle.window or ()]
+        ends: list[float] = []
+        for obstacle in self.problem.obstacles:
+            ends += obstacle.window or ()
         clearance = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
         return Peaks(
             joints={row.key: read_only(peak) for row, peak in zip(JOINT_LIMITS, peaks, strict=True)},

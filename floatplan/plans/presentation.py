@@ -103,13 +103,16 @@ def _cut(listed: str) -> str:
 def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list[str]]]:
     """Return titles and cells of how much of its limits each motor uses; the last cell is an instant, s."""
     limits = limits_shown(rows)
-    titles = ["joint", *(title for limit in limits for title in (limit.unit, "limit", "%"))]
+    titles = ["joint"]
+    for limit in limits:
+        titles += [limit.unit, "limit", "%"]
     cells = []
     for use in rows:
         of_limits: list[str] = []
         for limit in limits:
-            peak, most, share = (getattr(use, f"{limit.key}_{name}") for name in ("peak", "limit", "utilisation"))
-            of_limits += [short(peak), short(most), percent(share)]
+            peak = short(getattr(use, f"{limit.key}_peak"))
+            most = short(getattr(use, f"{limit.key}_limit"))
+            of_limits += [peak, most, percent(getattr(use, f"{limit.key}_utilisation"))]
         moved = f"{math.degrees(use.position_low):z.0f} to {math.degrees(use.position_high):z.0f}"
         cells.append([use.joint, *of_limits, moved, percent(use.range_used), f"{use.instant:.3f}"])
     return [*titles, "range, deg", "% of it", "at, s"], cells

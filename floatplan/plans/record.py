@@ -450,13 +450,12 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
     own = OF_FORMAT[format_]
     numbers = many(number, "numbers", n)
     limits = many(optional(number), "numbers", n)
-    postures = {
-        end: KeyedTable(
+    postures = {}
+    for end, event in FLIGHT_EVENTS.items():
+        postures[end] = KeyedTable(
             {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(event), "accelerations_asked": one_of("free")},
         )
-        for end, event in FLIGHT_EVENTS.items()
-    }
     flight: dict[str, Check] = {
         "duration": positive(),
         "angular_momentum": own["angular_momentum"],

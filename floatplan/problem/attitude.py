@@ -86,12 +86,13 @@ class Attitude(Keyed):
     def __str__(self) -> str:
         """For a person, in degrees."""
         if self.angles is None:
-            return f"quaternion ({', '.join(f'{component:.4g}' for component in self.quaternion + 0.0)}) xyzw"
-        degrees = ", ".join(
-            f"{letter} {math.degrees(angle) + 0.0:.5g}°"
-            for letter, angle in zip(self.axes or "", self.angles, strict=True)
-        )
-        return f"angles {degrees}"
+            components = [f"{component:.4g}" for component in self.quaternion + 0.0]
+            return f"quaternion ({', '.join(components)}) xyzw"
+        angles = []
+        for letter, angle in zip(self.axes or "", self.angles, strict=True):
+            degrees = math.degrees(angle) + 0.0
+            angles.append(f"{letter} {degrees:.5g}°")
+        return f"angles {', '.join(angles)}"
 
 
 def required(attitude: Attitude | None) -> Attitude:

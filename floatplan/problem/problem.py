@@ -167,9 +167,9 @@ class Problem(Checked):
             )
             if self.obstacles or self.self_clearances or self.ground:
                 further += faults((self.robot.check_shapes,))
-            errors += [
-                error for error in further if not any(str(field).startswith(error.element or "?") for field in fields)
-            ]
+            for error in further:
+                if not any(str(field).startswith(error.element or "?") for field in fields):
+                    errors.append(error)
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
@@ -342,12 +342,12 @@ class Problem(Checked):
             (self.takeoff_frame, self.takeoff.position[1], self.initial),
             (self.landing_frame, self.landing_height, self.final),
         )
-        rises = [(height - resolution.frame_height(robot, frame, state) - line, state) for frame, height, state in ends]
-        low = [
-            link
-            for link in robot.limb_ends
-            if min(rise + resolution.lowest_point(robot, link, state) for rise, state in rises) < resolution.TOUCHING
-        ]
+        low: list[str] = []
+        for link in robot.limb_ends:
+            for frame, height, state in ends:
+                above_frame = resolution.lowest_point(robot, link, state) - resolution.frame_height(robot, frame, state)
+                if height + above_frame - line < resolution.TOUCHING and link not in low:
+                    low.append(link)
         return robot.hulls((self.takeoff.frame, self.landing.frame), low)
 
     def settled(self, velocities: Array, accelerations: Array) -> Problem:

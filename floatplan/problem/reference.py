@@ -60,8 +60,12 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
             f"has no column {missing[0]!r}", source=path, advice="give the table of a motion of this robot"
         )
     columns = [names.index(name) for name in required]
+    rows = []
     try:
-        values = np.array([[float(line[column]) for column in columns] for line in lines[1:] if line])
+        for line in filter(None, lines[1:]):
+            cells = [float(line[column]) for column in columns]
+            rows.append(cells)
+        values = np.array(rows)
     except (ValueError, IndexError):
         raise InputError("has rows that are not numbers", source=path) from None
     times = values[:, 0] if values.size else np.empty(0)

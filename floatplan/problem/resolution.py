@@ -379,7 +379,8 @@ def surroundings_errors(
     for index, obstacle in enumerate(obstacles):
         if not isinstance(obstacle, tuple(kinds.values())):
             other = "in space" if in_plane else "in a plane"
-            advice = f"give a {either(kind.__name__ for kind in kinds.values())}"
+            names = [kind.__name__ for kind in kinds.values()]
+            advice = f"give a {either(names)}"
             yield InputError(
                 f"a {type(obstacle).__name__} is for flights {other}", element=f"obstacles[{index}]", advice=advice
             )
@@ -399,13 +400,12 @@ def surroundings_errors(
             yield InputError(reason, element=f"obstacles[{index}].window")
     shaped_links = {shape.link for shape in robot.capsules} if pairs else set()
     for index, pair in enumerate(pairs):
-        for link in (link for link in pair.links if link not in shaped_links):
-            element, advice = f"self_clearance[{index}].links", f"links: {sorted(shaped_links)}"
-            yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
-        thickness = sum(
-            max((capsule.radius for capsule in robot.capsules if capsule.link == link), default=0)
-            for link in pair.links
-        )
+        thickness = 0.0
+        for link in pair.links:
+            if link not in shaped_links:
+                element, advice = f"self_clearance[{index}].links", f"links: {sorted(shaped_links)}"
+                yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
+            thickness += max((capsule.radius for capsule in robot.capsules if capsule.link == link), default=0.0)
         if not in_plane and thickness + pair.margin == 0 and shaped_links.issuperset(pair.links):
             reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
             advice = "give a margin, or <collision> geometry"
@@ -431,7 +431,9 @@ def lowest_point(robot: Robot, link: str, state: JointState) -> float:
     if standing is None:
         return frame_height(robot, robot.frames[link], state)
     shapes = robot.link_hulls[standing]
-    points = [(shape.body, point, shape.radius) for shape in shapes for point in (shape.start, shape.end)]
+    points = []
+    for shape in shapes:
+        points += [(shape.body, shape.start, shape.radius), (shape.body, shape.end, shape.radius)]
     bodies, places, radii = zip(*points, strict=True)
     return float((_heights(robot, bodies, places, state) - radii).min())
 
