@@ -29,9 +29,7 @@ SHAPES: Mapping[Any, Any] = {Mapping: Mapping, Sequence: (list, tuple), Literal:
 NAMES = {str: "a text", (list, tuple): "a list"}
 ORIGINS: Mapping[Any, Any] = {dict: Mapping, list: Sequence}  # of types, by those of values in files
 STEPS: Mapping[Any, str] = {Mapping: ".*", Sequence: "[]"}  # to what is inside, by the origin of a type
-MOST_HOMES = 3  # [-] places that are named where a key belongs
 JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean"}
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 Table = TypeVar("Table", bound="Keyed")
 
@@ -238,7 +236,7 @@ class Reader:
         """Advice on an unknown key: where it belongs in the file, which key may be meant, or which there are."""
         close = difflib.get_close_matches(key, names, n=1)
         homes = [] if self.whole is None else homes_of(key, self.whole)
-        belongs = f"{key} belongs {' or '.join(homes[:MOST_HOMES])}"
+        belongs = f"{key} belongs {' or '.join(homes[:3])}"
         if close:
             meant = f"did you mean {close[0]!r}?"
             return f"{meant} {belongs}" if homes else meant
@@ -367,7 +365,12 @@ def json_schema(kind: type[Keyed], title: str, about: str) -> dict[str, Any]:
     """Return the JSON Schema of files that hold such a table; angles have no range, since a file chooses their unit."""
     inner = reversed(tables(kind).values())  # where one occurs twice, the first says what it is
     definitions = {f"{table.__name__}Table": _table(table, meaning) for table, meaning in inner}
-    return {"$schema": DIALECT, "$defs": definitions, **_table(kind, about), "title": title}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$defs": definitions,
+        **_table(kind, about),
+        "title": title,
+    }
 
 
 def _table(kind: type[Keyed], about: str) -> dict[str, Any]:

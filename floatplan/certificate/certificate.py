@@ -45,8 +45,6 @@ from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time
-OTHER_SHAPES = "the shapes are of the URDF that MuJoCo makes of the MJCF here, and robot.resolved is another"
-MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
 
@@ -75,7 +73,7 @@ def certify(
         The plan, its URDF or a collision mesh is missing, damaged, or they do not match.
     """
     urdf = optional(as_path)(urdf, "urdf")
-    budget = MOST_CELLS(budget, "budget")
+    budget = whole(Range(0, 2**63 - 1, ""))(budget, "budget")
     record, file, robot = recorded(plan)
     with naming(file):
         path = urdf_path(find_robot(record.robot, file) if urdf is None else urdf, record.robot.kind)
@@ -86,7 +84,10 @@ def certify(
             robot = robot or recorded_robot(record.robot, file, path)
             check_meshes(robot, record.robot, file)
             if record.robot.resolved is not None and robot.xml != record.robot.resolved["urdf"]:
-                return _undecided(record.robot, OTHER_SHAPES)
+                return _undecided(
+                    record.robot,
+                    "the shapes are of the URDF that MuJoCo makes of the MJCF here, and robot.resolved is another",
+                )
             unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
             if "<collision" in robot.xml:
                 flight = record.problem["flight"]

@@ -32,7 +32,6 @@ PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
 
-AS_TYPED: Mapping[Any, type] = {str: str, str | None: str, Path: Path, Path | None: Path}
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -104,11 +103,8 @@ class KeyOption(NamedTuple):
 
 
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
-START_HELP = "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."
-BALANCE_HELP = "Give inertias that no body can have equal moments, as MuJoCo's balanceinertia does."
-COUPLED_HELP = "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."
 OPTIONS = {
-    "start": KeyOption("O,Q1,..", START_HELP, "start"),
+    "start": KeyOption("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start"),
     "goal": KeyOption("O,Q1,..", "The same at landing.", "goal"),
     "duration": KeyOption("S", "Time of flight, s.", "flight.duration", float),
     "start_velocities": KeyOption("V1,..", "Of the joints at takeoff.", "start.velocities"),
@@ -124,10 +120,17 @@ OPTIONS = {
 }
 ROBOT_OPTIONS = {
     "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
-    "coupled": KeyOption("F=L,..", COUPLED_HELP, "robot.coupled"),
+    "coupled": KeyOption(
+        "F=L,..", "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right.", "robot.coupled"
+    ),
     "locked": KeyOption("J=A,..", "Joints that stay at an angle.", "robot.locked"),
     "reference": KeyOption("NAME", "Posture of the SRDF file next to the URDF, for other joints.", "robot.reference"),
-    "balance_inertias": KeyOption("", BALANCE_HELP, "robot.balance_inertias", bool),
+    "balance_inertias": KeyOption(
+        "",
+        "Give inertias that no body can have equal moments, as MuJoCo's balanceinertia does.",
+        "robot.balance_inertias",
+        bool,
+    ),
 }
 Options = Annotated[Mapping[str, Any], OPTIONS]  # the options of the command line, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
@@ -212,7 +215,9 @@ class AsTyped:
         """Read the words of the command line."""
         hints = getattr(self.callback, "__annotations__", {})
         for parameter in self.get_params(ctx):
-            kind = AS_TYPED.get(getattr(hints.get(parameter.name), "__origin__", None))
+            kind = {str: str, str | None: str, Path: Path, Path | None: Path}.get(
+                getattr(hints.get(parameter.name), "__origin__", None)
+            )
             vars(parameter).setdefault(
                 "process_value", functools.partial(_value, parameter, kind, parameter.process_value)
             )

@@ -19,8 +19,17 @@ TRAJECTORY = "trajectory.csv"
 PROBLEM = "problem.toml"
 FIGURES = "figures"
 SCHEMA_FILE = "floatplan.schema.json"  # next to problem files, where floatplan schema wrote it
-OF_JUMPS = ("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height")
-FIGURE_NAMES = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance", *OF_JUMPS)
+FIGURE_NAMES = (
+    "snapshots",
+    "kinogram",
+    "comparison",
+    "configuration",
+    "momentum",
+    "inertia",
+    "clearance",
+    # of jumps
+    *("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height"),
+)
 REPORT = "report.html"
 SCENE = "scene.html"
 FILM = "flight"

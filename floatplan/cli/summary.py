@@ -19,13 +19,11 @@ from floatplan.errors import escaped
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Tone
 
-AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
 NONE = "not given"  # of a range
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 LONGEST_EXPLANATION = 800  # [-] characters
-TRACKING = 30.0  # [rad] bandwidth times duration of a feedback that tracks the paths of the joints
 REACHABLE_TITLES = {
     "angular_momentum": "h, kg m^2/s",
     "horizontal_velocity": "horizontal, m/s",
@@ -195,7 +193,8 @@ def replay_summary(replay: fp.Replay) -> RenderableType:
     titles = {"times": "after, s", "orientation": "orientation, rad", "joints": "joints, rad", "com": "CM, m"}
     errors = zip(*(map(short, getattr(replay.growth, name)) for name in titles), strict=True)
     unstable = not replay.landed and not replay.disturbed and replay.feedback is None
-    tracked = short(TRACKING / float(replay.growth.times[-1]))
+    # 30 rad, bandwidth times duration, let a feedback track the paths of the joints
+    tracked = short(30.0 / float(replay.growth.times[-1]))
     advice = f"with --feedback {tracked} an unstable motion lands all the same, a wrong plan does not"
     return Group(
         Text(f"{landed} in {replay.seconds:.3g} s", f"bold {COLOURS[tone]}"),
@@ -282,10 +281,6 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     )
 
 
-CLIP_COLUMNS = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "rate", "slide, mm")
-CLIP_COLOURS = {"physical": "green", "unphysical": "red", "undecided": "yellow", "afloat": "yellow"}
-
-
 def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableType:
     """Return what ``floatplan clip check`` reports of one clip, for reading: a line for each flight, and the page."""
     clip = check.clip
@@ -299,14 +294,16 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
         fall = (
             f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
         )
-        verdict = Text(judged.verdict, CLIP_COLOURS[judged.verdict])
+        colour = {"physical": "green", "unphysical": "red"}.get(judged.verdict, "yellow")
+        verdict = Text(judged.verdict, colour)
         rows.append((when, verdict, fall, rotation, *shares, f"{1e3 * judged.sliding:.0f}"))
         faults += [Text(f"{when}: {fault}", "red") for fault in judged.faults[:MOST_WARNINGS_SHOWN]]
+    titles = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "rate", "slide, mm")
     words = f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {_counted(len(check.flights), 'flight')}"
     return Group(
         Text(escaped(words), f"bold {COLOURS['good' if check.ok else 'bad']}"),
         *(Text(remark, "dim") for remark in clip.remarks),
-        *([_table(CLIP_COLUMNS, rows)] if rows else []),
+        *([_table(titles, rows)] if rows else []),
         *faults[:MOST_FINDINGS_SHOWN],
         *_more(len(faults) - MOST_FINDINGS_SHOWN, " faults"),
         *([] if page is None else [Text(escaped(str(page)))]),
@@ -412,7 +409,7 @@ def flights_summary(
     if closed_loop is not None:
         parts += [Text(summary(closed_loop), "bold"), _table(LANDING_TITLES, landing_rows(closed_loop))]
     if authority is not None:
-        parts.append(_table(AUTHORITY_TITLES, authority_rows(authority)))
+        parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(authority)))
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)

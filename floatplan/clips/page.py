@@ -22,7 +22,6 @@ MOST_FLIGHTS = 60  # [-] that have charts, the unphysical ones first; tables lis
 POSTURES = 5  # [-] of the robot in a flight
 WIDTH, HEIGHT = 540, 200  # [px] of a chart
 LEFT, RIGHT, TOP, BOTTOM = 52, 150, 22, 26  # [px] between it and its frame; names are to its right
-TICKS = 6  # [-] at most, on an axis
 TONES = {"physical": "good", "unphysical": "bad", "undecided": "open", "afloat": "open"}
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLE = """
@@ -223,7 +222,7 @@ def _curve(x: Array, y: Array, line: Line) -> str:
 
 def _ticks(low: float, high: float) -> list[float]:
     """Round numbers between two others."""
-    rough = (high - low) / TICKS
+    rough = (high - low) / 6  # six of them at most
     power = 10.0 ** np.floor(np.log10(rough))
     steps = power * np.array([1.0, 2.0, 5.0, 10.0])
     step = steps[steps >= rough][0]

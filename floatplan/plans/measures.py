@@ -42,7 +42,6 @@ Kind: TypeAlias = Literal[
 
 ROUNDING = 1e-9  # [rad] of joint ranges
 OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
-STANDARD_GRAVITY = 9.80665  # [m/s^2]
 # [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
 # 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
 MOST_TORQUE = 2.0
@@ -373,7 +372,7 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
             without_torque_limit.append(row)
         if not math.isfinite(limits["velocity"][motor]) and row.joint not in wheels(robot):
             without_rate_limit.append(row)
-    most = MOST_TORQUE * robot.mass * STANDARD_GRAVITY * robot.rod_length
+    most = MOST_TORQUE * robot.mass * 9.80665 * robot.rod_length  # 9.80665 m/s^2, standard gravity
     for row in sorted(without_torque_limit, key=lambda row: row.torque_peak)[-1:]:
         if row.torque_peak > most:
             message = (

@@ -31,7 +31,6 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LONGEST_EXPLANATION = 300  # [characters] in a representation
 SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are sampled on a grid
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
 RESULT = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
@@ -204,7 +203,7 @@ class Plan(Outputs, PlannedMotion):
         proved = "" if self.certificate is None else f", {self.certificate.verdict}"
         return (
             f"Plan({self.status}{proved}, angular_momentum={in_line(self.angular_momentum, 6)} kg m^2/s,"
-            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
+            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:300]}\n  {self.problem!r}"
         )
 
 

@@ -24,8 +24,6 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
 PEAK_NODES = (33, 65, 129, 257)  # the nodes of each lie among those of the next
-NO_LEAK = 1e-12  # [-] is rounding
-PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
 def least_distances(segments: PlacedShapes, obstacle: Obstacle, instants: Array) -> Array:
@@ -173,7 +171,8 @@ class PlannedMotion(flight.MotionInFile):
         """The state at as many Chebyshev nodes as torques and rates need."""
         state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         for count in PEAK_NODES[1:]:
-            if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
+            # tail of the Chebyshev coefficients, relative to the largest value
+            if all(resolution(values) < 1e-10 for values in (state.motor_torques, state.velocities)):
                 break
             state = state.interleaved(self.at(quadrature.chebyshev_nodes(count)[1::2] * self.duration))
         return state
@@ -248,7 +247,7 @@ class PlannedMotion(flight.MotionInFile):
         leak = self.out_of_plane_leak
         if leak is None or not isinstance(self.whole, flight.PlanarMotion):
             return None
-        return read_only(np.zeros(3) if leak < NO_LEAK else flight.missed_in_space(self.whole))
+        return read_only(np.zeros(3) if leak < 1e-12 else flight.missed_in_space(self.whole))  # is rounding
 
     @property
     def _size(self) -> float:

@@ -14,9 +14,7 @@ from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
 from floatplan.tables import OBJECTIVE_TABLE
 
 LONGEST_LIST = 200  # [-] characters of names in a row
-LEAST_ROTATION = 1e-4  # [rad] out of the plane, that is reported
 CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
-EXPONENTS = {"2": "²", "3": "³"}
 
 
 class Row(NamedTuple):
@@ -65,7 +63,7 @@ def result_rows(plan: Plan) -> list[Row]:
     if locked:
         rows.append(Row("held", f"{_cut(', '.join(locked))}, as joints that slide are not planned", "open"))
     turned = plan.out_of_plane
-    if turned is not None and np.linalg.norm(turned) > LEAST_ROTATION:
+    if turned is not None and np.linalg.norm(turned) > 1e-4:  # [rad] less is not worth a row
         rows.append(
             Row("out of plane", f"turns {turns_out_of_plane(plan.robot, turned)} in space, as its plane is left")
         )
@@ -120,4 +118,4 @@ def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list
 
 def raised(text: str) -> str:
     """Return a text with the exponents of its units raised, for a page or a picture."""
-    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda match: match[1] + EXPONENTS[match[2]], text)
+    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda match: match[1] + {"2": "²", "3": "³"}[match[2]], text)

@@ -28,7 +28,6 @@ from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitKey
 
 LONGEST_LIST = 12  # [-] joints listed one by one
-PAIRS = many(made(parts.SelfClearance), "SelfClearance")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,7 +128,7 @@ class Problem(Checked):
         "motion": made(parts.Motion),
         "limits": made(parts.Limits),
         "obstacles": many(made(*parts.OBSTACLE_KINDS.values(), *SPATIAL_OBSTACLE_KINDS.values()), "obstacles"),
-        "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
+        "self_clearances": lambda value, _: many(made(parts.SelfClearance), "SelfClearance")(value, "self_clearance"),
         "name": text,
         "ground": flag,
         "jump": optional(made(JumpRequest)),

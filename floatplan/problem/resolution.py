@@ -24,11 +24,9 @@ from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE,
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
-EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 NARROWEST = 1e-6  # rad, of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
 TORQUE = LIMIT_TABLE["torque"]
-HALF_ROTATION = 1e-3  # [-] cosine of half the angle to the goal, below which the shortest rotation there is not clear
 NOT_IN_SPACE = "is for flights in a plane, and not yet for those in space"
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
@@ -329,7 +327,7 @@ def end_errors(
     values = (array.tolist() for array in (limits, state.positions, state.velocities, state.accelerations))
     for joint, (low, high), position, velocity, acceleration in zip(robot.joints, *values, strict=True):
         inside = min(position - low, high - position)
-        if inside > EDGE * (high - low):
+        if inside > 1e-12 * (high - low):  # closer to an end of the range, a joint stands on its edge
             continue
         edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
         off_position, off_rate, off_acceleration = BOUNDARY
@@ -361,7 +359,7 @@ def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]
                 yield InputError(reason, element=f"{element}.orientation", advice=advice)
         return
     cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))
-    if cosine < HALF_ROTATION:
+    if cosine < 1e-3:  # cosine of half the angle to the goal
         reason = "is half a turn from the start, and which way round is left open"
         advice = "give it as angles about axes, with the turns that are meant"
         yield InputError(reason, element="goal.orientation", advice=advice)

@@ -42,7 +42,6 @@ STATUS_LOOKS = {  # colour and words
     "impossible": ("#555555", "impossible: proved that none exists"),
     "error": (ALARM, "error: the problem is wrong there"),
 }
-DPI_OF_MAPS = 200  # [1/in]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +193,7 @@ def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
     assert study.map is not None, "maps are written where the study has one"
     with styled():
         figure = heatmap(study_map(study, table, *study.map))
-        forms = {folder / f"map.{form}": rendered(figure, form, DPI_OF_MAPS) for form in ("png", "svg")}
+        forms = {folder / f"map.{form}": rendered(figure, form, 200) for form in ("png", "svg")}  # at 200 dots an inch
     written = [write_atomically(path, content) for path, content in forms.items()]
     if len(study) <= 200_000:  # a page of more rows would be too large for a browser
         numbers = PackedNumbers()

@@ -24,7 +24,6 @@ from floatplan.view.style import TRAILS, rgb_bytes
 
 LOG = logging.getLogger(__name__)
 Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
-ASTRAY = (192, 24, 43)  # of the paths of a motion that is no plan
 
 
 def end_poses(view: View, end: str) -> outlines.Poses:
@@ -212,7 +211,8 @@ class Stage:
         for path, colour in zip(shown.paths, TRAILS, strict=True):
             corners = path[bends(path, 0.05)]  # [rad] a polygon of such angles looks smooth
             pairs.append(scene.segments(self._plane, corners))
-            colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
+            # dark red: the paths of a motion that is no plan
+            colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else (192, 24, 43), pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 

@@ -15,8 +15,6 @@ from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
 from floatplan.view.style import CONTACTS, round_below
 
-SAMPLES = 601  # [-] instants among which forces are largest
-
 
 @runtime_checkable
 class CheckedJump(Protocol):
@@ -97,7 +95,7 @@ def footing(jump: JumpMotion) -> Footing:
     for stance in jump.stances:
         for contact in stance.contacts:
             contacts[" + ".join(contact.names)] = contact
-    times = np.linspace(0.0, jump.duration, SAMPLES)
+    times = np.linspace(0.0, jump.duration, 601)  # forces are largest among 601 instants
     return Footing(jump, contacts, times, np.abs(np.nan_to_num(_forces(jump, contacts, times))))
 
 

@@ -26,43 +26,6 @@ OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  
 CONTACTS = ("#8b5e00", "#6a3d9a", "#00787a", "#a4243b")  # of the points that a robot stands on
 TRAILS = (GREY, *CONTACTS[:2])  # of the centre of mass, and of the frames that take off and land
 SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
-RC: dict[str, Any] = {
-    "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
-    "font.size": 7.5,
-    "text.parse_math": False,  # joints are called what they are called
-    "text.color": INK,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.labelsize": 7.5,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#ebebeb",
-    "grid.linewidth": 0.5,
-    "xtick.color": INK,
-    "xtick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.color": INK,
-    "ytick.labelsize": 7,
-    "ytick.major.width": 0.6,
-    "ytick.major.size": 2.5,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.handlelength": 1.5,
-    "legend.handletextpad": 0.5,
-    "legend.columnspacing": 1.2,
-    "legend.borderaxespad": 0.2,
-    "legend.borderpad": 0.1,
-    "lines.linewidth": 1.3,
-    "lines.solid_capstyle": "round",
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
-}
 METADATA: dict[str, dict[str, Any]] = {
     "png": {"Software": "floatplan"},
     "svg": {"Creator": "floatplan", "Date": None},
@@ -79,7 +42,45 @@ def styled() -> Iterator[None]:
     """
     with _MATPLOTLIB_LOCK, matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(RC)
+        matplotlib.rcParams.update(
+            {
+                "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
+                "font.size": 7.5,
+                "text.parse_math": False,  # joints are called what they are called
+                "text.color": INK,
+                "axes.edgecolor": INK,
+                "axes.labelcolor": INK,
+                "axes.labelsize": 7.5,
+                "axes.linewidth": 0.6,
+                "axes.spines.top": False,
+                "axes.spines.right": False,
+                "axes.grid": True,
+                "axes.axisbelow": True,
+                "grid.color": "#ebebeb",
+                "grid.linewidth": 0.5,
+                "xtick.color": INK,
+                "xtick.labelsize": 7,
+                "xtick.major.width": 0.6,
+                "xtick.major.size": 2.5,
+                "ytick.color": INK,
+                "ytick.labelsize": 7,
+                "ytick.major.width": 0.6,
+                "ytick.major.size": 2.5,
+                "legend.fontsize": 7,
+                "legend.frameon": False,
+                "legend.handlelength": 1.5,
+                "legend.handletextpad": 0.5,
+                "legend.columnspacing": 1.2,
+                "legend.borderaxespad": 0.2,
+                "legend.borderpad": 0.1,
+                "lines.linewidth": 1.3,
+                "lines.solid_capstyle": "round",
+                "figure.constrained_layout.h_pad": 0.03,
+                "figure.constrained_layout.w_pad": 0.03,
+                "svg.fonttype": "path",
+                "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
+            }
+        )
         yield
 
 

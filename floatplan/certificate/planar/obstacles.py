@@ -19,7 +19,6 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
 from floatplan.tables import CLEARANCE
 
-CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
 STILL = (0.0, 0.0)  # [m/s]
 
 
@@ -174,7 +173,7 @@ def _finding(
 
     Segments are apart where none cross at the first instant, and afterwards no end comes to lie on another.
     """
-    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
+    goal = Goal(np.array([2e-6]), np.array([margin - CLEARANCE]))  # bounded to 2e-6 m
     groups = np.zeros(len(distances.radius.mid), dtype=np.int64)
     times = surroundings.flight.cells
     least = smallest(distances.items(cells), groups, distances.below, distances.at_point, goal, times)[0]

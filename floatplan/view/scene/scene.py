@@ -43,13 +43,8 @@ if TYPE_CHECKING:
     from floatplan.motion.spatial.bodies import BodyPoses
 
 Colour = tuple[int, int, int]
-DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
-UPRIGHT = """@media (max-aspect-ratio: 4/5) {
-  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
-  div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
-}"""  # where a window is higher than wide, all of the motion is seen
 LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
@@ -102,7 +97,14 @@ def scene(plan: Trajectory) -> str:
                 momentum.position = plan.state(time).com_position
             for node, plane, obstacle in obstacles:
                 move_obstacle(node, plane, obstacle, time)
-        return headed(serializer.as_html(), f"floatplan: {plan.problem.name}", UPRIGHT)
+        return headed(
+            serializer.as_html(),
+            f"floatplan: {plan.problem.name}",
+            """@media (max-aspect-ratio: 4/5) {
+  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
+  div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
+}""",
+        )
     finally:
         with silence():
             server.stop()
@@ -365,7 +367,8 @@ class RobotNodes:
             else:
                 groups.setdefault((body, colour), []).append((placed.vertices, placed.faces))
         for number, ((body, colour), links) in enumerate(groups.items()):
-            vertices, faces = meshes.coarser(*meshes.joined(links), DETAIL * (size or 0.0))
+            # 0.005 of the robot's reach: a pixel of a flight that fills a small window
+            vertices, faces = meshes.coarser(*meshes.joined(links), 0.005 * (size or 0.0))
             count = max(math.ceil(share * len(faces)), 200)
             name = f"{self.name}/{body}/links{number}"
             scene.add_mesh_simple(name, *meshes.fewer(vertices, faces, count), color=colour)
