@@ -5,6 +5,16 @@ from __future__ import annotations
 import gc
 import io
 import sys
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """How a command ends."""
+
+    DONE = 0
+    FAILED = 1
+    BAD_INPUT = 2
+    INTERRUPTED = 130  # after Ctrl-C, as shells have it
 
 
 def main() -> None:
@@ -17,4 +27,4 @@ def main() -> None:
 
         run()
     except KeyboardInterrupt:
-        sys.exit(130)  # exit code after Ctrl-C, as shells have it
+        sys.exit(ExitCode.INTERRUPTED)

@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
-from floatplan.cli import INTERRUPTED
+from floatplan.cli import ExitCode
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
 from floatplan.tables import OBJECTIVE_TABLE
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-DONE, FAILED, BAD_INPUT = 0, 1, 2
 PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
@@ -176,21 +175,21 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except InputError as error:
             _complain(str(_as_typed(error, command)).replace("\n", "\nerror: "))
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
         except FloatplanError as error:
             _complain(str(error))
-            raise typer.Exit(FAILED) from None
+            raise typer.Exit(ExitCode.FAILED) from None
         except OSError as error:  # of whatever the system refuses: a full disk, a closed pipe, a name too long
             file = "" if error.filename is None else f"{printable(str(error.filename))}: "
             _complain(f"{file}{error.strerror or error}")
             _drop_what_is_left()
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
         except KeyboardInterrupt:
             _complain("interrupted")
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
         except MemoryError:
             _complain("there is not enough memory for this")
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
 
     return run
 
@@ -215,13 +214,18 @@ class AsTyped:
         """Read the words of the command line."""
         hints = getattr(self.callback, "__annotations__", {})
         for parameter in self.get_params(ctx):
-            kind = {str: str, str | None: str, Path: Path, Path | None: Path}.get(
-                getattr(hints.get(parameter.name), "__origin__", None)
-            )
+            kind = _plain_type(getattr(hints.get(parameter.name), "__origin__", None))
             vars(parameter).setdefault(
                 "process_value", functools.partial(_value, parameter, kind, parameter.process_value)
             )
         return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
+
+
+def _plain_type(hint: Any) -> type | None:
+    """The type of a text or a path that may be left out; None of all others."""
+    if hint in (Path, Path | None):
+        return Path
+    return str if hint in (str, str | None) else None
 
 
 def _value(parameter: Any, kind: type | None, read: Callable[..., Any], ctx: Any, value: Any) -> Any:
@@ -350,4 +354,4 @@ def finish(
         Console(stderr=json_output, highlight=False).print(readable(summary))  # in colours where somebody sees them
     if json_output:
         print_json(facts)
-    raise typer.Exit(DONE if ok else FAILED)
+    raise typer.Exit(ExitCode.DONE if ok else ExitCode.FAILED)

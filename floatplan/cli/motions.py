@@ -216,7 +216,7 @@ def show(
     quiet: common.Quiet = False,
 ) -> None:
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
-    from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
+    from floatplan.cli.results import ResultFile, check_directory
 
     motion = common.read_motion(motion_file, urdf)
     with naming(motion_file):
@@ -233,17 +233,17 @@ def show(
     files = []
     with progress("drawing", quiet) as bar:
         if not (scene or formats or films):
-            files.append(motion.show(directory / REPORT, browse=False))
+            files.append(motion.show(directory / ResultFile.REPORT, browse=False))
         if scene:
             from floatplan.view.scene.scene import write_scene
 
-            files.append(write_scene(motion, directory / SCENE))
+            files.append(write_scene(motion, directory / ResultFile.SCENE))
         if formats:
             from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(motion, directory / FIGURES, compare=other, formats=formats)
+            files += save_figures(motion, directory / ResultFile.FIGURES, compare=other, formats=formats)
         for name in films:
-            files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
+            files.append(motion.animate(directory / f"{ResultFile.FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
             common.print_path(path)

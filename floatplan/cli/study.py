@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 import floatplan as fp
-from floatplan.cli import common
+from floatplan.cli import ExitCode, common
 from floatplan.cli.common import MODEL, flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, import_optional
@@ -78,7 +78,7 @@ def study(
                 done.files.append(done.export(export, rate, model=model, jobs=jobs, progress=bar.reach))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
-        raise typer.Exit(common.FAILED) from None
+        raise typer.Exit(ExitCode.FAILED) from None
     _tell(done, start_time, json_output, quiet)
 
 
@@ -120,7 +120,7 @@ def _tell(done: fp.Study, start_time: float, json_output: bool, quiet: bool) -> 
                 "seconds": time.perf_counter() - start_time,
             }
         )
-    raise typer.Exit(common.DONE)
+    raise typer.Exit(ExitCode.DONE)
 
 
 def studio(
@@ -158,4 +158,4 @@ def studio(
             while True:
                 time.sleep(3600)
         except KeyboardInterrupt:
-            raise typer.Exit(common.DONE) from None
+            raise typer.Exit(ExitCode.DONE) from None

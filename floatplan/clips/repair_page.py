@@ -22,7 +22,7 @@ from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import robot_in_space, rounded
 from floatplan.view.report.report import page
 from floatplan.view.solids import rendered_solids
-from floatplan.view.style import TRAILS
+from floatplan.view.style import PALETTE
 
 STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
@@ -122,7 +122,7 @@ def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
         "columns": {name: rounded(values) for name, values in columns.items()},
         "robot": robot_in_space(robot),
         "frames": [],
-        "trail": TRAILS[0],
+        "trail": PALETTE.trails[0],
         "obstacles": [],
         "ground": [],
         "floor": [rounded(line) for line in floor_lines(low, high, float(clip.ground.at(times[:1])[0]))],

@@ -40,12 +40,20 @@ Kind: TypeAlias = Literal[
     "overlap",
 ]
 
-ROUNDING = 1e-9  # [rad] of joint ranges
-OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
-# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
-# 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
-MOST_TORQUE = 2.0
-MOST_TURNS = 2 * math.tau  # [rad] requested at an end, or from one to the other, without a warning
+
+@dataclass(frozen=True)
+class WarningThresholds:
+    """What a plan may do without a warning."""
+
+    rounding: float = 1e-9  # [rad] of joint ranges
+    out_of_plane: float = math.radians(1)  # [rad] at landing: corrections in flight leave as much in the plane
+    torque: float = 2.0
+    """[-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
+    9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6."""
+    angle: float = 2 * math.tau  # [rad] requested at an end, or from one to the other
+
+
+THRESHOLDS = WarningThresholds()
 
 
 @dataclass(frozen=True)
@@ -316,7 +324,7 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
         low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
         below, above = (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
         beyond, value, limit = max(below, above)
-        if beyond > ROUNDING:
+        if beyond > THRESHOLDS.rounding:
             message = f"{joint} goes to {value:.4g} rad, its file ends at {limit:.4g} rad"
             message += '; limits.position = "urdf" keeps it.'
             yield PlanWarning("position", joint, value, limit, "rad", None, message)
@@ -372,13 +380,13 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
             without_torque_limit.append(row)
         if not math.isfinite(limits["velocity"][motor]) and row.joint not in wheels(robot):
             without_rate_limit.append(row)
-    most = MOST_TORQUE * robot.mass * 9.80665 * robot.rod_length  # 9.80665 m/s^2, standard gravity
+    most = THRESHOLDS.torque * robot.mass * 9.80665 * robot.rod_length  # 9.80665 m/s^2, standard gravity
     for row in sorted(without_torque_limit, key=lambda row: row.torque_peak)[-1:]:
         if row.torque_peak > most:
             message = (
                 f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no"
-                f" limit: {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any"
-                " motor of its size has; a longer flight, or less rotation, needs less, and limits.torque keeps it."
+                f" limit: {most:.3g} N m are {THRESHOLDS.torque:g} times the robot's weight times its length, more than"
+                " any motor of its size has; a longer flight, or less rotation, needs less, and limits.torque keeps it."
             )
             yield PlanWarning("torque", row.joint, row.torque_peak, most, "N m", row.torque_instant, message)
     for row in sorted(without_rate_limit, key=lambda row: row.velocity_peak)[-1:]:
@@ -399,12 +407,12 @@ def _turns(problem: Problem) -> Iterator[PlanWarning]:
     base = float(max(np.abs(first).max(), np.abs(last).max(), np.abs(last - first).max()))
     joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
     for name, angle in zip((problem.robot.joint_tree.root, *problem.robot.joints), (base, *joints), strict=True):
-        if angle > MOST_TURNS + ROUNDING and name not in wheels(problem.robot):
+        if angle > THRESHOLDS.angle + THRESHOLDS.rounding and name not in wheels(problem.robot):
             message = (
                 f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"
                 ' where degrees are meant, fp.Posture.degrees or angles = "deg" says so.'
             )
-            yield PlanWarning("turns", name, angle, MOST_TURNS, "rad", None, message)
+            yield PlanWarning("turns", name, angle, THRESHOLDS.angle, "rad", None, message)
 
 
 def _angles_of_base(state: JointState) -> Array:
@@ -415,7 +423,7 @@ def _angles_of_base(state: JointState) -> Array:
 def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
     """What robots that are not their own mirror image rotate out of the plane that theory keeps them in."""
     turned = plan.out_of_plane
-    if turned is None or np.linalg.norm(turned) <= OUT_OF_PLANE:
+    if turned is None or np.linalg.norm(turned) <= THRESHOLDS.out_of_plane:
         return
     root = plan.robot.joint_tree.root
     size = float(np.linalg.norm(turned))
@@ -428,7 +436,7 @@ def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
             f' attitude, {words}; [robot] base = "free-flyer" plans with that.'
         )
     value = None if math.isnan(size) else size
-    yield PlanWarning("leak", root, value, OUT_OF_PLANE, "rad", plan.duration, message)
+    yield PlanWarning("leak", root, value, THRESHOLDS.out_of_plane, "rad", plan.duration, message)
 
 
 def turns_out_of_plane(robot: Robot, turned: Array) -> str:

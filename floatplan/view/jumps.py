@@ -13,7 +13,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
-from floatplan.view.style import CONTACTS, round_below
+from floatplan.view.style import PALETTE, round_below
 
 
 @runtime_checkable
@@ -53,7 +53,7 @@ class Footing:
     @property
     def colours(self) -> dict[str, str]:
         """Of the contacts, by their names."""
-        return {name: CONTACTS[index % len(CONTACTS)] for index, name in enumerate(self.contacts)}
+        return {name: PALETTE.contacts[index % len(PALETTE.contacts)] for index, name in enumerate(self.contacts)}
 
     @property
     def metres_per_newton(self) -> float:

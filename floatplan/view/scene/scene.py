@@ -37,7 +37,7 @@ from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space
 from floatplan.view.scene import meshes
 from floatplan.view.solids import CAMERA, obstacle_solid, rendered_solids
-from floatplan.view.style import INK, TRAILS, palette, rgb_bytes
+from floatplan.view.style import PALETTE, palette, rgb_bytes
 
 if TYPE_CHECKING:
     from floatplan.motion.spatial.bodies import BodyPoses
@@ -143,7 +143,7 @@ def _add_space(server: Any, plan: Plan) -> Any:
     tip = 0.5 * size * h / (np.linalg.norm(h) or 1.0)  # half as long as the robot
     ends = np.stack((np.zeros(3), tip))[None].astype(np.float32)
     look = {name: size * length / 2 for name, length in ARROW.items()}
-    return server.scene.add_arrows("/momentum", ends, rgb_bytes(INK), visible=bool(h.any()), **look)
+    return server.scene.add_arrows("/momentum", ends, rgb_bytes(PALETTE.ink), visible=bool(h.any()), **look)
 
 
 def headed(page: str, title: str, style: str, script: str = "") -> str:
@@ -214,7 +214,7 @@ def move_obstacle(node: Any, plane: Plane | None, obstacle: Obstacle, instant: f
 def _add_trails(server: Any, plan: Trajectory, paths: Iterable[Array]) -> None:
     """Add paths (N, 3) of the centre of mass, and of the frames that take off and land."""
     names = dict.fromkeys((plan.whole_problem.takeoff.frame, plan.whole_problem.landing.frame))
-    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
+    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, PALETTE.trails, strict=False)):
         pairs = np.stack((path[:-1], path[1:]), axis=1)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
         server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
