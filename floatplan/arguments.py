@@ -22,7 +22,6 @@ from floatplan.errors import InputError, refuse, single
 from floatplan.tables import LEAST, RANGES, Range
 
 LARGEST_SEED = 2**63 - 1
-MOST_ERRORS = 1000  # of one sequence
 MOST_NUMBERS = 8  # [-] of a list in a line
 LINE = 160  # [-] characters of one
 Name = TypeVar("Name")
@@ -311,7 +310,7 @@ def _checked(items: Iterable[Any], check: Check, elements: Iterator[str]) -> lis
             checked.append(check(item, element))
         except InputError as error:
             errors.append(error)
-            if len(errors) == MOST_ERRORS:
+            if len(errors) == 1000:  # nobody reads more
                 break
     refuse(errors)
     return checked

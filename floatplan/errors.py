@@ -16,7 +16,6 @@ from types import ModuleType
 
 CLONE = Path(__file__).resolve().parents[1]  # where pyproject.toml is, unless floatplan was installed as a wheel
 LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
-LONGEST_WORD = 80  # characters of something quoted
 LONGEST_ITEM = 400  # characters of a reason, an element or an advice
 LONGEST_PATH = 300  # characters of a file's path
 LONGEST = 1700  # characters of all that is wrong with a problem
@@ -29,7 +28,7 @@ def escaped(text: str) -> str:
     return "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
 
 
-def printable(text: str, longest_word: int = LONGEST_WORD) -> str:
+def printable(text: str, longest_word: int = 80) -> str:
     """Text from anywhere as it may be shown: one line without control characters, nothing in it overlong."""
     half = (longest_word - 5) // 2  # of what is left of a word, before and after what is left out
     shown = re.sub(rf"\S{{{longest_word + 1},}}", lambda word: f"{word[0][:half]} ... {word[0][-half:]}", escaped(text))

@@ -18,7 +18,6 @@ from xml.etree import ElementTree
 from floatplan.errors import InputError
 
 LARGEST_PLAN = 50_000_000  # [bytes] of a plan file
-SPARE = 65_536  # [bytes] of a file that gives no size
 LARGEST_URDF = 50_000_000  # [bytes] the largest URDF in use is a few megabytes
 MADE = ("plan.json", "jump.json", "study.json")  # files of which folders of results have one
 DEEPEST = 50  # [-] tables and lists within each other, of any file
@@ -44,7 +43,7 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
             if not stat.S_ISREG(state.st_mode):
                 raise InputError(f"is not a regular file, as {kind} is", source=path)
             # read() allocates at once as much as it may return; a file may grow meanwhile
-            size = min(largest, 2 * state.st_size + SPARE) + 1
+            size = min(largest, 2 * state.st_size + 65_536) + 1  # 64 kB more for a file that gives no size
             content = stream.read(size) if state.st_size <= largest else b""
     except InputError:
         raise

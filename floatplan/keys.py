@@ -29,9 +29,7 @@ SHAPES: Mapping[Any, Any] = {Mapping: Mapping, Sequence: (list, tuple), Literal:
 NAMES = {str: "a text", (list, tuple): "a list"}
 ORIGINS: Mapping[Any, Any] = {dict: Mapping, list: Sequence}  # of types, by those of values in files
 STEPS: Mapping[Any, str] = {Mapping: ".*", Sequence: "[]"}  # to what is inside, by the origin of a type
-MOST_HOMES = 3  # [-] places that are named where a key belongs
 JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean"}
-DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 Table = TypeVar("Table", bound="Keyed")
 
@@ -88,20 +86,32 @@ class Keyed(Checked):
 
     def __init_subclass__(cls) -> None:
         """Gather the keys, and make the checks of the fields."""
-        hints = get_type_hints(cls, include_extras=True)
-        noted = {name: get_args(hint) for name, hint in hints.items() if get_origin(hint) is Annotated}
-        keys = {name: key for name, (_, key) in noted.items() if isinstance(key, Key)}
-        documented = {name: text for base in reversed(cls.__mro__) for name, text in _parameters(base).items()}
-        cls.keys = {name: replace(key, meaning=key.meaning or documented.get(name, "")) for name, key in keys.items()}
-        cls.hints = {name: noted[name][0] for name in cls.keys}
-        made_of = {name: key.check or _check(cls.hints[name], key.numbers or name) for name, key in cls.keys.items()}
-        cls.checks = made_of | {name: check for name, (_, check) in noted.items() if name not in made_of}
+        documented: dict[str, str] = {}
+        for base in reversed(cls.__mro__):
+            documented |= _parameters(base)
+        keys: dict[str, Key] = {}
+        own_hints = {}
+        checks_of_keys = {}
+        other_checks = {}
+        for name, hint in get_type_hints(cls, include_extras=True).items():
+            if get_origin(hint) is not Annotated:
+                continue
+            kind, note = get_args(hint)
+            if isinstance(note, Key):
+                keys[name] = replace(note, meaning=note.meaning or documented.get(name, ""))
+                own_hints[name] = kind
+                checks_of_keys[name] = note.check or _check(kind, note.numbers or name)
+            else:
+                other_checks[name] = note
+        cls.keys = keys
+        cls.hints = own_hints
+        cls.checks = checks_of_keys | other_checks
         if cls.__doc__ and cls.keys and not _parameters(cls):
-            units = {
-                name: f" : {key.unit}".replace(" or deg", "") if key.unit else "" for name, key in cls.keys.items()
-            }
-            rows = (f"{name}{units[name]}\n    {key.meaning}." for name, key in cls.keys.items())
-            cls.__doc__ = "\n".join([cleandoc(cls.__doc__) + "\n", "Parameters", "----------", *rows])
+            lines = [cleandoc(cls.__doc__) + "\n", "Parameters", "----------"]
+            for name, key in cls.keys.items():
+                unit = f" : {key.unit}".replace(" or deg", "") if key.unit else ""
+                lines.append(f"{name}{unit}\n    {key.meaning}.")
+            cls.__doc__ = "\n".join(lines)
 
     @classmethod
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:
@@ -144,7 +154,9 @@ def _check(hint: Any, numbers: str | Range) -> Check:
     if NoneType in inner:
         kinds = tuple(kind for kind in inner if kind is not NoneType)
         return arguments.optional(_check(Union[kinds], numbers))  # noqa: UP007
-    words = [word for kind in inner if get_origin(kind) is Literal for word in get_args(kind)]
+    words: list[str] = []
+    for kind in inner:
+        words += get_args(kind) if get_origin(kind) is Literal else ()
     lists = [kind for kind in inner if get_origin(kind) is Sequence]
     if not (lists or float in inner) or any(map(_is_table, inner)):
         return _any_of(inner, numbers)
@@ -216,7 +228,7 @@ class Reader:
                 values[row.name] = self._value(kind.hints[row.name], content[key], about, inside + key)
             elif is_needed(row):
                 self._missing("is missing", inside + key)
-        for key in [key for key in content if key not in names]:
+        for key in arguments.without(content, names):
             self.errors.append(InputError("unknown key", element=inside + key, advice=self._instead_of(key, names)))
         return kind.unchecked(**values)
 
@@ -224,7 +236,7 @@ class Reader:
         """Advice on an unknown key: where it belongs in the file, which key may be meant, or which there are."""
         close = difflib.get_close_matches(key, names, n=1)
         homes = [] if self.whole is None else homes_of(key, self.whole)
-        belongs = f"{key} belongs {' or '.join(homes[:MOST_HOMES])}"
+        belongs = f"{key} belongs {' or '.join(homes[:3])}"
         if close:
             meant = f"did you mean {close[0]!r}?"
             return f"{meant} {belongs}" if homes else meant
@@ -239,11 +251,9 @@ class Reader:
         origin, inner = get_origin(hint), get_args(hint)
         if origin in (Union, UnionType):
             kinds = [kind for kind in inner if kind is not NoneType]
-            shape = ORIGINS.get(type(value))
-            fitting = [kind for kind in kinds if get_origin(kind) is shape or (shape is Mapping and _is_table(kind))]
-            one = kinds if len(kinds) == 1 else fitting if shape else [kind for kind in kinds if kind is float]
-            if one and value is not None:
-                value = self._value(one[0], value, key, path)
+            fitting = kinds[0] if len(kinds) == 1 else _kind_of(value, kinds)
+            if fitting is not None and value is not None:
+                value = self._value(fitting, value, key, path)
             if isinstance(value, list) and any("none" in get_args(kind) for kind in kinds):
                 return [math.inf if entry in (None, "none") else entry for entry in value]
             return value
@@ -299,6 +309,17 @@ def _written(value: Any) -> Any:
     return "none" if value == math.inf else value
 
 
+def _kind_of(value: Any, kinds: Sequence[Any]) -> Any:
+    """The first of several types that a value of a file has the shape of; None where it fits none."""
+    shape = ORIGINS.get(type(value))
+    for kind in kinds:
+        if shape is None and kind is float:
+            return kind
+        if shape is not None and (get_origin(kind) is shape or (shape is Mapping and _is_table(kind))):
+            return kind
+    return None
+
+
 def _is_table(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, Keyed)
 
@@ -344,7 +365,12 @@ def json_schema(kind: type[Keyed], title: str, about: str) -> dict[str, Any]:
     """Return the JSON Schema of files that hold such a table; angles have no range, since a file chooses their unit."""
     inner = reversed(tables(kind).values())  # where one occurs twice, the first says what it is
     definitions = {f"{table.__name__}Table": _table(table, meaning) for table, meaning in inner}
-    return {"$schema": DIALECT, "$defs": definitions, **_table(kind, about), "title": title}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$defs": definitions,
+        **_table(kind, about),
+        "title": title,
+    }
 
 
 def _table(kind: type[Keyed], about: str) -> dict[str, Any]:
@@ -356,8 +382,10 @@ def _table(kind: type[Keyed], about: str) -> dict[str, Any]:
         name = in_files(row.name)
         allowed = key.numbers or row.name
         limits = RANGES.get(allowed) if isinstance(allowed, str) else allowed
-        ends = {"minimum": limits.low, "maximum": limits.high} if limits and limits.unit == key.unit else {}
-        bounds = {name: end for name, end in ends.items() if math.isfinite(end)}
+        bounds: dict[str, float] = {}
+        if limits and limits.unit == key.unit:
+            bounds |= {"minimum": limits.low} if math.isfinite(limits.low) else {}
+            bounds |= {"maximum": limits.high} if math.isfinite(limits.high) else {}
         properties[name] = {**_form(kind.hints[row.name], bounds), "description": key.about}
         if is_needed(row):
             needed.append(name)

@@ -34,7 +34,7 @@ from floatplan.view.figures.snapshots import (
 )
 from floatplan.view.outlines import Postures, picture_box, postures, seen_robot, snapshot_times
 from floatplan.view.solids import CAMERA
-from floatplan.view.style import GREY, new_figure, palette, styled
+from floatplan.view.style import PALETTE, new_figure, palette, styled
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / "docs" / "images"
@@ -127,7 +127,7 @@ def flight(plan: fp.Plan, other: fp.Plan | None = None) -> Figure:
     handles = [Line2D([], [], color=colour) for colour in palette(len(names))]
     if other is not None:
         names += (plan_names(plan, other)[1],)
-        handles.append(Line2D([], [], color=GREY, linestyle="--"))
+        handles.append(Line2D([], [], color=PALETTE.grey, linestyle="--"))
     angles.legend(handles, names, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=min(len(names), 3))
     return figure
 

@@ -23,9 +23,6 @@ from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, up
 from floatplan.plans.verdicts import Finding, Kind, Subject
 
-DEEPEST = 30  # halvings of a cell
-MOST_ITEMS = 60_000
-FEW_ITEMS = 512  # up to here a round costs its calls, not its arithmetic, and three halvings at once cost no more
 SAME = 1e-12  # [-] two numbers in the file that say the same
 RECORDED_PEAK = 2e-3  # [-] recorded torque and velocity peaks, which were sampled on a grid
 RECORDED_CLEARANCE = 2e-4  # [m]
@@ -217,8 +214,9 @@ def smallest(
         enough = np.maximum(attained - goal.gap, np.where(attained < goal.threshold, -np.inf, goal.threshold))
         keep = ~(low >= enough[group]) & np.isfinite(low)
         remaining = np.flatnonzero(keep)
-        halvings = min(3 if 8 * len(remaining) <= FEW_ITEMS else 1, DEEPEST - depth)
-        if halvings == 0 or 2 * len(remaining) > MOST_ITEMS:
+        # up to 512 items a round costs its calls, not its arithmetic: then three halvings at once cost no more
+        halvings = min(3 if 8 * len(remaining) <= 512 else 1, 30 - depth)  # no cell is halved more than 30 times
+        if halvings == 0 or 2 * len(remaining) > 60_000:  # as many fit into memory
             keep[:] = False
         np.minimum.at(bound, group[~keep], low[~keep])
         if not keep.any():

@@ -50,8 +50,6 @@ from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
 BUDGET = 4096  # cells of time
-OTHER_SHAPES = "the shapes are of the URDF that MuJoCo makes of the MJCF here, and robot.resolved is another"
-MOST_CELLS = whole(Range(0, 2**63 - 1, ""))
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
 
@@ -88,7 +86,7 @@ def certify(
         is to be in a plane.
     """
     urdf = optional(as_path)(urdf, "urdf")
-    budget = MOST_CELLS(budget, "budget")
+    budget = whole(Range(0, 2**63 - 1, ""))(budget, "budget")
     out_of_plane = flag(out_of_plane, "out_of_plane")
     record, file, robot = recorded(plan)
     with naming(file):
@@ -100,7 +98,10 @@ def certify(
             robot = robot or recorded_robot(record.robot, file, path)
             check_meshes(robot, record.robot, file)
             if record.robot.resolved is not None and robot.xml != record.robot.resolved["urdf"]:
-                return _undecided(record.robot, OTHER_SHAPES)
+                return _undecided(
+                    record.robot,
+                    "the shapes are of the URDF that MuJoCo makes of the MJCF here, and robot.resolved is another",
+                )
             unknown = sorted(set(robot.meshes) - set(record.robot.meshes))
             if "<collision" in robot.xml and record.in_space:
                 shapes = [capsules_of(robot), solids_of(robot)]

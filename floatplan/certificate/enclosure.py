@@ -27,14 +27,13 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 
 ROUND = 2.0**-52
-TINY = 1e-290  # more than any sum of products that underflow is off by
 PRECISION = 128  # [bits] of Arb
 
 
 def up(radius: Array) -> Array:
     """Enlarge radii by more than the rounding of the few hundred non-negative operations that they result from."""
     enlarged = radius * (1.0 + 2.0**-40)
-    enlarged += TINY
+    enlarged += 1e-290  # more than any sum of products that underflow is off by
     return enlarged
 
 

@@ -10,8 +10,6 @@ from floatplan.certificate.cells import ORDER, TimeCells, recentred
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, products, up
 from floatplan.plans.record import PlanRecord
 
-SHORTEST = 1e-100  # [s] half a cell, below which it counts as an instant
-
 
 def joint_motion(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, Taylor]:
     """Positions, rates and accelerations (K, cells, n); p comes from the plan file's polynomials, recentred in Arb."""
@@ -33,7 +31,8 @@ def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, 
     c = balls.mid
     e = balls.rad
     p = Taylor.polynomial(c, e, ORDER)
-    if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
+    # half a cell of 1e-100 s is an instant: nothing can be divided by its length
+    if (cells.half.mid < 1e-100).any():
         rates = [polynomial.derivative() for polynomial in polynomials]
         accelerations = [rate.derivative() for rate in rates]
         of_rates = recentred(rates, cells, length)

@@ -34,7 +34,6 @@ JointState: TypeAlias = tuple[list[Any], list[Any], list[Any]]
 
 ENDS = ("start", "goal")
 QUANTITIES = ("positions", "velocities", "accelerations")
-PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
 
 
 def boundary_findings(record: PlanRecord, states: Sequence[JointState]) -> list[Finding]:
@@ -275,7 +274,7 @@ def least_of(limited: Sequence[LimitedQuantity], cells: TimeCells) -> tuple[Mini
     models = stack([q.models for q in limited])
     thresholds = -np.array([(q.limit + q.tolerance) ** q.power for q in limited])
     sizes = np.fmax.reduceat(np.fmax.reduce(models.size, axis=0, initial=0.0), np.cumsum([0, *counts[:-1]]))
-    goal = Goal(gap=PEAK_GAP * sizes + 1e-12, threshold=thresholds)
+    goal = Goal(gap=1e-6 * sizes + 1e-12, threshold=thresholds)  # bounded to 1e-6 of the peak
     items = Items.whole_cells([bernstein(models)], np.arange(len(cells)))
     groups = np.repeat(np.arange(len(limited)), counts)
     return smallest(items, groups, lambda forms, _: -magnitude(forms[0]), _at_point, goal, cells)

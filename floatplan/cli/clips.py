@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, cast
 import typer
 
 import floatplan as fp
-from floatplan.cli import common
+from floatplan.cli import ExitCode, common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
@@ -152,7 +152,7 @@ def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, 
         )
     target = output or clip.path.with_name(f"{clip.path.stem}_flight{number}.toml")
     common.print_path(fp.save_problem(made, target))
-    raise typer.Exit(common.DONE)
+    raise typer.Exit(ExitCode.DONE)
 
 
 def _choice(word: str) -> Choice:
@@ -193,11 +193,11 @@ def _clip_files(files: Sequence[Path]) -> list[Path]:
 
 def _page(paths: Sequence[Path]) -> Path:
     """Where the page goes: into the folder of the clip's name, of several into that of all clips."""
-    from floatplan.cli.results import REPORT, check_folder
+    from floatplan.cli.results import ResultFile, check_folder
 
     folder = Path("runs") / (paths[0].stem if len(paths) == 1 else "clips")
     check_folder(folder)
-    return folder / REPORT
+    return folder / ResultFile.REPORT
 
 
 def _names(words: str | None) -> tuple[str, ...] | None:

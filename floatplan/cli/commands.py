@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import typer
 
 import floatplan as fp
-from floatplan.cli import clips, common, motions, robots
+from floatplan.cli import ExitCode, clips, common, motions, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import merge, studio, study
@@ -48,7 +48,7 @@ def _print_version(requested: bool) -> None:
         from floatplan.kernel.library import description
 
         typer.echo(f"floatplan {fp.__version__}, {description()}")
-        raise typer.Exit(common.DONE)
+        raise typer.Exit(ExitCode.DONE)
 
 
 @app.callback()
@@ -93,7 +93,7 @@ def plan(
     """
     from floatplan.arguments import one_of, without
     from floatplan.cli.option_values import is_robot, requested_problem
-    from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
+    from floatplan.cli.results import ResultFile, check_directory, write_problem, write_results
     from floatplan.plans.trajectory import sample_times
 
     one_of("kernel", "reference")(method, "--method")
@@ -124,11 +124,11 @@ def plan(
         if figures:
             from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(result, directory / FIGURES, compare=_without_obstacles(result, seed))
+            files += save_figures(result, directory / ResultFile.FIGURES, compare=_without_obstacles(result, seed))
         if report:
             from floatplan.view.report.report import write_report
 
-            files.append(write_report(result, directory / REPORT, stances))
+            files.append(write_report(result, directory / ResultFile.REPORT, stances))
     facts = without(result.record.to_dict(), ("problem",))
     facts |= {"launch": of_stances} if launch else {}
     proved = result.certificate is not None and result.certificate.proved
@@ -173,7 +173,7 @@ def jump(
     jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where there is a jump,
     proved and checked so.
     """
-    from floatplan.cli.results import REPORT, check_directory, write_jump
+    from floatplan.cli.results import ResultFile, check_directory, write_jump
 
     problem = fp.load_problem(problem_file)
     directory = runs_folder(problem.name, "jump") if output is None else output
@@ -186,7 +186,7 @@ def jump(
             planned = planned.with_certificate(fp.certify(planned.flight))
     files = write_jump(planned, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and planned.flight is not None:
-        files.append(planned.show(directory / REPORT, browse=False))
+        files.append(planned.show(directory / ResultFile.REPORT, browse=False))
     words = (planned, files, time.perf_counter() - start_time, common.program())
     proved = planned.flight is not None and planned.flight.certificate is not None and planned.flight.certificate.proved
     ok = planned.ok and proved

@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
-from floatplan.cli import INTERRUPTED
+from floatplan.cli import ExitCode
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
 from floatplan.tables import OBJECTIVE_TABLE
@@ -27,12 +27,10 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-DONE, FAILED, BAD_INPUT = 0, 1, 2
 PACKAGE = Path(__file__).resolve().parents[1]
 ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
 
-AS_TYPED: Mapping[Any, type] = {str: str, str | None: str, Path: Path, Path | None: Path}
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -104,11 +102,8 @@ class KeyOption(NamedTuple):
 
 
 OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
-START_HELP = "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'."
-BALANCE_HELP = "Give inertias that no body can have equal moments, as MuJoCo's balanceinertia does."
-COUPLED_HELP = "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right."
 OPTIONS = {
-    "start": KeyOption("O,Q1,..", START_HELP, "start"),
+    "start": KeyOption("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start"),
     "goal": KeyOption("O,Q1,..", "The same at landing.", "goal"),
     "duration": KeyOption("S", "Time of flight, s.", "flight.duration", float),
     "start_velocities": KeyOption("V1,..", "Of the joints at takeoff.", "start.velocities"),
@@ -124,10 +119,17 @@ OPTIONS = {
 }
 ROBOT_OPTIONS = {
     "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
-    "coupled": KeyOption("F=L,..", COUPLED_HELP, "robot.coupled"),
+    "coupled": KeyOption(
+        "F=L,..", "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right.", "robot.coupled"
+    ),
     "locked": KeyOption("J=A,..", "Joints that stay at an angle.", "robot.locked"),
     "reference": KeyOption("NAME", "Posture of the SRDF file next to the URDF, for other joints.", "robot.reference"),
-    "balance_inertias": KeyOption("", BALANCE_HELP, "robot.balance_inertias", bool),
+    "balance_inertias": KeyOption(
+        "",
+        "Give inertias that no body can have equal moments, as MuJoCo's balanceinertia does.",
+        "robot.balance_inertias",
+        bool,
+    ),
 }
 Options = Annotated[Mapping[str, Any], OPTIONS]  # the options of the command line, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
@@ -173,21 +175,21 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
             return command(*args, **kwargs)
         except InputError as error:
             _complain(str(_as_typed(error, command)).replace("\n", "\nerror: "))
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
         except FloatplanError as error:
             _complain(str(error))
-            raise typer.Exit(FAILED) from None
+            raise typer.Exit(ExitCode.FAILED) from None
         except OSError as error:  # of whatever the system refuses: a full disk, a closed pipe, a name too long
             file = "" if error.filename is None else f"{printable(str(error.filename))}: "
             _complain(f"{file}{error.strerror or error}")
             _drop_what_is_left()
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
         except KeyboardInterrupt:
             _complain("interrupted")
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(ExitCode.INTERRUPTED) from None
         except MemoryError:
             _complain("there is not enough memory for this")
-            raise typer.Exit(BAD_INPUT) from None
+            raise typer.Exit(ExitCode.BAD_INPUT) from None
 
     return run
 
@@ -212,11 +214,18 @@ class AsTyped:
         """Read the words of the command line."""
         hints = getattr(self.callback, "__annotations__", {})
         for parameter in self.get_params(ctx):
-            kind = AS_TYPED.get(getattr(hints.get(parameter.name), "__origin__", None))
+            kind = _plain_type(getattr(hints.get(parameter.name), "__origin__", None))
             vars(parameter).setdefault(
                 "process_value", functools.partial(_value, parameter, kind, parameter.process_value)
             )
         return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
+
+
+def _plain_type(hint: Any) -> type | None:
+    """The type of a text or a path that may be left out; None of all others."""
+    if hint in (Path, Path | None):
+        return Path
+    return str if hint in (str, str | None) else None
 
 
 def _value(parameter: Any, kind: type | None, read: Callable[..., Any], ctx: Any, value: Any) -> Any:
@@ -345,4 +354,4 @@ def finish(
         Console(stderr=json_output, highlight=False).print(readable(summary))  # in colours where somebody sees them
     if json_output:
         print_json(facts)
-    raise typer.Exit(DONE if ok else FAILED)
+    raise typer.Exit(ExitCode.DONE if ok else ExitCode.FAILED)

@@ -19,20 +19,6 @@ from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
 
 Output = Annotated[Path | None, option("DIR", "Where files go; next to the plan if left out.", "--output", "-o")]
-STIFFNESS = (
-    "Stiffness of the joints, N m/rad, of all or by name; of a jump as of its lightest joint at 125 rad/s if left out."
-)
-ERRORS = (
-    "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, rise, "
-    "noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
-    "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms."
-)
-FLIGHTS = "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too."
-OPTIONS_OF_MOTIONS = (
-    *("format", "rate", "model", "kp", "kd"),
-    *("replan", "perturb", "flights", "seed", "friction", "budget"),
-)
-DAMPING = "Their damping, N m s/rad; the critical one, or nearly so, if left out."
 
 
 def certify(
@@ -65,7 +51,15 @@ def replay(
     engine: Annotated[
         str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
     ] = None,
-    perturb: Annotated[str, option("h=1%,..", ERRORS)] = "",
+    perturb: Annotated[
+        str,
+        option(
+            "h=1%,..",
+            "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, "
+            "rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
+            "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
+        ),
+    ] = "",
     feedback: Annotated[
         float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
     ] = None,
@@ -93,7 +87,15 @@ def replay(
     authority: Annotated[
         bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
     ] = False,
-    output: Annotated[Path | None, option("DIR", FLIGHTS, "--output", "-o")] = None,
+    output: Annotated[
+        Path | None,
+        option(
+            "DIR",
+            "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
+            "--output",
+            "-o",
+        ),
+    ] = None,
     save: common.Save = False,
     json_output: common.Json = False,
 ) -> None:
@@ -218,7 +220,7 @@ def show(
     quiet: common.Quiet = False,
 ) -> None:
     """Show a plan or a jump: a page that plays it, without a network. Options ask for other pictures instead."""
-    from floatplan.cli.results import FIGURES, FILM, REPORT, SCENE, check_directory
+    from floatplan.cli.results import ResultFile, check_directory
 
     motion = common.read_motion(motion_file, urdf)
     with naming(motion_file):
@@ -235,17 +237,17 @@ def show(
     files = []
     with progress("drawing", quiet) as bar:
         if not (scene or formats or films):
-            files.append(motion.show(directory / REPORT, browse=False))
+            files.append(motion.show(directory / ResultFile.REPORT, browse=False))
         if scene:
             from floatplan.view.scene.scene import write_scene
 
-            files.append(write_scene(motion, directory / SCENE))
+            files.append(write_scene(motion, directory / ResultFile.SCENE))
         if formats:
             from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(motion, directory / FIGURES, compare=other, formats=formats)
+            files += save_figures(motion, directory / ResultFile.FIGURES, compare=other, formats=formats)
         for name in films:
-            files.append(motion.animate(directory / f"{FILM}.{name}", speed=speed, progress=bar.reach))
+            files.append(motion.animate(directory / f"{ResultFile.FILM}.{name}", speed=speed, progress=bar.reach))
     if not quiet:
         for path in files:
             common.print_path(path)
@@ -273,7 +275,10 @@ def _naming_the_file(motion_file: str | Path) -> Iterator[None]:
         yield
     except InputError as error:
         option = (error.element or "").partition(":")[0]
-        if error.source or option in OPTIONS_OF_MOTIONS:
+        if error.source or option in (
+            *("format", "rate", "model", "kp", "kd"),
+            *("replan", "perturb", "flights", "seed", "friction", "budget"),
+        ):
             raise
         raise error.within(source=motion_file) from None
 
@@ -282,8 +287,17 @@ def export(
     motion_file: common.MotionFile,
     form: Annotated[str, option("NAME", "One of those below.", "--format", "-f")],
     rate: Annotated[float | None, option("HZ", "Instants per second; left out, what suits the format.")] = None,
-    kp: Annotated[str | None, option("K|J=K,..", STIFFNESS)] = None,
-    kd: Annotated[str | None, option("K|J=K,..", DAMPING)] = None,
+    kp: Annotated[
+        str | None,
+        option(
+            "K|J=K,..",
+            "Stiffness of the joints, N m/rad, of all or by name; of a jump as of its lightest joint at 125 rad/s if "
+            "left out.",
+        ),
+    ] = None,
+    kd: Annotated[
+        str | None, option("K|J=K,..", "Their damping, N m s/rad; the critical one, or nearly so, if left out.")
+    ] = None,
     model: Annotated[str | None, option("FILE", common.MODEL)] = None,
     output: Annotated[Path | None, option("FILE", "The file; next to the plan if left out.", "--output", "-o")] = None,
     urdf: common.Urdf = None,

@@ -19,7 +19,6 @@ from floatplan.tables import FLIGHT_EVENTS
 
 SOURCE = "command line"
 NUMBERS: dict[str, Callable[[str], Any]] = {"angular_momentum": float, "degree": int}  # or words
-SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
 def robot_choices(choices: RobotOptions, degrees: bool) -> dict[str, Any]:
@@ -200,7 +199,8 @@ def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, deg
     except InputError as original:
         error = _as_typed(original, options, source)
         postures = " ".join(options.get(end, "") for end in ("start", "goal"))
-        if degrees or not any(abs(float(number)) > SURELY_DEGREES for number in _parts(postures)):
+        # [rad] three full turns: who requests more has probably forgotten --degrees
+        if degrees or not any(abs(float(number)) > 20.0 for number in _parts(postures)):
             raise error from None
         hint = _wrong("--radians", "angles are in radians here", "give --degrees if they are not")
         raise ProblemError([error, hint]) from None

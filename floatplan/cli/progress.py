@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 DELAY = 1.0  # [s] before a bar appears
 EVERY = 2.0  # [s] words about how much is done
-LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
 
 
 class ProgressBar:
@@ -107,7 +106,7 @@ def log_on_stderr(verbose: bool) -> Iterator[None]:
         return
     log = logging.getLogger("floatplan")
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(logging.Formatter(LOG_FORMAT))
+    handler.setFormatter(logging.Formatter("%(relativeCreated)7.0f ms  %(message)s"))
     before = log.level
     log.addHandler(handler)
     log.setLevel(logging.INFO)

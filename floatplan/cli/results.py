@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from enum import StrEnum
 from pathlib import Path
 
 import floatplan as fp
@@ -13,17 +14,32 @@ from floatplan.files import check_readable, write_all, write_atomically
 from floatplan.problem.file import problem_text
 from floatplan.tables import LIMIT_TABLE
 
-PLAN = "plan.json"
-JUMP = "jump.json"
-TRAJECTORY = "trajectory.csv"
-PROBLEM = "problem.toml"
-FIGURES = "figures"
-SCHEMA_FILE = "floatplan.schema.json"  # next to problem files, where floatplan schema wrote it
-OF_JUMPS = ("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height")
-FIGURE_NAMES = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance", *OF_JUMPS)
-REPORT = "report.html"
-SCENE = "scene.html"
-FILM = "flight"
+
+class ResultFile(StrEnum):
+    """Names of files and folders of results."""
+
+    PLAN = "plan.json"
+    JUMP = "jump.json"
+    TRAJECTORY = "trajectory.csv"
+    PROBLEM = "problem.toml"
+    SCHEMA = "floatplan.schema.json"  # next to problem files, where floatplan schema wrote it
+    REPORT = "report.html"
+    SCENE = "scene.html"
+    FIGURES = "figures"  # a folder
+    FILM = "flight"  # without its ending, .gif or .mp4
+
+
+FIGURE_NAMES = (
+    "snapshots",
+    "kinogram",
+    "comparison",
+    "configuration",
+    "momentum",
+    "inertia",
+    "clearance",
+    # of jumps
+    *("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height"),
+)
 
 
 def check_directory(directory: Path) -> None:
@@ -36,12 +52,21 @@ def check_directory(directory: Path) -> None:
         that cannot be read.
     """
     check_folder(directory)
-    for name in (PLAN, JUMP, TRAJECTORY, PROBLEM, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4"):
+    for name in (
+        ResultFile.PLAN,
+        ResultFile.JUMP,
+        ResultFile.TRAJECTORY,
+        ResultFile.PROBLEM,
+        ResultFile.REPORT,
+        ResultFile.SCENE,
+        f"{ResultFile.FILM}.gif",
+        f"{ResultFile.FILM}.mp4",
+    ):
         if (directory / name).is_dir():
             raise _unsuitable(directory, f"{name} is a directory there")
         check_readable(directory / name, "is not replaced")
-    if os.path.lexists(directory / FIGURES) and not (directory / FIGURES).is_dir():
-        raise _unsuitable(directory, f"{FIGURES} is not a directory there")
+    if os.path.lexists(directory / ResultFile.FIGURES) and not (directory / ResultFile.FIGURES).is_dir():
+        raise _unsuitable(directory, f"{ResultFile.FIGURES} is not a directory there")
 
 
 def check_folder(directory: Path) -> None:
@@ -78,7 +103,10 @@ def write_results(
     InputError
         The directory cannot be written to.
     """
-    contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
+    contents = {
+        directory / ResultFile.PLAN: plan.record.to_json(),
+        directory / ResultFile.TRAJECTORY: table_text(plan, rate),
+    }
     return write_all(contents, replacing=lambda: _remove_older(directory, tell))
 
 
@@ -87,15 +115,15 @@ def write_jump(jump: fp.Jump, directory: Path, tell: Callable[[str], object] | N
 
     Without a jump there is no plan, and that of an older jump goes. Errors as :func:`write_results`.
     """
-    contents = {directory / JUMP: jump.to_json()}
+    contents = {directory / ResultFile.JUMP: jump.to_json()}
     if jump.flight is not None:
-        contents[directory / PLAN] = jump.flight.record.to_json()
+        contents[directory / ResultFile.PLAN] = jump.flight.record.to_json()
 
     def replacing() -> None:
-        was_jump = (directory / JUMP).is_file()
-        _remove_older(directory, tell, except_for=(JUMP,))
+        was_jump = (directory / ResultFile.JUMP).is_file()
+        _remove_older(directory, tell, except_for=(ResultFile.JUMP,))
         if was_jump and jump.flight is None:
-            (directory / PLAN).unlink(missing_ok=True)
+            (directory / ResultFile.PLAN).unlink(missing_ok=True)
 
     return write_all(contents, replacing=replacing)
 
@@ -105,21 +133,30 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, except_
 
     Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
     """
-    if not (directory / PLAN).is_file():
+    if not (directory / ResultFile.PLAN).is_file():
         return
-    trajectory = directory / TRAJECTORY
+    trajectory = directory / ResultFile.TRAJECTORY
     check_readable(trajectory, "is not removed")
-    if {path.name for path in directory.glob("[!.]*")} <= {PLAN, TRAJECTORY, *except_for}:
+    if {path.name for path in directory.glob("[!.]*")} <= {ResultFile.PLAN, ResultFile.TRAJECTORY, *except_for}:
         trajectory.unlink(missing_ok=True)
         return
     from floatplan.export.formats import FORMATS
 
     figure_names = {*FIGURE_NAMES, *(row.title.lower() for row in LIMIT_TABLE.values())}
-    made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
+    made = [
+        directory / name
+        for name in (
+            ResultFile.JUMP,
+            ResultFile.REPORT,
+            ResultFile.SCENE,
+            f"{ResultFile.FILM}.gif",
+            f"{ResultFile.FILM}.mp4",
+        )
+    ]
     made += [directory / form.file for form in FORMATS.values()]
     for name in figure_names:
-        made += [directory / FIGURES / f"{name}.png", directory / FIGURES / f"{name}.svg"]
-    older = [path for path in made if path.is_file() and path.name not in (TRAJECTORY, *except_for)]
+        made += [directory / ResultFile.FIGURES / f"{name}.png", directory / ResultFile.FIGURES / f"{name}.svg"]
+    older = [path for path in made if path.is_file() and path.name not in (ResultFile.TRAJECTORY, *except_for)]
     for path in older:
         check_readable(path, "is not removed")
     for path in [trajectory, *older]:
@@ -131,6 +168,6 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, except_
 
 def write_problem(plan: fp.Plan, directory: Path) -> Path:
     """Write problem.toml: the plan's problem, for one that came from no file; errors as :func:`write_results`."""
-    path = directory / PROBLEM
-    schema = f"#:schema ./{SCHEMA_FILE}\n" if (directory / SCHEMA_FILE).is_file() else ""
+    path = directory / ResultFile.PROBLEM
+    schema = f"#:schema ./{ResultFile.SCHEMA}\n" if (directory / ResultFile.SCHEMA).is_file() else ""
     return write_atomically(path, schema + problem_text(plan.problem, path))

@@ -21,14 +21,7 @@ from floatplan.files import json_value, write_atomically
 if TYPE_CHECKING:
     from floatplan.motion.flight import Reachable
 
-OF_ROBOT = (  # as they are
-    *("name", "joints", "mass", "position_limits", "velocity_limits", "torque_limits"),
-    *("motors", "motor_torque_limits", "motor_velocity_limits", "tilt"),
-)
-OF_ENDS = ("asked", "angular_momentum_bounds", "horizontal_velocity_bounds", "vertical_velocity_bounds", "polygon")
 LISTED = "-"  # stands for no file
-ROBOTS = (".urdf", ".xml", ".toml")
-MOST_TURNS = 2  # [-] of a jump; what asks for more is taken for degrees
 
 
 def robots(json_output: common.Json = False) -> None:
@@ -91,7 +84,9 @@ class InfoCommand(common.Command):
         for index, word in enumerate(args):
             words.append(word)
             following = args[index + 1] if index + 1 < len(args) else LISTED
-            if word == "--shapes" and (following.startswith("-") or Path(following).suffix.lower() in ROBOTS):
+            if word == "--shapes" and (
+                following.startswith("-") or Path(following).suffix.lower() in (".urdf", ".xml", ".toml")
+            ):
                 words.append(LISTED)
         return super().parse_args(ctx, words)
 
@@ -129,7 +124,13 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
     from floatplan.robot.wheels import explain_wheels
 
     facts: dict[str, Any] = {
-        **attributes(robot, OF_ROBOT),
+        **attributes(
+            robot,
+            (  # as they are
+                *("name", "joints", "mass", "position_limits", "velocity_limits", "torque_limits"),
+                *("motors", "motor_torque_limits", "motor_velocity_limits", "tilt"),
+            ),
+        ),
         "locked": dict(robot.locked),
         "armature": dict(robot.armature),
         "damping": dict(robot.damping),
@@ -175,7 +176,8 @@ def init(
     takeoff: Annotated[str | None, option("FRAME", "The foot that leaves the ground last.")] = None,
     landing: Annotated[str | None, option("FRAME", "The foot that meets the ground first.")] = None,
     turns: Annotated[
-        int | None, typer.Option(min=0, max=MOST_TURNS, metavar="N", help="Whole turns, forwards; 0: a jump without.")
+        # more is taken for degrees
+        int | None, typer.Option(min=0, max=2, metavar="N", help="Whole turns, forwards; 0: a jump without.")
     ] = None,
     backwards: Annotated[bool, flag("Rotate backwards: once, unless --turns says more.", "--backwards")] = False,
     duration: Annotated[float | None, option("S", "Time of flight, s.")] = None,
@@ -294,7 +296,13 @@ def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[s
         "D_max": high,
     }
     for end in get_args(End):
-        for key in OF_ENDS:
+        for key in (
+            "asked",
+            "angular_momentum_bounds",
+            "horizontal_velocity_bounds",
+            "vertical_velocity_bounds",
+            "polygon",
+        ):
             facts[f"{end}_{key}"] = getattr(sets.get(end), key.removesuffix("_bounds"), None)
     written: dict[str, Any] = json_value(facts)
     return written

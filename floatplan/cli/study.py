@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 import typer
 
 import floatplan as fp
-from floatplan.cli import common
+from floatplan.cli import ExitCode, common
 from floatplan.cli.common import MODEL, flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, import_optional
@@ -19,10 +19,6 @@ from floatplan.files import runs_folder
 
 if TYPE_CHECKING:
     from floatplan.studies.driver import Progress
-
-PORT = 8080  # of the studio
-SHARD = "Plan the K-th of N shares of the rows alone, into a folder of its own: see study merge."
-EXPORT = "Write the motion of each row too, in a format of floatplan export, with an index. Jumps are planned again."
 
 
 def study(
@@ -34,8 +30,18 @@ def study(
     ] = None,
     jobs: Annotated[int | None, option("N", "Processes; as many as processors if left out.", min=1)] = None,
     output: Annotated[Path | None, option("DIR", "Where results go; else as the file says.", "--output", "-o")] = None,
-    shard: Annotated[str | None, option("K/N", SHARD)] = None,
-    export: Annotated[str | None, option("NAME", EXPORT)] = None,
+    shard: Annotated[
+        str | None,
+        option("K/N", "Plan the K-th of N shares of the rows alone, into a folder of its own: see study merge."),
+    ] = None,
+    export: Annotated[
+        str | None,
+        option(
+            "NAME",
+            "Write the motion of each row too, in a format of floatplan export, with an index. Jumps are planned "
+            "again.",
+        ),
+    ] = None,
     rate: Annotated[float | None, option("HZ", "Of these files; left out, what suits the format.")] = None,
     model: Annotated[str | None, option("FILE", MODEL)] = None,
     json_output: common.Json = False,
@@ -72,7 +78,7 @@ def study(
                 done.files.append(done.export(export, rate, model=model, jobs=jobs, progress=bar.reach))
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
-        raise typer.Exit(common.FAILED) from None
+        raise typer.Exit(ExitCode.FAILED) from None
     _tell(done, start_time, json_output, quiet)
 
 
@@ -114,7 +120,7 @@ def _tell(done: fp.Study, start_time: float, json_output: bool, quiet: bool) -> 
                 "seconds": time.perf_counter() - start_time,
             }
         )
-    raise typer.Exit(common.DONE)
+    raise typer.Exit(ExitCode.DONE)
 
 
 def studio(
@@ -122,7 +128,7 @@ def studio(
     output: Annotated[
         Path | None, option("DIR", "Where to save; runs/<name>/studio if left out.", "--output", "-o")
     ] = None,
-    port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one.")] = PORT,
+    port: Annotated[int, typer.Option(min=1024, max=65535, help="Of the page; the next free one.")] = 8080,
     around: Annotated[bool, flag("Plan around the present point too.", "--map/--no-map")] = True,
     open_page: common.OpenPage = False,
     quiet: common.Quiet = False,
@@ -152,4 +158,4 @@ def studio(
             while True:
                 time.sleep(3600)
         except KeyboardInterrupt:
-            raise typer.Exit(common.DONE) from None
+            raise typer.Exit(ExitCode.DONE) from None

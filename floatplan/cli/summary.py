@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,20 @@ from floatplan.errors import escaped
 from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows, result_rows, utilisation_table
 from floatplan.plans.verdicts import TONES, Tone
 
-AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
 NONE = "not given"  # of a range
-MOST_JOINTS_SHOWN = 6  # [-] rows of a table
-MOST_WARNINGS_SHOWN = 3  # [-] lines
-MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
-LONGEST_EXPLANATION = 800  # [-] characters
-TRACKING = 30.0  # [rad] bandwidth times duration of a feedback that tracks the paths of the joints
+
+
+@dataclass(frozen=True)
+class Shown:
+    """How much of a result a terminal shows."""
+
+    joints: int = 6  # rows of a table
+    warnings: int = 3  # lines
+    findings: int = 20  # rows of a table
+    explanation: int = 800  # characters
+
+
+SHOWN = Shown()
 REACHABLE_TITLES = {
     "angular_momentum": "h, kg m^2/s",
     "horizontal_velocity": "horizontal, m/s",
@@ -59,21 +67,21 @@ def plan_summary(
     written = [Row(name, escaped(str(path))) for name, path in places.items()]
     if "plan" in places and "report" not in places:
         written.append(Row("next", f"{program} show {shlex.quote(str(places['plan']))}"))
-    warnings = plan.warnings[:MOST_WARNINGS_SHOWN]
+    warnings = plan.warnings[: SHOWN.warnings]
     warned = {warning.kind for warning in warnings}  # these say more of takeoff and landing than their rows
     results = [row for row in results if row.name not in warned]
     titles, cells = utilisation_table(plan.utilisation)
     explained = plan.explanation
-    if len(explained) > LONGEST_EXPLANATION:
-        explained = f"{explained[: LONGEST_EXPLANATION - 4]} ..."
+    if len(explained) > SHOWN.explanation:
+        explained = f"{explained[: SHOWN.explanation - 4]} ..."
     return Group(
         Text(f"{problem.name}: {word} ({status.text})", f"bold {COLOURS[tone]}"),
         _named([*rows, *results, *stances, *proof_rows(plan), *written]),
-        _table(titles, cells[:MOST_JOINTS_SHOWN], whole=True),
-        *_more(len(cells) - MOST_JOINTS_SHOWN),
+        _table(titles, cells[: SHOWN.joints], whole=True),
+        *_more(len(cells) - SHOWN.joints),
         *([Text(explained, "" if plan.ok else "yellow")] if explained else []),
         *(Text(f"warning: {warning.message}", "yellow") for warning in warnings),
-        *_more(len(plan.warnings) - MOST_WARNINGS_SHOWN, " warnings"),
+        *_more(len(plan.warnings) - SHOWN.warnings, " warnings"),
     )
 
 
@@ -182,10 +190,10 @@ def certificate_summary(certificate: fp.Certificate) -> RenderableType:
     colours = {str(verdict): f"bold {COLOURS[tone]}" for verdict, tone in TONES.items()}
     verdict = Text(f"{certificate.verdict} in {certificate.seconds:.3g} s", colours[certificate.verdict])
     verdict.append(f", {certificate.subintervals} intervals of time, {len(cells)} constraints", "default")
-    rows: list[list[str | Text]] = [[*row] for row in cells[:MOST_FINDINGS_SHOWN]]
+    rows: list[list[str | Text]] = [[*row] for row in cells[: SHOWN.findings]]
     for row, (_, word, *_) in zip(rows, cells, strict=False):
         row[1] = Text(word, colours[word])
-    return Group(verdict, _table(titles, rows), *_more(len(cells) - MOST_FINDINGS_SHOWN))
+    return Group(verdict, _table(titles, rows), *_more(len(cells) - SHOWN.findings))
 
 
 def replay_summary(replay: fp.Replay) -> RenderableType:
@@ -195,7 +203,8 @@ def replay_summary(replay: fp.Replay) -> RenderableType:
     titles = {"times": "after, s", "orientation": "orientation, rad", "joints": "joints, rad", "com": "CM, m"}
     errors = zip(*(map(short, getattr(replay.growth, name)) for name in titles), strict=True)
     unstable = not replay.landed and not replay.disturbed and replay.feedback is None
-    tracked = short(TRACKING / float(replay.growth.times[-1]))
+    # 30 rad, bandwidth times duration, let a feedback track the paths of the joints
+    tracked = short(30.0 / float(replay.growth.times[-1]))
     advice = f"with --feedback {tracked} an unstable motion lands all the same, a wrong plan does not"
     return Group(
         Text(f"{landed} in {replay.seconds:.3g} s", f"bold {COLOURS[tone]}"),
@@ -274,16 +283,12 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
         _table(PHASES, phase_lines(jump)),
         *([Text(jump.explanation)] if jump.ok and jump.request.objective == "limits" else []),
         *(Text(", ".join(words), "red") for words in broken),
-        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings[:MOST_WARNINGS_SHOWN]),
-        *_more(len(jump.warnings) - MOST_WARNINGS_SHOWN, " warnings"),
+        *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings[: SHOWN.warnings]),
+        *_more(len(jump.warnings) - SHOWN.warnings, " warnings"),
         _table(STANCES, stance_rows),
         _named([*written, Row("next", f"{program} show {shlex.quote(str(files[0]))} --scene    # the jump in 3-D")]),
         Text(CHECKED, "dim"),
     )
-
-
-CLIP_COLUMNS = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "rate", "slide, mm")
-CLIP_COLOURS = {"physical": "green", "unphysical": "red", "undecided": "yellow", "afloat": "yellow"}
 
 
 def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableType:
@@ -299,16 +304,18 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
         fall = (
             f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
         )
-        verdict = Text(judged.verdict, CLIP_COLOURS[judged.verdict])
+        colour = {"physical": "green", "unphysical": "red"}.get(judged.verdict, "yellow")
+        verdict = Text(judged.verdict, colour)
         rows.append((when, verdict, fall, rotation, *shares, f"{1e3 * judged.sliding:.0f}"))
-        faults += [Text(f"{when}: {fault}", "red") for fault in judged.faults[:MOST_WARNINGS_SHOWN]]
+        faults += [Text(f"{when}: {fault}", "red") for fault in judged.faults[: SHOWN.warnings]]
+    titles = ("flight", "verdict", "fall, m/s^2", "turn off, deg", "torque", "rate", "slide, mm")
     words = f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {_counted(len(check.flights), 'flight')}"
     return Group(
         Text(escaped(words), f"bold {COLOURS['good' if check.ok else 'bad']}"),
         *(Text(remark, "dim") for remark in clip.remarks),
-        *([_table(CLIP_COLUMNS, rows)] if rows else []),
-        *faults[:MOST_FINDINGS_SHOWN],
-        *_more(len(faults) - MOST_FINDINGS_SHOWN, " faults"),
+        *([_table(titles, rows)] if rows else []),
+        *faults[: SHOWN.findings],
+        *_more(len(faults) - SHOWN.findings, " faults"),
         *([] if page is None else [Text(escaped(str(page)))]),
     )
 
@@ -355,7 +362,7 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
     return Group(
         Text(escaped(words), f"bold {COLOURS['good' if repair.ok else 'bad']}"),
         *([_table(titles, rows)] if rows else []),
-        *reasons[:MOST_FINDINGS_SHOWN],
+        *reasons[: SHOWN.findings],
         _named([Row("clip", escaped(str(path))), *([] if page is None else [Row("page", escaped(str(page)))])]),
     )
 
@@ -412,7 +419,7 @@ def flights_summary(
     if closed_loop is not None:
         parts += [Text(summary(closed_loop), "bold"), _table(LANDING_TITLES, landing_rows(closed_loop))]
     if authority is not None:
-        parts.append(_table(AUTHORITY_TITLES, authority_rows(authority)))
+        parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(authority)))
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)

@@ -341,7 +341,7 @@ def _check(recording: Recording) -> None:
     if count > MOST_FRAMES:
         raise InputError(f"has {count} frames, more than {MOST_FRAMES}", advice="cut it into clips")
     limited = (
-        ("position", recording.position, SENSIBLE.position),
+        ("place", recording.position, SENSIBLE.position),
         ("quaternion", recording.quaternion, 1.0 + SENSIBLE.length),
         ("joints", recording.joints, SENSIBLE.joint),
     )

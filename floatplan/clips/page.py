@@ -19,12 +19,24 @@ from floatplan.files import write_atomically
 from floatplan.view.report.report import asset, filled, policy
 
 MOST_FLIGHTS = 60  # [-] that have charts, the unphysical ones first; tables list all
-POSTURES = 5  # [-] of the robot in a flight
-WIDTH, HEIGHT = 540, 200  # [px] of a chart
-LEFT, RIGHT, TOP, BOTTOM = 52, 150, 22, 26  # [px] between it and its frame; names are to its right
-TICKS = 6  # [-] at most, on an axis
+
+
+@dataclass(frozen=True)
+class ChartFrame:
+    """Sizes and colours of the charts of a flight."""
+
+    width: int = 540  # [px]
+    height: int = 200  # [px]
+    left: int = 52  # [px] between the chart and its frame, as the next three
+    right: int = 150  # names of curves are there
+    top: int = 22
+    bottom: int = 26
+    postures: int = 5  # [-] of the robot in a flight
+    colours: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+
+
+CHART = ChartFrame()
 TONES = {"physical": "good", "unphysical": "bad", "undecided": "open", "afloat": "open"}
-COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 STYLE = """
 section { margin: 18px 0 30px; }
 h2 { font-size: 17px; margin: 6px 0; }
@@ -112,13 +124,13 @@ def _flight_section(check: ClipCheck, judged: FlightJudgement) -> str:
 def _height_chart(judged: FlightJudgement, gravity: float) -> str:
     """The centre of mass in the frames, the parabola nearest to it, and one between the same ends that falls at g."""
     fall = judged.fall
-    lines = [Line(fall.times, fall.places[:, 2], "frames", COLOURS[0], dots=True)]
+    lines = [Line(fall.times, fall.places[:, 2], "frames", CHART.colours[0], dots=True)]
     if len(fall.times) > 2:
         times = np.linspace(fall.times[0], fall.times[-1], 60)
         nearest = fall.at(times)[:, 2]
-        lines.append(Line(times, nearest, f"falls at {fall.fall:.2f} m/s^2", COLOURS[0]))
+        lines.append(Line(times, nearest, f"falls at {fall.fall:.2f} m/s^2", CHART.colours[0]))
         lines.append(
-            Line(times, nearest + _missing_height(fall, times, gravity), "falls at g", COLOURS[2], dashed=True)
+            Line(times, nearest + _missing_height(fall, times, gravity), "falls at g", CHART.colours[2], dashed=True)
         )
     return _chart("height of the centre of mass, m", lines)
 
@@ -139,8 +151,8 @@ def _turning_chart(judged: FlightJudgement) -> str:
     off = np.rad2deg(np.linalg.norm(judged.rotation.residuals, axis=1))
     tolerance = np.rad2deg(judged.rotation.tolerance)
     lines = [
-        Line(times, off, "frames", COLOURS[1], dots=True),
-        Line(times[[0, -1]], np.array([tolerance, tolerance]), "most, rms", COLOURS[2], dashed=True),
+        Line(times, off, "frames", CHART.colours[1], dots=True),
+        Line(times[[0, -1]], np.array([tolerance, tolerance]), "most, rms", CHART.colours[2], dashed=True),
     ]
     return _chart(title, lines, least=0.0)
 
@@ -154,9 +166,9 @@ def _feet_chart(check: ClipCheck, judged: FlightJudgement) -> str:
     heights = scene.foot_heights[near] - scene.ground.heights[near, None]
     lines = []
     for column, name in enumerate(scene.foot_names):
-        lines.append(Line(times, heights[:, column], name, COLOURS[column % len(COLOURS)]))
+        lines.append(Line(times, heights[:, column], name, CHART.colours[column % len(CHART.colours)]))
     level = np.full(2, FOOT_CLEARANCE)
-    lines.append(Line(times[[0, -1]], level, "in the air", COLOURS[2], dashed=True))
+    lines.append(Line(times[[0, -1]], level, "in the air", CHART.colours[2], dashed=True))
     return _chart("feet over the ground, m", lines, span=(flight.begin, flight.end))
 
 
@@ -172,9 +184,9 @@ def _chart(
     least : the lowest value that the axis has at least
     span : s, when the flight is, shaded behind the curves
     """
-    heading = f'<text x="{LEFT}" y="13">{html.escape(title)}</text>'
+    heading = f'<text x="{CHART.left}" y="13">{html.escape(title)}</text>'
     if not lines:
-        return _picture(heading + f'<text x="{LEFT}" y="{HEIGHT / 2}">too few frames</text>')
+        return _picture(heading + f'<text x="{CHART.left}" y="{CHART.height / 2}">too few frames</text>')
     x = np.concatenate([line.x for line in lines])
     y = np.concatenate([line.y for line in lines])
     low = float(y.min()) if least is None else min(least, float(y.min()))
@@ -183,28 +195,29 @@ def _chart(
     first, last = float(x.min()), max(float(x.max()), float(x.min()) + 1e-3)
 
     def across(values: Array) -> Array:
-        return LEFT + (values - first) / (last - first) * (WIDTH - LEFT - RIGHT)
+        return CHART.left + (values - first) / (last - first) * (CHART.width - CHART.left - CHART.right)
 
     def up(values: Array) -> Array:
-        return HEIGHT - BOTTOM - (values - low) / (high - low) * (HEIGHT - TOP - BOTTOM)
+        return CHART.height - CHART.bottom - (values - low) / (high - low) * (CHART.height - CHART.top - CHART.bottom)
 
     parts = [heading]
     if span is not None:
         begin, end = across(np.array(span))
-        parts.append(
-            f'<rect class="air" x="{begin:.1f}" y="{TOP}" width="{end - begin:.1f}" height="{HEIGHT - TOP - BOTTOM}"/>'
-        )
+        height = CHART.height - CHART.top - CHART.bottom
+        parts.append(f'<rect class="air" x="{begin:.1f}" y="{CHART.top}" width="{end - begin:.1f}" height="{height}"/>')
     for value in _ticks(low, high):
         pixel = float(up(np.array(value)))
-        parts.append(f'<line class="axis" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{pixel:.1f}" y2="{pixel:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{pixel + 4:.1f}" text-anchor="end">{value:g}</text>')
+        parts.append(
+            f'<line class="axis" x1="{CHART.left}" x2="{CHART.width - CHART.right}" y1="{pixel:.1f}" y2="{pixel:.1f}"/>'
+        )
+        parts.append(f'<text x="{CHART.left - 5}" y="{pixel + 4:.1f}" text-anchor="end">{value:g}</text>')
     for value in _ticks(first, last):
         pixel = float(across(np.array(value)))
-        parts.append(f'<text x="{pixel:.1f}" y="{HEIGHT - 10}" text-anchor="middle">{value:g} s</text>')
+        parts.append(f'<text x="{pixel:.1f}" y="{CHART.height - 10}" text-anchor="middle">{value:g} s</text>')
     for number, line in enumerate(lines):
         parts.append(_curve(across(line.x), up(line.y), line))
         parts.append(
-            f'<text x="{WIDTH - RIGHT + 8}" y="{TOP + 12 + 14 * number}" style="fill:{line.colour}">'
+            f'<text x="{CHART.width - CHART.right + 8}" y="{CHART.top + 12 + 14 * number}" style="fill:{line.colour}">'
             f"{html.escape(line.name)}</text>"
         )
     return _picture("".join(parts))
@@ -223,7 +236,7 @@ def _curve(x: Array, y: Array, line: Line) -> str:
 
 def _ticks(low: float, high: float) -> list[float]:
     """Round numbers between two others."""
-    rough = (high - low) / TICKS
+    rough = (high - low) / 6  # six of them at most
     power = 10.0 ** np.floor(np.log10(rough))
     steps = power * np.array([1.0, 2.0, 5.0, 10.0])
     step = steps[steps >= rough][0]
@@ -235,7 +248,7 @@ def _postures(check: ClipCheck, judged: FlightJudgement) -> str:
     """The robot at equal steps of the flight, side by side, seen from its right: joints and feet as sticks."""
     clip = check.clip
     flight = judged.flight
-    times = np.linspace(flight.begin, flight.end, POSTURES)
+    times = np.linspace(flight.begin, flight.end, CHART.postures)
     poses = clip.curve.poses(times)
     ahead = poses.rotations[0, 1, :2, 0]
     length = float(np.linalg.norm(ahead))
@@ -245,19 +258,20 @@ def _postures(check: ClipCheck, judged: FlightJudgement) -> str:
     ground = float(clip.ground.at(np.array([flight.begin]))[0])
     apart = 1.3 * float(np.ptp(across)) + 0.05
     low, high = min(float(heights.min()), ground), float(heights.max())
-    scale = min((WIDTH - 20) / (apart * POSTURES), (HEIGHT - TOP - 20) / (high - low + 0.05))
-    x = 10 + scale * (across - across.min() + apart * np.arange(POSTURES)[:, None])
-    y = HEIGHT - 14 - scale * (heights - low)
+    scale = min((CHART.width - 20) / (apart * CHART.postures), (CHART.height - CHART.top - 20) / (high - low + 0.05))
+    x = 10 + scale * (across - across.min() + apart * np.arange(CHART.postures)[:, None])
+    y = CHART.height - 14 - scale * (heights - low)
     parts = [f'<text x="10" y="13">the robot, {times[1] - times[0]:.2f} s from one to the next</text>']
-    level = HEIGHT - 14 - scale * (ground - low)
-    parts.append(f'<line class="axis" x1="0" x2="{WIDTH}" y1="{level:.1f}" y2="{level:.1f}"/>')
+    level = CHART.height - 14 - scale * (ground - low)
+    parts.append(f'<line class="axis" x1="0" x2="{CHART.width}" y1="{level:.1f}" y2="{level:.1f}"/>')
     parents = list(clip.robot.model.parents)
-    for posture in range(POSTURES):
+    for posture in range(CHART.postures):
         for joint in range(2, len(parents)):
             ends = [joint - 1, parents[joint] - 1]
-            parts.append(_curve(x[posture, ends], y[posture, ends], Line(x, y, "", COLOURS[0])))
+            parts.append(_curve(x[posture, ends], y[posture, ends], Line(x, y, "", CHART.colours[0])))
     return _picture("".join(parts))
 
 
 def _picture(content: str) -> str:
-    return f'<svg class="chart" width="{WIDTH}" height="{HEIGHT}" viewBox="0 0 {WIDTH} {HEIGHT}">{content}</svg>'
+    width, height = CHART.width, CHART.height
+    return f'<svg class="chart" width="{width}" height="{height}" viewBox="0 0 {width} {height}">{content}</svg>'

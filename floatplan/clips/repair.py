@@ -25,7 +25,6 @@ from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
 from floatplan.tables import Range
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
-MOST_FLIGHTS = 10**6  # [-] numbers of flights
 FORCE_STEP = 0.01  # [s] between the instants at which they are
 
 
@@ -157,7 +156,7 @@ def repair_clip(
         A choice, a rate or a number of a flight is none; or as of :func:`floatplan.check_clip`.
     """
     CHOICE(choice, "choice")
-    optional(many(whole(Range(0, MOST_FLIGHTS, "")), "numbers of flights"))(flights, "flights")
+    optional(many(whole(Range(0, 10**6, "")), "numbers of flights"))(flights, "flights")
     optional(whole(Range(LOWEST_DEGREE + 1, HIGHEST_DEGREE, "")))(degree, "degree")
     optional(FINITE)(rate, "rate")
     if rate is not None:

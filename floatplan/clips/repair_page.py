@@ -22,12 +22,10 @@ from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import robot_in_space, rounded
 from floatplan.view.report.report import page
 from floatplan.view.solids import rendered_solids
-from floatplan.view.style import TRAILS
+from floatplan.view.style import PALETTE
 
 STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
-RATE = 60.0  # [Hz] of what is played
-SCRIPTS = ("theme.js", "motion.js", "camera.js", "stage.js", "player.js", "pair.js")
 TITLES = ("flight, s", "what", "duration, s", "joints, deg", "base, deg", "torque", "rate", "feet, mm", "why not")
 
 
@@ -59,7 +57,14 @@ def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> P
     }
     facts = {"facts": "".join(parts)}
     styles = ("report.css", "pair.css")
-    made = page("pair.html", data["name"], styles, SCRIPTS, data, facts)
+    made = page(
+        "pair.html",
+        data["name"],
+        styles,
+        ("theme.js", "motion.js", "camera.js", "stage.js", "player.js", "pair.js"),
+        data,
+        facts,
+    )
     return write_atomically(path, made)
 
 
@@ -100,7 +105,7 @@ def _played(clip: Clip, repair: ClipRepair) -> tuple[float, float]:
 def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
     """Return an interval of a clip as the page's moving robot has it: columns at equal steps of time, and the floor."""
     robot = clip.robot
-    times = np.linspace(begin, end, max(int((end - begin) * RATE), 4) + 1)
+    times = np.linspace(begin, end, max(int((end - begin) * 60.0), 4) + 1)  # played at 60 Hz
     poses = clip.curve.poses(times)
     positions = clip.curve.positions(times)[:, [robot.model_joints.index(joint) for joint in robot.joints]]
     com = centre_of_mass(robot, poses)
@@ -117,7 +122,7 @@ def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
         "columns": {name: rounded(values) for name, values in columns.items()},
         "robot": robot_in_space(robot),
         "frames": [],
-        "trail": TRAILS[0],
+        "trail": PALETTE.trails[0],
         "obstacles": [],
         "ground": [],
         "floor": [rounded(line) for line in floor_lines(low, high, float(clip.ground.at(times[:1])[0]))],

@@ -38,16 +38,9 @@ SHARES = {
     "raise": 1.0,
 }  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
 CHOICE = one_of(*SHARES, AUTO, or_number=number(Range(0.0, 1.0, "")))
-DEGREES = ((0.35, 9), (0.7, 11), (math.inf, 13))  # [s, -] degree of the polynomials of flights no longer than that
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
-ROUGHNESS = 1e-4  # [-] weight of the polynomials' order, squared: without it few frames would leave ends undetermined
 RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
-SHORTEST = 0.05  # [s] of a repaired flight
 FULL = 1.0  # [-] share of a limit
-HOPELESS = 20.0  # [-] share of a limit, above which no flight within the limits is looked for: it takes seconds
-INSIDE = 0.97  # [-] of the limits that a flight which exceeds them is planned again within
-LARGEST_CHANGE = math.radians(30.0)  # [rad] of a joint: a flight that is changed more is another motion
-QUARTER_ROTATION = math.pi / 2  # [rad] of rotation from takeoff to landing, below which the shortest way is the clip's
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
 
 
@@ -124,9 +117,10 @@ def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | 
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     nearest = _judged(clip, flight, choice, plan)
-    if not FULL < _largest_share(nearest) <= HOPELESS:
+    # above 20 times a limit no flight within the limits is looked for: it takes seconds
+    if not FULL < _largest_share(nearest) <= 20.0:
         return nearest
-    limits = _limits_within(problem, INSIDE)
+    limits = _limits_within(problem, 0.97)  # with a margin of 3 %
     within = plan_flight(replace(problem, limits=limits))
     return _judged(clip, flight, choice, within) if within.ok else nearest
 
@@ -165,13 +159,14 @@ def flight_problem(
     com = centre_of_mass(robot, body_poses(robot, bases, attitudes, positions))
     share = SHARES[choice] if isinstance(choice, str) else choice
     fall = fall_duration(com[0, 2], float(com[:, 2].max()), com[1, 2], gravity)
-    if share < 1 and fall < SHORTEST:
+    if share < 1 and fall < 0.05:  # [s] no shorter flight is repaired
         return None
     duration = share * flight.duration + (1.0 - share) * fall
     columns = [robot.model_joints.index(joint) for joint in robot.joints]
     planned = positions[:, columns]
     low, high = _ranges(robot.position_limits, planned)
-    chosen = degree or next(value for longest, value in DEGREES if duration <= longest)
+    # [s, -] longer flights need higher degrees
+    chosen = degree or next(value for longest, value in ((0.35, 9), (0.7, 11), (math.inf, 13)) if duration <= longest)
     rates = _end_rates(planned, (low + high) / 2, (high - low) / 2, duration, chosen)
     goal_angles = _attitudes_of_ends(clip, flight)
     postures = []
@@ -230,7 +225,8 @@ def _end_rates(positions: Array, centre: Array, amplitude: Array, duration: floa
     legendre = np.polynomial.legendre.legvander(2.0 * grid.nodes - 1.0, degree - 2)
     free = s * (1.0 - s) * legendre
     weights = np.sqrt(grid.weights)[:, None]
-    smooth = ROUGHNESS * np.diag(np.arange(degree - 1) ** 2.0)
+    # the weight 1e-4 of the polynomials' order, squared: without it few frames would leave ends undetermined
+    smooth = 1e-4 * np.diag(np.arange(degree - 1) ** 2.0)
     targets = weights * (between - first - s * (last - first))
     coefficients, *_ = np.linalg.lstsq(
         np.concatenate((weights * free, smooth)),
@@ -248,7 +244,7 @@ def _attitudes_of_ends(clip: Clip, flight: ClipFlight) -> tuple[Attitude, Attitu
     attitudes = clip.curve.attitudes(instants)
     steps = logarithm(np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     turned = float(np.linalg.norm(steps, axis=1).sum())
-    if turned < QUARTER_ROTATION:
+    if turned < math.pi / 2:  # the shortest way is the clip's
         quaternions = Rotation.from_matrix(attitudes[[0, -1]]).as_quat()
         first, last = (Attitude(quaternion_xyzw=tuple(quaternion.tolist())) for quaternion in quaternions)
         return first, last
@@ -282,7 +278,7 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> 
             share, motor = largest_use
             if share > FULL:
                 reasons.append(f"{motor} needs {100 * share:.0f} % of its {quantity}")
-    if largest > LARGEST_CHANGE:
+    if largest > math.radians(30.0):  # a flight with a larger change is another motion
         joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]
         reasons.append(f"{joint} would move {math.degrees(largest):.0f} degrees from the clip")
     return RepairedFlight(

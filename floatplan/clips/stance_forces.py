@@ -16,7 +16,6 @@ from floatplan.motion.spatial.rotations import of_quaternions
 
 STEPS = 2  # [-] instants to either side, of differences: nearer ones tell of the frames' noise
 LOADED = 0.1  # [-] of the weight: where the ground carries less, where it presses tells nothing
-SOLE = 0.01  # [m] over a foot's lowest point, up to which its corners are on the ground
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)  # [rad] of directions: the feet's edge is 1 % off at most
 DIRECTIONS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
 
@@ -102,7 +101,8 @@ def _reach(clip: Clip, poses: BodyPoses, clip_times: Array) -> tuple[Array, Arra
             # a ball is round about its middle: below that is its lowest point
             below_points = lowest_point(poses, [solid])[:, 2] - points[..., 2].min(axis=1)
             heights = points[..., 2] + below_points[:, None]
-            on_ground = (heights < lowest[:, None] + SOLE) & (clearances[:, foot, None] < FOOT_CLEARANCE)
+            # corners up to 0.01 m over a foot's lowest point are on the ground
+            on_ground = (heights < lowest[:, None] + 0.01) & (clearances[:, foot, None] < FOOT_CLEARANCE)
             along = np.where(on_ground[..., None], points[..., :2] @ DIRECTIONS.T, -np.inf)
             reach = np.maximum(reach, along.max(axis=1))
     return reach, ground

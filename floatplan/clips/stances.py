@@ -25,11 +25,7 @@ from floatplan.robot.shapes.solids import LinkSolid
 
 FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
 LOOSE = 0.05  # [m] over the ground, from where on they are not
-ROUNDS = 8  # [-] of Gauss and Newton at most
-CLOSE = 1e-8  # [rad] of a step, which is the last
-DAMPING = 1e-7  # [m^2] of the squared change of joints
 SOLE = 0.01  # [m/rad] that an attitude counts relative to a position: with fewer than six joints the position wins
-FREE = 5  # [-] of a joint's number less in the model than its column in a configuration
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +90,8 @@ def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array) -> Ar
             continue
         targets = clip.curve.poses(clip_times[near])
         angles = _bent(clip.robot, configurations[near], chain, leg, targets, scene.foot_solids[foot])
-        columns = FREE + np.array(leg)
+        # a joint's column in a configuration, whose base has 7 numbers, is 5 more than its number in the model
+        columns = 5 + np.array(leg)
         change = shares[near, foot, None] * (angles - configurations[near][:, columns])
         bent[near[:, None], columns] += change
     return bent
@@ -137,7 +134,7 @@ def _bent(
     positions = configurations[:, 7:].copy()
     columns = np.array(leg) - 2
     axes = joint_axes(robot)[leg]
-    for _ in range(ROUNDS):
+    for _ in range(8):  # Gauss and Newton converge in fewer
         poses = body_poses(robot, configurations[:, :3], attitudes, positions, chain)
         point = on_body(poses, body, local)
         rotation = logarithm(targets.rotations[:, body] @ np.swapaxes(poses.rotations[:, body], 1, 2))
@@ -146,10 +143,11 @@ def _bent(
         turning = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, 3:])
         arms = point[:, None] - poses.places[:, leg]
         rates = np.concatenate((sliding + np.cross(turning, arms), SOLE * turning), axis=2)
-        normal = np.swapaxes(rates, 1, 2) @ rates + DAMPING * np.eye(6)
+        # 1e-7 m^2 of the squared change of joints damp the step
+        normal = np.swapaxes(rates, 1, 2) @ rates + 1e-7 * np.eye(6)
         step = np.einsum("kma,ka->km", rates, np.linalg.solve(normal, miss[..., None])[..., 0])
         positions[:, columns] += step
-        if np.abs(step).max() < CLOSE:
+        if np.abs(step).max() < 1e-8:  # [rad] the next one changes nothing
             break
     return np.asarray(positions[:, columns])
 

@@ -24,7 +24,6 @@ from floatplan.robot.wheels import wheels
 
 FAST = math.radians(2000)  # [rad/s] beyond the rates of legged robots, whatever the URDF says
 WHEEL_RANGE = 10 * math.tau  # [rad] of a wheel, either way
-LONGEST_SEARCH = 8e6  # [instants of one body] for one flight, about 1.3 s
 
 
 def limits_of(chosen: ChosenRobot) -> Limits:
@@ -107,7 +106,7 @@ def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float
     overlapping: tuple[Problem, Plan] | None = None
     for _ in range(3):  # plans: the first, then with lower accelerations or separated links
         try:
-            result = planned(problem, SearchOptions(patience=LONGEST_SEARCH))
+            result = planned(problem, SearchOptions(patience=8e6))  # 8e6 instants of one body take about 1.3 s
         except InputError:
             break
         work += result.work

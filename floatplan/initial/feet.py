@@ -15,8 +15,6 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
 from floatplan.robot.wheels import wheels
 
-FOOT_WORDS = ("sole", "foot(?!print)", "toe", "ankle")  # the first in a link's name goes before others
-NOT_FEET = re.compile("imu|sensor|wheel|caster|torso|virtual", re.IGNORECASE)
 SMALLEST = 1e-3  # [m] height of a robot that stands
 ROUNDING = 1e-6  # [m] by which heights of meshes may differ
 
@@ -105,8 +103,9 @@ def links_of(robot: Robot, body: int) -> list[str]:
 
 def named_foot(robot: Robot, body: int) -> str | None:
     """Return the link of a body whose name is that of a foot; of several the one farthest from the body's joint."""
-    links = [link for link in links_of(robot, body) if not NOT_FEET.search(link)]
-    for word in FOOT_WORDS:
+    others = "imu|sensor|wheel|caster|torso|virtual"
+    links = [link for link in links_of(robot, body) if not re.search(others, link, re.IGNORECASE)]
+    for word in ("sole", "foot(?!print)", "toe", "ankle"):  # the first in a link's name goes before others
         matching = [link for link in links if re.search(word, link, re.IGNORECASE)]
         if matching:
             return max(matching, key=lambda link: abs(robot.frames[link].local))

@@ -28,7 +28,6 @@ from floatplan.robot.urdf.tree import urdf_path
 from floatplan.robot.wheels import wheels
 
 # How the names of reference postures begin, the likeliest to stand in first.
-POSTURES = ("stand", "half_sitting", "crouch", "squat", "knees_bent", "homing", "home", "default")
 MOST_POSTURES = 8  # [-] of a file, that are tried
 ALIKE = 1e-6  # [kg, m, kg m^2, rad] bodies that differ by no more are alike
 
@@ -125,7 +124,7 @@ class _FromFile:
             text, tree = taken_urdf(text, Changes(balance_inertias=balance_inertias))
             postures = reference_postures(tree, text)
         likely: list[str] = []
-        for word in POSTURES:
+        for word in ("stand", "half_sitting", "crouch", "squat", "knees_bent", "homing", "home", "default"):
             likely += [name for name in postures if name.startswith(word) and name not in likely]
         planes = ["xz", "yz", "xy"]  # where the file does not say which way is up
         if text.gravity_direction is not None:

@@ -17,6 +17,7 @@ from floatplan.motion.dynamics import Peaks
 from floatplan.motion.flight import FAST, Contact
 from floatplan.plans.overlaps import Overlap, overlaps
 from floatplan.plans.planned_motion import PlannedMotion
+from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Coupling
 from floatplan.robot.planar.choice import MOST_LEANING, against_gravity
@@ -39,13 +40,20 @@ Kind: TypeAlias = Literal[
     "overlap",
 ]
 
-ROUNDING = 1e-9  # [rad] of joint ranges
-OUT_OF_PLANE = math.radians(1)  # at landing, without a warning: corrections in flight leave as much in the plane
-STANDARD_GRAVITY = 9.80665  # [m/s^2]
-# [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
-# 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
-MOST_TORQUE = 2.0
-MOST_TURNS = 2 * math.tau  # [rad] requested at an end, or from one to the other, without a warning
+
+@dataclass(frozen=True)
+class WarningThresholds:
+    """What a plan may do without a warning."""
+
+    rounding: float = 1e-9  # [rad] of joint ranges
+    out_of_plane: float = math.radians(1)  # [rad] at landing: corrections in flight leave as much in the plane
+    torque: float = 2.0
+    """[-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
+    9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6."""
+    angle: float = 2 * math.tau  # [rad] requested at an end, or from one to the other
+
+
+THRESHOLDS = WarningThresholds()
 
 
 @dataclass(frozen=True)
@@ -145,13 +153,23 @@ def limits_of_motors(problem: Problem) -> dict[str, Array]:
 
 def largest_use(rows: Sequence[Utilisation]) -> float | None:
     """Return the largest share of a limit that a motor uses; None where none has a limit."""
-    shares = [getattr(use, f"{row.key}_utilisation") for use in rows for row in USED]
-    return max((share for share in shares if share is not None), default=None)
+    largest: float | None = None
+    for use in rows:
+        for row in USED:
+            share = getattr(use, f"{row.key}_utilisation")
+            if share is not None and (largest is None or share > largest):
+                largest = share
+    return largest
 
 
 def limits_shown(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
     """Limits whose utilisation is worth a column: those that are always reported, and those that some motor has."""
-    return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
+    shown = []
+    for row in USED:
+        limits = [getattr(use, f"{row.key}_limit") for use in rows]
+        if row.always or any(limit is not None for limit in limits):
+            shown.append(row)
+    return tuple(shown)
 
 
 def _of_motor(problem: Problem, peaks: Peaks, limits: Mapping[str, Array], index: int) -> Utilisation:
@@ -306,7 +324,7 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
         low, high = sorted((ratio * peaks.position[leader] + offset).tolist())
         below, above = (written.lower - low, low, written.lower), (high - written.upper, high, written.upper)
         beyond, value, limit = max(below, above)
-        if beyond > ROUNDING:
+        if beyond > THRESHOLDS.rounding:
             message = f"{joint} goes to {value:.4g} rad, its file ends at {limit:.4g} rad"
             message += '; limits.position = "urdf" keeps it.'
             yield PlanWarning("position", joint, value, limit, "rad", None, message)
@@ -354,21 +372,24 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
         return
     limits = limits_of_motors(problem)
     rows = utilisation(problem, plan.peaks)
-    unlimited = {
-        key: [row for row in rows if not math.isfinite(limits[key][robot.motors.index(row.joint)])]
-        for key in ("torque", "velocity")
-    }
-    most = MOST_TORQUE * robot.mass * STANDARD_GRAVITY * robot.rod_length
-    for row in sorted(unlimited["torque"], key=lambda row: row.torque_peak)[-1:]:
+    without_torque_limit = []
+    without_rate_limit = []
+    for row in rows:
+        motor = robot.motors.index(row.joint)
+        if not math.isfinite(limits["torque"][motor]):
+            without_torque_limit.append(row)
+        if not math.isfinite(limits["velocity"][motor]) and row.joint not in wheels(robot):
+            without_rate_limit.append(row)
+    most = THRESHOLDS.torque * robot.mass * 9.80665 * robot.rod_length  # 9.80665 m/s^2, standard gravity
+    for row in sorted(without_torque_limit, key=lambda row: row.torque_peak)[-1:]:
         if row.torque_peak > most:
             message = (
                 f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no"
-                f" limit: {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any"
-                " motor of its size has; a longer flight, or less rotation, needs less, and limits.torque keeps it."
+                f" limit: {most:.3g} N m are {THRESHOLDS.torque:g} times the robot's weight times its length, more than"
+                " any motor of its size has; a longer flight, or less rotation, needs less, and limits.torque keeps it."
             )
             yield PlanWarning("torque", row.joint, row.torque_peak, most, "N m", row.torque_instant, message)
-    turning = [row for row in unlimited["velocity"] if row.joint not in wheels(robot)]
-    for row in sorted(turning, key=lambda row: row.velocity_peak)[-1:]:
+    for row in sorted(without_rate_limit, key=lambda row: row.velocity_peak)[-1:]:
         if row.velocity_peak > FAST:
             message = (
                 f"{row.joint} turns at {row.velocity_peak:.3g} rad/s at {row.velocity_instant:.3g} s and its file gives"
@@ -381,24 +402,28 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
     """Requested angles so large that degrees may have been meant, of base and joints; wheels roll on."""
     start, goal = problem.initial, problem.final
-    first, last = (
-        np.array([end.orientation if end.attitude is None else end.attitude.angles or 0.0]) for end in (start, goal)
-    )
+    first = _angles_of_base(start)
+    last = _angles_of_base(goal)
     base = float(max(np.abs(first).max(), np.abs(last).max(), np.abs(last - first).max()))
     joints = np.abs([start.positions, goal.positions]).max(axis=0).tolist()
     for name, angle in zip((problem.robot.joint_tree.root, *problem.robot.joints), (base, *joints), strict=True):
-        if angle > MOST_TURNS + ROUNDING and name not in wheels(problem.robot):
+        if angle > THRESHOLDS.angle + THRESHOLDS.rounding and name not in wheels(problem.robot):
             message = (
                 f"The problem asks {angle:.4g} rad of {name}, {angle / math.tau:.3g} turns;"
                 ' where degrees are meant, fp.Posture.degrees or angles = "deg" says so.'
             )
-            yield PlanWarning("turns", name, angle, MOST_TURNS, "rad", None, message)
+            yield PlanWarning("turns", name, angle, THRESHOLDS.angle, "rad", None, message)
+
+
+def _angles_of_base(state: JointState) -> Array:
+    """Angles of the base, rad: one in a plane, three in space, 0 of a quaternion."""
+    return np.array([state.orientation if state.attitude is None else state.attitude.angles or 0.0])
 
 
 def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
     """What robots that are not their own mirror image rotate out of the plane that theory keeps them in."""
     turned = plan.out_of_plane
-    if turned is None or np.linalg.norm(turned) <= OUT_OF_PLANE:
+    if turned is None or np.linalg.norm(turned) <= THRESHOLDS.out_of_plane:
         return
     root = plan.robot.joint_tree.root
     size = float(np.linalg.norm(turned))
@@ -411,7 +436,7 @@ def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
             f' attitude, {words}; [robot] base = "free-flyer" plans with that.'
         )
     value = None if math.isnan(size) else size
-    yield PlanWarning("leak", root, value, OUT_OF_PLANE, "rad", plan.duration, message)
+    yield PlanWarning("leak", root, value, THRESHOLDS.out_of_plane, "rad", plan.duration, message)
 
 
 def turns_out_of_plane(robot: Robot, turned: Array) -> str:

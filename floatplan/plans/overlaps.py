@@ -9,12 +9,6 @@ from floatplan.arrays import Array, IntArray
 from floatplan.robot.link_pairs import LinkPairs, link_pairs
 from floatplan.robot.robot import Robot
 
-INSTANTS = 65  # [-] of a motion that are looked at first
-CLOSER = np.linspace(-1.0, 1.0, 17)  # [-] steps from there, at which a pair is looked at that is near
-SLIGHT = 5e-3  # [m] that links may overlap more than in the reference posture: shapes of files are no truer than that
-SLIGHT_SHARE = 0.01  # [-] the same of the robot's size; the smaller one counts
-MOST_CONFIRMED = 8  # [-] instants of a pair, the deepest first, at which meshes are looked at instead of their hulls
-
 
 @dataclass(frozen=True)
 class Overlap:
@@ -56,7 +50,7 @@ def overlaps(
         As of :attr:`Robot.shapes`.
     """
     pairs = link_pairs(robot)
-    times = np.linspace(0.0, duration, INSTANTS)
+    times = np.linspace(0.0, duration, 65)
     sampled = positions(times)
     chosen = _near(pairs, sampled, aside)
     if not len(chosen):
@@ -70,7 +64,8 @@ def overlaps(
     when = times[lowest]
     least = depths_left.min(axis=0)
     for column in np.flatnonzero(least < step).tolist():  # below zero, or perhaps between the instants
-        around = np.clip(when[column] + times[1] * CLOSER, 0.0, duration)
+        # 17 instants from the one before to the next
+        around = np.clip(when[column] + times[1] * np.linspace(-1.0, 1.0, 17), 0.0, duration)
         closer = pairs.distances(positions(around), chosen[[column]])[:, 0] - resting[column]
         if closer.min() < least[column]:
             when[column], least[column] = around[closer.argmin()], closer.min()
@@ -82,7 +77,7 @@ def overlaps(
             continue
         deep = np.flatnonzero(depths_left[:, column] < -slight)
         deepest = times[deep[np.argsort(depths_left[deep, column])]]
-        looked_at = [float(when[column]), *deepest[:MOST_CONFIRMED].tolist()]
+        looked_at = [float(when[column]), *deepest[:8].tolist()]  # meshes take time: at the eight deepest instants
         instant = _confirmed(pairs, pair, positions, looked_at)
         if instant is None:
             continue
@@ -107,7 +102,8 @@ def _moving_alike(robot: Robot, bodies: tuple[str, str]) -> frozenset[str] | fro
 
 def allowance(pairs: LinkPairs) -> float:
     """By how much deeper than in the reference posture links may overlap before that is reported, m."""
-    return min(SLIGHT, SLIGHT_SHARE * pairs.size)
+    # 5 mm, or 1 % of a smaller robot: shapes of files are no truer than that
+    return min(5e-3, 0.01 * pairs.size)
 
 
 def _near(pairs: LinkPairs, sampled: Array, aside: Collection[frozenset[str]]) -> IntArray:

@@ -31,7 +31,6 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LONGEST_EXPLANATION = 300  # [characters] in a representation
 SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are sampled on a grid
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
 RESULT = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
@@ -204,7 +203,7 @@ class Plan(Outputs, PlannedMotion):
         proved = "" if self.certificate is None else f", {self.certificate.verdict}"
         return (
             f"Plan({self.status}{proved}, angular_momentum={in_line(self.angular_momentum, 6)} kg m^2/s,"
-            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:LONGEST_EXPLANATION]}\n  {self.problem!r}"
+            f" degree {self.coefficients.shape[1] - 1})\n  {self.explanation[:300]}\n  {self.problem!r}"
         )
 
 
@@ -253,11 +252,11 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
     peaks = plan.peaks
     h = plan.problem.flight.angular_momentum
     state = plan.at([0.0, plan.duration])
+    at_ends: dict[str, dict[str, Array]] = {"start": {}, "goal": {}}
+    for name in JOINTS_AT_ENDS:
+        at_ends["start"][name], at_ends["goal"][name] = getattr(state, name)
     computed = {
-        "problem": {
-            end: {name: getattr(state, name)[index] for name in JOINTS_AT_ENDS}
-            for index, end in enumerate(("start", "goal"))
-        },
+        "problem": at_ends,
         "angular_momentum": record.angular_momentum if isinstance(h, str) else h,
         "com": vars(problem.path),
         "orientation": plan.whole.orientation_at_ends,
@@ -268,9 +267,9 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
     }
     for element in _unlike(vars(record), computed):
         raise InputError("is not that of the file's motion", element=element, advice="plan again")
-    limited = ((peaks.velocity, problem.velocity_limits), (peaks.motor_torque, problem.motor_torque_limits))
-    within_limits = all((peak <= limit * (1 + SAME)).all() for peak, limit in limited)
-    if record.ok and not (plan.whole.missed < SAME and within_limits):
+    within_rates = (peaks.velocity <= problem.velocity_limits * (1 + SAME)).all()
+    within_torques = (peaks.motor_torque <= problem.motor_torque_limits * (1 + SAME)).all()
+    if record.ok and not (plan.whole.missed < SAME and within_rates and within_torques):
         raise InputError("is true, but the motion misses the goal or a limit", element="ok", advice="plan again")
 
 

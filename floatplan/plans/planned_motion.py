@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,8 +24,6 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
 PEAK_NODES = (33, 65, 129, 257)  # the nodes of each lie among those of the next
-NO_LEAK = 1e-12  # [-] is rounding
-PEAK_RESOLUTION = 1e-10  # tail of the Chebyshev coefficients of torques and rates, relative to the largest value
 
 
 def least_distances(segments: PlacedShapes, obstacle: Obstacle, instants: Array) -> Array:
@@ -163,18 +161,18 @@ class PlannedMotion(flight.MotionInFile):
         if not chosen:
             return np.full(len(instants), np.inf)
         segments = self.whole.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
-        return reduce(
-            np.minimum,
-            (least_distances(segments, obstacle, instants) for obstacle in chosen),
-            np.full(len(instants), np.inf),
-        )
+        least = np.full(len(instants), np.inf)
+        for obstacle in chosen:
+            least = np.minimum(least, least_distances(segments, obstacle, instants))
+        return least
 
     @cached_property
     def _resolved(self) -> FlightState:
         """The state at as many Chebyshev nodes as torques and rates need."""
         state = self.at(quadrature.chebyshev_nodes(PEAK_NODES[0]) * self.duration)
         for count in PEAK_NODES[1:]:
-            if all(resolution(values) < PEAK_RESOLUTION for values in (state.motor_torques, state.velocities)):
+            # tail of the Chebyshev coefficients, relative to the largest value
+            if all(resolution(values) < 1e-10 for values in (state.motor_torques, state.velocities)):
                 break
             state = state.interleaved(self.at(quadrature.chebyshev_nodes(count)[1::2] * self.duration))
         return state
@@ -191,7 +189,9 @@ class PlannedMotion(flight.MotionInFile):
         torque, motor_torque, *peaks = np.split(largest, splits)
         _, motor_instant, *instants = np.split(where * self.duration, splits)
         lowest, _, highest, _ = quadrature.extremes(state.positions)
-        ends = [time for obstacle in self.problem.obstacles for time in obstacle.window or ()]
+        ends: list[float] = []
+        for obstacle in self.problem.obstacles:
+            ends += obstacle.window or ()
         clearance = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
         return Peaks(
             joints={row.key: read_only(peak) for row, peak in zip(JOINT_LIMITS, peaks, strict=True)},
@@ -247,7 +247,7 @@ class PlannedMotion(flight.MotionInFile):
         leak = self.out_of_plane_leak
         if leak is None or not isinstance(self.whole, flight.PlanarMotion):
             return None
-        return read_only(np.zeros(3) if leak < NO_LEAK else flight.missed_in_space(self.whole))
+        return read_only(np.zeros(3) if leak < 1e-12 else flight.missed_in_space(self.whole))  # is rounding
 
     @property
     def _size(self) -> float:

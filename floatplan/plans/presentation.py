@@ -14,9 +14,7 @@ from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
 from floatplan.tables import OBJECTIVE_TABLE
 
 LONGEST_LIST = 200  # [-] characters of names in a row
-LEAST_ROTATION = 1e-4  # [rad] out of the plane, that is reported
 CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
-EXPONENTS = {"2": "²", "3": "³"}
 
 
 class Row(NamedTuple):
@@ -65,7 +63,7 @@ def result_rows(plan: Plan) -> list[Row]:
     if locked:
         rows.append(Row("held", f"{_cut(', '.join(locked))}, as joints that slide are not planned", "open"))
     turned = plan.out_of_plane
-    if turned is not None and np.linalg.norm(turned) > LEAST_ROTATION:
+    if turned is not None and np.linalg.norm(turned) > 1e-4:  # [rad] less is not worth a row
         rows.append(
             Row("out of plane", f"turns {turns_out_of_plane(plan.robot, turned)} in space, as its plane is left")
         )
@@ -103,13 +101,16 @@ def _cut(listed: str) -> str:
 def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list[str]]]:
     """Return titles and cells of how much of its limits each motor uses; the last cell is an instant, s."""
     limits = limits_shown(rows)
-    titles = ["joint", *(title for limit in limits for title in (limit.unit, "limit", "%"))]
+    titles = ["joint"]
+    for limit in limits:
+        titles += [limit.unit, "limit", "%"]
     cells = []
     for use in rows:
         of_limits: list[str] = []
         for limit in limits:
-            peak, most, share = (getattr(use, f"{limit.key}_{name}") for name in ("peak", "limit", "utilisation"))
-            of_limits += [short(peak), short(most), percent(share)]
+            peak = short(getattr(use, f"{limit.key}_peak"))
+            most = short(getattr(use, f"{limit.key}_limit"))
+            of_limits += [peak, most, percent(getattr(use, f"{limit.key}_utilisation"))]
         moved = f"{math.degrees(use.position_low):z.0f} to {math.degrees(use.position_high):z.0f}"
         cells.append([use.joint, *of_limits, moved, percent(use.range_used), f"{use.instant:.3f}"])
     return [*titles, "range, deg", "% of it", "at, s"], cells
@@ -117,4 +118,4 @@ def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list
 
 def raised(text: str) -> str:
     """Return a text with the exponents of its units raised, for a page or a picture."""
-    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda match: match[1] + EXPONENTS[match[2]], text)
+    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda match: match[1] + {"2": "²", "3": "³"}[match[2]], text)

@@ -33,10 +33,8 @@ from floatplan.robot.urdf.tree import is_address
 LARGEST = 1e12  # [SI] above every number of a request; limits that are placeholders are as large
 LARGEST_RESULT = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
 LARGEST_ANGLE = 1e11  # [rad] of a term of p: of degree 15, the highest, terms of 3.6e10 rad cancel to 1 (Chebyshev's)
-REQUESTED = ("problem", "robot", "centre", "amplitude", "orientation")
 LOSSES = ("armature", "damping")  # of motors
 # What may hold numbers that are not finite: null in a file.
-NOT_STATED = ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay")
 
 
 def load_record(path: str | Path) -> PlanRecord:
@@ -71,7 +69,7 @@ def checked(record: PlanRecord) -> PlanRecord:
         which a file would hold as ``null``.
     """
     check_depth(vars(record))
-    stated = without(vars(record), NOT_STATED)
+    stated = without(vars(record), ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay"))
     check_finite({**stated, "robot": vars(record.robot)})
     written = _record(record.to_dict())
     check_requested(written)
@@ -122,7 +120,8 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
     solver = without(content["solver"], ("seed",))
     for name, value in {**content, "solver": solver}.items():
         if name not in ("coefficients", "certificate", "replay"):
-            check_size(value, name, LARGEST if name in REQUESTED else LARGEST_RESULT)
+            is_requested = name in ("problem", "robot", "centre", "amplitude", "orientation")
+            check_size(value, name, LARGEST if is_requested else LARGEST_RESULT)
 
 
 def check_size(value: Any, element: str, largest: float) -> None:

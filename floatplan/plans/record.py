@@ -39,10 +39,7 @@ from floatplan.keys import Key, Keyed, is_needed
 from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, Range, RobotKind
 
 FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
-CLEARANCES = ("obstacles", "self_clearance", "ground")
-SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NO_KEY = "must not be there: a plan file has no such key"
-NOT_PROVED = "is unknown, and so cannot be proved"
 UNIT = 1e-9  # [-] of the length of a quaternion, and 1
 
 number = FINITE
@@ -61,7 +58,7 @@ class KeyedTable:
 
     keys: Mapping[str, Check]
     optional: Mapping[str, Check] = field(default_factory=dict)
-    unknown: str = NOT_PROVED
+    unknown: str = "is unknown, and so cannot be proved"
 
     def __call__(self, value: Any, element: str) -> None:
         """Refuse everything else."""
@@ -135,8 +132,6 @@ class Record(Keyed):
 
 
 AT_ENDS = ("start", "end", "goal")
-COUPLING: Mapping[str, Check] = {"leader": text, "ratio": number, "offset": number}
-PAYLOAD: Mapping[str, Check] = {"link": text, "mass": number_in("mass"), "at": pair(number_in("place"), count=3)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +151,10 @@ class RobotRecord(Record):
     base: Annotated[str | None, Key("How the base moves, if not in a plane", check=one_of("free-flyer"))] = None
     coupled: Annotated[
         Mapping[str, Any],
-        Key("Joints that follow others", check=by_name(KeyedTable(COUPLING, unknown=NO_KEY))),
+        Key(
+            "Joints that follow others",
+            check=by_name(KeyedTable({"leader": text, "ratio": number, "offset": number}, unknown=NO_KEY)),
+        ),
     ] = field(default_factory=dict)
     locked: Annotated[Mapping[str, float], Key("Positions of joints that stay", "rad or m", check=by_name(number))] = (
         field(default_factory=dict)
@@ -193,7 +191,12 @@ class RobotRecord(Record):
         tuple[Mapping[str, Any], ...] | None,
         Key(
             "Point masses that links carry, where they do: kg, and m in the link's frame",
-            check=many(KeyedTable(PAYLOAD, unknown=NO_KEY), "payloads"),
+            check=many(
+                KeyedTable(
+                    {"link": text, "mass": number_in("mass"), "at": pair(number_in("place"), count=3)}, unknown=NO_KEY
+                ),
+                "payloads",
+            ),
         ),
     ] = None
 
@@ -278,7 +281,14 @@ class PlanRecord(Record):
     ]
     solver: Annotated[
         Mapping[str, Any],
-        Key("What the search did", check=KeyedTable({}, dict.fromkeys(SOLVER, optional(number)), unknown="")),
+        Key(
+            "What the search did",
+            check=KeyedTable(
+                {},
+                dict.fromkeys(("iterations", "evaluations", "seconds", "seed", "starts", "solved"), optional(number)),
+                unknown="",
+            ),
+        ),
     ]
     motor_torque_peak: Annotated[
         Mapping[str, float] | None,
@@ -325,7 +335,7 @@ class PlanRecord(Record):
     @property
     def asks_clearance(self) -> bool:
         """Whether the problem asks for a distance, so that the links' shapes matter."""
-        return any(self.problem.get(name) for name in CLEARANCES)
+        return any(self.problem.get(name) for name in ("obstacles", "self_clearance", "ground"))
 
     def with_checks(
         self, certificate: Mapping[str, Any] | None = None, replay: Mapping[str, Any] | None = None
@@ -348,13 +358,12 @@ class PlanRecord(Record):
         return write_atomically(path, self.to_json())
 
 
-ATTITUDES = KeyedTable(
-    dict.fromkeys(AT_ENDS, KeyedTable({"quaternion_xyzw": quaternion}, unknown=NO_KEY)), unknown=NO_KEY
-)
 IN_SPACE: Mapping[str, Check] = {  # what is another there
     "angular_momentum": TRIPLE,  # in the world's axes
     "angular_momentum_bounds": nothing,
-    "orientation": ATTITUDES,
+    "orientation": KeyedTable(
+        dict.fromkeys(AT_ENDS, KeyedTable({"quaternion_xyzw": quaternion}, unknown=NO_KEY)), unknown=NO_KEY
+    ),
     "com": KeyedTable({"position0": TRIPLE, "velocity0": TRIPLE, "gravity": number}, unknown=NO_KEY),
 }
 FILES = {  # by their format
@@ -390,14 +399,12 @@ def speed_in_space(value: Any, element: str) -> None:
 
 ATTITUDE_KEYS = KeyedTable({}, {"quaternion_xyzw": pair(number, count=4), "angles": TRIPLE, "axes": text})
 JOINTS_AT_ENDS = ("positions", "velocities", "accelerations")
-DEGREE = by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False)
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
     "circle": {"center": POINT, "radius": non_negative},
     "half-plane": {"point": POINT, "normal": direction(POINT)},
     "capsule": {"start": POINT, "end": POINT, "radius": non_negative},
 }
-SHARED_IN_SPACE: Mapping[str, Check] = {**SHARED, "velocity": TRIPLE}
 OBSTACLES_IN_SPACE: Mapping[str, Mapping[str, Check]] = {
     "sphere": {"center": TRIPLE, "radius": positive()},
     "capsule": {"radius": positive(), "start": TRIPLE, "end": TRIPLE},
@@ -411,7 +418,7 @@ def _obstacle(value: Any, element: str) -> None:
 
 
 def _spatial_obstacle(value: Any, element: str) -> None:
-    _check_obstacle(value, element, OBSTACLES_IN_SPACE, SHARED_IN_SPACE)
+    _check_obstacle(value, element, OBSTACLES_IN_SPACE, {**SHARED, "velocity": TRIPLE})
 
 
 def _check_obstacle(
@@ -450,13 +457,12 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
     own = OF_FORMAT[format_]
     numbers = many(number, "numbers", n)
     limits = many(optional(number), "numbers", n)
-    postures = {
-        end: KeyedTable(
+    postures = {}
+    for end, event in FLIGHT_EVENTS.items():
+        postures[end] = KeyedTable(
             {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
             optional={"velocities_asked": one_of(event), "accelerations_asked": one_of("free")},
         )
-        for end, event in FLIGHT_EVENTS.items()
-    }
     flight: dict[str, Check] = {
         "duration": positive(),
         "angular_momentum": own["angular_momentum"],
@@ -478,7 +484,13 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
         {
             **postures,
             "flight": KeyedTable(flight),
-            "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVE_TABLE)}, {"clip": table}),
+            "motion": KeyedTable(
+                {
+                    "degree": by_joint(whole(Range(-math.inf, math.inf, "")), "auto", mapping=False),
+                    "objective": one_of(*OBJECTIVE_TABLE),
+                },
+                {"clip": table},
+            ),
             "limits": KeyedTable(limit_checks, optional_limit_checks),
         },
         {

@@ -125,13 +125,17 @@ def sampled(motion: Trajectory, times: Array) -> MotionSample:
     flyer = free_flyer(whole.robot)
     forces = motion.forces(times)
     phase = phase_of(motion, times)
+    contacts = {}
+    for name in forces:
+        stands = [name in single.contacts for single in motion.phases]
+        contacts[name] = np.array(stands)[phase]
     return MotionSample(
         times=times,
         q=flyer.configurations(whole),
         v=flyer.velocities(whole),
         a=flyer.accelerations(whole),
         tau=flyer.torques(whole),
-        contacts={name: np.array([name in single.contacts for single in motion.phases])[phase] for name in forces},
+        contacts=contacts,
         forces=forces,
         contact_points=motion.contact_points(times),
     )

@@ -144,14 +144,11 @@ class Certificate:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """Return titles and cells of a table of all constraints; what is not proved comes first."""
         ordered = sorted(self.findings, key=lambda finding: finding.verdict == "proved")
-        cells = [
-            [
-                finding.label,
-                finding.verdict,
-                *(short(number, 5) for number in (finding.bound, finding.limit, finding.instant)),
-            ]
-            for finding in ordered
-        ]
+        cells: list[list[str]] = []
+        for finding in ordered:
+            bound = short(finding.bound, 5)
+            limit = short(finding.limit, 5)
+            cells.append([finding.label, finding.verdict, bound, limit, short(finding.instant, 5)])
         return ["constraint", "", "bound", "limit", "at, s"], cells
 
     def _repr_html_(self) -> str:
@@ -178,7 +175,8 @@ class Certificate:
         try:
             low, high = content["orientation_end"]
             motors = (content.get("motor_torque_peak") or {}).items()
-            torques, rates = ([_number(peak) for peak in content[f"{of}_peak"]] for of in ("torque", "velocity"))
+            torques = list(map(_number, content["torque_peak"]))
+            rates = list(map(_number, content["velocity_peak"]))
             return cls(
                 verdict=_verdict(content["verdict"]),
                 orientation_end=(_number(low, -math.inf), _number(high)),

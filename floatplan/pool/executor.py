@@ -25,8 +25,6 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 Start = Callable[[Connection], BaseProcess]
-DIED = "a process ended unexpectedly: the system killed it, or it crashed"
-LET_GO = "the processes were let go"
 
 
 @dataclass
@@ -115,7 +113,7 @@ class WorkerPool(Executor):
         """
         atexit.unregister(self.shutdown)
         with self._lock:  # not amid a start: a fork server ends that is sent what is closed
-            self._over = self._over or LET_GO
+            self._over = self._over or "the processes were let go"
             for worker in self._workers:
                 worker.process.kill()  # also frees the thread that sends to it, or hears from it
             self._wake()
@@ -189,7 +187,7 @@ class WorkerPool(Executor):
     def _end(self) -> None:
         """End all processes, and say so to whoever waits for a result."""
         with self._lock:
-            self._over = self._over or DIED
+            self._over = self._over or "a process ended unexpectedly: the system killed it, or it crashed"
             workers, self._workers = self._workers, []
             left = [worker.task for worker in workers if worker.task is not None]
             left += [task for task in self._waiting if task.future.set_running_or_notify_cancel()]

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 PATIENCE = 10.0  # [s] for the end of a fork server that refuses to start a process and whose process ID is unknown
-PAUSE = 0.01  # [s] between two attempts to start a process
 
 _lock = threading.Lock()
 _starting = 0  # threads that start an interpreter: the environment is one for all of them
@@ -64,7 +63,7 @@ def start(context: ForkServerContext, target: Callable[..., None], arguments: tu
                 raise
         else:
             return process
-        time.sleep(PAUSE)
+        time.sleep(0.01)  # [s] until memory may be free again
 
 
 def remember(server: int) -> None:

@@ -15,7 +15,6 @@ from floatplan.keys import ANGLE, Key, Keyed
 
 Triple: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
-LEAST_LENGTH = 1e-6  # [-] of a quaternion as written
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Attitude(Keyed):
         if (self.quaternion_xyzw is None) == (self.angles is None):
             yield "quaternion_xyzw", "give either quaternion_xyzw, or angles and axes"
         elif self.quaternion_xyzw is not None:
-            if math.hypot(*self.quaternion_xyzw) < LEAST_LENGTH:
+            if math.hypot(*self.quaternion_xyzw) < 1e-6:  # as written, of any length but zero
                 yield "quaternion_xyzw", "the quaternion has length zero"
             if self.axes is not None:
                 yield "axes", "a quaternion has no axes"
@@ -82,12 +81,13 @@ class Attitude(Keyed):
     def __str__(self) -> str:
         """For a person, in degrees."""
         if self.angles is None:
-            return f"quaternion ({', '.join(f'{component:.4g}' for component in self.quaternion + 0.0)}) xyzw"
-        degrees = ", ".join(
-            f"{letter} {math.degrees(angle) + 0.0:.5g}°"
-            for letter, angle in zip(self.axes or "", self.angles, strict=True)
-        )
-        return f"angles {degrees}"
+            components = [f"{component:.4g}" for component in self.quaternion + 0.0]
+            return f"quaternion ({', '.join(components)}) xyzw"
+        angles = []
+        for letter, angle in zip(self.axes or "", self.angles, strict=True):
+            degrees = math.degrees(angle) + 0.0
+            angles.append(f"{letter} {degrees:.5g}°")
+        return f"angles {', '.join(angles)}"
 
 
 @dataclass(frozen=True, eq=False)

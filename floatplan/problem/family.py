@@ -21,8 +21,6 @@ from floatplan.problem.resolution import motor_limits, of_motors
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
 MOST_PROBLEMS = 10_000_000  # of a family
-TABLES = ("start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance", "jump")
-BY_JOINT = ("positions", "velocities", "accelerations")
 BY_MOTOR: Mapping[str, LimitRow] = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
 
 
@@ -128,7 +126,8 @@ def _with_values(base: Problem, values: Mapping[str, float]) -> dict[str, Any]:
     changes: dict[str, Any] = {}
     for path, value in values.items():
         head, *inner_path = path.split(".")
-        if head not in TABLES or not inner_path:
+        tables = ("start", "goal", "flight", "motion", "limits", "obstacles", "self_clearance", "jump")
+        if head not in tables or not inner_path:
             raise InputError("is no number of a problem file that can be varied", element=path)
         name = "self_clearances" if head == "self_clearance" else head
         current = changes.get(name, getattr(base, name))
@@ -174,7 +173,7 @@ def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
     """What a path may lead into, where the base has a word, one number for all, or nothing for it."""
     head = path.split(".")[0]
     robot = base.robot
-    if head in ("start", "goal") and key in BY_JOINT and not isinstance(value, str):
+    if head in ("start", "goal") and key in ("positions", "velocities", "accelerations") and not isinstance(value, str):
         if isinstance(value, Mapping):
             return value
         return dict(zip(robot.joints, np.broadcast_to(value, len(robot.joints)).tolist(), strict=True))

@@ -236,7 +236,9 @@ def problem_from_dict(
         As :func:`load_problem`.
     """
     content = dict(content)
-    words = {end: _popped(content, end, [f"{name}_asked" for name in SETTLED]) for end in FLIGHT_EVENTS}
+    words = {}
+    for end in FLIGHT_EVENTS:
+        words[end] = _popped(content, end, ("velocities_asked", "accelerations_asked"))
     (own,) = _popped(content, "limits", ["motor_torque"])
     if own is not None:  # contains the limits of the generalised torques
         content["limits"] = {**content["limits"], "torque": own}
@@ -245,13 +247,14 @@ def problem_from_dict(
         tables = read_tables(ProblemTables if robot.in_plane else SpatialTables, content, wrong)
         for end, event_words in words.items():
             posture = getattr(tables, end)
-            values_there = [getattr(posture, name) for name in SETTLED]
             if any(event_words):
-                settled = tuple(None if isinstance(values, str) else values for values in values_there)
-                velocities, accelerations = (
-                    word or values for word, values in zip(event_words, values_there, strict=True)
+                velocities, accelerations = posture.velocities, posture.accelerations
+                settled = tuple(None if isinstance(values, str) else values for values in (velocities, accelerations))
+                posture = posture.changed(
+                    velocities=event_words[0] or velocities,
+                    accelerations=event_words[1] or accelerations,
+                    settled=settled,
                 )
-                posture = posture.changed(velocities=velocities, accelerations=accelerations, settled=settled)
                 tables = tables.changed(**{end: posture})
         return _problem(tables, wrong, robot, "flight", written)
 
@@ -300,18 +303,15 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
 def _of_motors(problem: Problem) -> dict[str, Any]:
     """The motors' curves; and where a joint has several motors, the limits of each one's own torque."""
     motors = problem.robot.motors
-    tables: dict[str, Any] = {
-        "motor": {
-            motor: {"stall": stall, "slope": slope}
-            for motor, stall, slope in zip(motors, problem.motor_stall, problem.motor_slope, strict=True)
-            if math.isfinite(stall)
-        }
-    }
-    limited = np.isfinite(problem.motor_torque_limits)
-    if len(motors) > len(problem.robot.joints) and limited.any():
-        limits = zip(motors, problem.motor_torque_limits.tolist(), strict=True)
-        tables["motor_torque"] = {motor: limit for motor, limit in limits if math.isfinite(limit)}
-    return tables
+    curves = {}
+    for motor, stall, slope in zip(motors, problem.motor_stall, problem.motor_slope, strict=True):
+        if math.isfinite(stall):
+            curves[motor] = {"stall": stall, "slope": slope}
+    if len(motors) <= len(problem.robot.joints) or not np.isfinite(problem.motor_torque_limits).any():
+        return {"motor": curves}
+    torques = zip(motors, problem.motor_torque_limits.tolist(), strict=True)
+    limits = {motor: limit for motor, limit in torques if math.isfinite(limit)}
+    return {"motor": curves, "motor_torque": limits}
 
 
 def save_problem(problem: Problem, path: str | Path) -> Path:
@@ -332,7 +332,11 @@ def problem_text(problem: Problem, path: str | Path) -> str:
         "robot": _robot_table(problem.robot, Path(path)),
         "name": problem.name,
         "ground": problem.ground,
-        **{name: table_of(getattr(problem, name)) for name in ("start", "goal", "flight", "motion", "limits")},
+        "start": table_of(problem.start),
+        "goal": table_of(problem.goal),
+        "flight": table_of(problem.flight),
+        "motion": table_of(problem.motion),
+        "limits": table_of(problem.limits),
         "obstacles": [table_of(obstacle) for obstacle in problem.obstacles],
         "self_clearance": [table_of(pair) for pair in problem.self_clearances],
         "jump": problem.jump and table_of(problem.jump),
@@ -372,7 +376,8 @@ def _problem(
         problem = Problem(robot, **values, written=written)
     except InputError as error:
         elements = {error.element for error in wrong}
-        wrong = [*wrong, *(single_error for single_error in single(error) if single_error.element not in elements)]
+        further = [of_robot for of_robot in single(error) if of_robot.element not in elements]
+        wrong = [*wrong, *further]
     refuse(wrong)
     return problem
 

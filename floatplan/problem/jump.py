@@ -17,7 +17,6 @@ Durations: TypeAlias = Sequence[Sequence[float]]
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # on each side of the flight
-LARGEST_PITCH_ERROR = 0.5  # [rad] a robot that lands farther off has fallen
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 
@@ -161,7 +160,7 @@ class JumpRequest(Keyed):
     feet: Annotated[Literal["auto", "rolling", "points", "point"], Key()] = "auto"
     objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
-    pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, LARGEST_PITCH_ERROR, "rad"))] = 0.07
+    pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, 0.5, "rad"))] = 0.07
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:

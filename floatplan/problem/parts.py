@@ -67,7 +67,6 @@ def pair_or_three(key: str) -> Check:
 
 SHORTEST_NORMAL = 1e-9  # as written
 LOWEST_DEGREE = 5
-TOO_STIFF = "six boundary conditions per joint need degree 5; one more at least is needed to steer, (16)"
 HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 
 
@@ -285,7 +284,16 @@ class Motion(Keyed):
 
     degree: Annotated[
         int | Sequence[int] | Literal["auto"],
-        Key(check=by_joint(whole(Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""), TOO_STIFF), "auto", mapping=False)),
+        Key(
+            check=by_joint(
+                whole(
+                    Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""),
+                    "six boundary conditions per joint need degree 5; one more at least is needed to steer, (16)",
+                ),
+                "auto",
+                mapping=False,
+            )
+        ),
     ] = 7
     objective: Annotated[Objective, Key(f"What is least. {MINIMISED}")] = "coefficients"
     clip: Annotated[ClipReference | None, Key("The recorded motion that the objective `clip` is about")] = None

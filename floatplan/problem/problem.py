@@ -29,7 +29,6 @@ from floatplan.robot.robot import Frame, LinkCapsule, Robot
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitKey
 
 LONGEST_LIST = 12  # [-] joints listed one by one
-PAIRS = many(made(parts.SelfClearance), "SelfClearance")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +135,7 @@ class Problem(Checked):
         "motion": made(parts.Motion),
         "limits": made(parts.Limits),
         "obstacles": many(made(*parts.OBSTACLE_KINDS.values(), *SPATIAL_OBSTACLE_KINDS.values()), "obstacles"),
-        "self_clearances": lambda value, _: PAIRS(value, "self_clearance"),
+        "self_clearances": lambda value, _: many(made(parts.SelfClearance), "SelfClearance")(value, "self_clearance"),
         "name": text,
         "ground": flag,
         "jump": optional(made(JumpRequest)),
@@ -174,9 +173,9 @@ class Problem(Checked):
             )
             if self.obstacles or self.self_clearances or self.ground:
                 further += faults((self.robot.check_shapes,))
-            errors += [
-                error for error in further if not any(str(field).startswith(error.element or "?") for field in fields)
-            ]
+            for error in further:
+                if not any(str(field).startswith(error.element or "?") for field in fields):
+                    errors.append(error)
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
                 raise  # else it comes of what is wrong already
@@ -360,12 +359,12 @@ class Problem(Checked):
             (self.takeoff_frame, self.takeoff.position[1], self.initial),
             (self.landing_frame, self.landing_height, self.final),
         )
-        rises = [(height - resolution.frame_height(robot, frame, state) - line, state) for frame, height, state in ends]
-        low = [
-            link
-            for link in robot.limb_ends
-            if min(rise + resolution.lowest_point(robot, link, state) for rise, state in rises) < resolution.TOUCHING
-        ]
+        low: list[str] = []
+        for link in robot.limb_ends:
+            for frame, height, state in ends:
+                above_frame = resolution.lowest_point(robot, link, state) - resolution.frame_height(robot, frame, state)
+                if height + above_frame - line < resolution.TOUCHING and link not in low:
+                    low.append(link)
         return robot.hulls((self.takeoff.frame, self.landing.frame), low)
 
     def settled(self, velocities: Array, accelerations: Array) -> Problem:

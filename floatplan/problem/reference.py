@@ -14,8 +14,6 @@ from floatplan.files import read_text
 from floatplan.problem.parts import ClipReference
 from floatplan.robot.robot import Robot
 
-LARGEST_TABLE = 50_000_000  # [bytes]
-SAMPLES = 101  # [-] instants of a flight at which a table is read
 REFERENCE_NODES = 32  # [-] of the quadrature of differences from a recorded motion: of degree 15 it is exact
 TIME, POSITION = "time", "_position"  # names of columns, the latter after that of the joint
 
@@ -51,7 +49,7 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
     """
     assert clip.file is not None, "the problem names a file"
     path = folder / clip.file
-    lines = list(csv.reader(io.StringIO(read_text(path, LARGEST_TABLE, "a table of a motion"))))
+    lines = list(csv.reader(io.StringIO(read_text(path, 50_000_000, "a table of a motion"))))
     names = [name.strip() for name in lines[0]] if lines else []
     required = [TIME, *(joint + POSITION for joint in robot.joints)]
     missing = [name for name in required if name not in names]
@@ -60,8 +58,12 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
             f"has no column {missing[0]!r}", source=path, advice="give the table of a motion of this robot"
         )
     columns = [names.index(name) for name in required]
+    rows = []
     try:
-        values = np.array([[float(line[column]) for column in columns] for line in lines[1:] if line])
+        for line in filter(None, lines[1:]):
+            cells = [float(line[column]) for column in columns]
+            rows.append(cells)
+        values = np.array(rows)
     except (ValueError, IndexError):
         raise InputError("has rows that are not numbers", source=path) from None
     times = values[:, 0] if values.size else np.empty(0)
@@ -74,6 +76,6 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
         raise InputError(reason, element="motion.clip")
     from scipy.interpolate import CubicSpline  # here, since most problems do without
 
-    at = np.linspace(begin, end, SAMPLES)
+    at = np.linspace(begin, end, 101)  # 101 instants tell the flight's polynomials apart
     positions = CubicSpline(times, values[:, 1:])(np.clip(at, times[0], times[-1]))
     return clip.changed(positions=tuple(map(tuple, positions.tolist())))

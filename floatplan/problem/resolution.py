@@ -24,11 +24,9 @@ from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE,
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
-EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 NARROWEST = 1e-6  # rad, of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
 TORQUE = LIMIT_TABLE["torque"]
-HALF_ROTATION = 1e-3  # [-] cosine of half the angle to the goal, below which the shortest rotation there is not clear
 NOT_IN_SPACE = "is for flights in a plane, and not yet for those in space"
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
@@ -329,7 +327,7 @@ def end_errors(
     values = (array.tolist() for array in (limits, state.positions, state.velocities, state.accelerations))
     for joint, (low, high), position, velocity, acceleration in zip(robot.joints, *values, strict=True):
         inside = min(position - low, high - position)
-        if inside > EDGE * (high - low):
+        if inside > 1e-12 * (high - low):  # closer to an end of the range, a joint stands on its edge
             continue
         edge = f"on the edge of the joint's range [{low:.6g}, {high:.6g}]"
         off_position, off_rate, off_acceleration = BOUNDARY
@@ -361,7 +359,7 @@ def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]
                 yield InputError(reason, element=f"{element}.orientation", advice=advice)
         return
     cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))
-    if cosine < HALF_ROTATION:
+    if cosine < 1e-3:  # cosine of half the angle to the goal
         reason = "is half a turn from the start, and which way round is left open"
         advice = "give it as angles about axes, with the turns that are meant"
         yield InputError(reason, element="goal.orientation", advice=advice)
@@ -379,7 +377,8 @@ def surroundings_errors(
     for index, obstacle in enumerate(obstacles):
         if not isinstance(obstacle, tuple(kinds.values())):
             other = "in space" if in_plane else "in a plane"
-            advice = f"give a {either(kind.__name__ for kind in kinds.values())}"
+            names = [kind.__name__ for kind in kinds.values()]
+            advice = f"give a {either(names)}"
             yield InputError(
                 f"a {type(obstacle).__name__} is for flights {other}", element=f"obstacles[{index}]", advice=advice
             )
@@ -399,13 +398,12 @@ def surroundings_errors(
             yield InputError(reason, element=f"obstacles[{index}].window")
     shaped_links = {shape.link for shape in robot.capsules} if pairs else set()
     for index, pair in enumerate(pairs):
-        for link in (link for link in pair.links if link not in shaped_links):
-            element, advice = f"self_clearance[{index}].links", f"links: {sorted(shaped_links)}"
-            yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
-        thickness = sum(
-            max((capsule.radius for capsule in robot.capsules if capsule.link == link), default=0)
-            for link in pair.links
-        )
+        thickness = 0.0
+        for link in pair.links:
+            if link not in shaped_links:
+                element, advice = f"self_clearance[{index}].links", f"links: {sorted(shaped_links)}"
+                yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
+            thickness += max((capsule.radius for capsule in robot.capsules if capsule.link == link), default=0.0)
         if not in_plane and thickness + pair.margin == 0 and shaped_links.issuperset(pair.links):
             reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
             advice = "give a margin, or <collision> geometry"
@@ -431,7 +429,9 @@ def lowest_point(robot: Robot, link: str, state: JointState) -> float:
     if standing is None:
         return frame_height(robot, robot.frames[link], state)
     shapes = robot.link_hulls[standing]
-    points = [(shape.body, point, shape.radius) for shape in shapes for point in (shape.start, shape.end)]
+    points = []
+    for shape in shapes:
+        points += [(shape.body, shape.start, shape.radius), (shape.body, shape.end, shape.radius)]
     bodies, places, radii = zip(*points, strict=True)
     return float((_heights(robot, bodies, places, state) - radii).min())
 

@@ -133,7 +133,8 @@ class Box(SpatialObstacle):
     @property
     def where(self) -> str:
         """Middle and edges."""
-        return f"at ({shortened(self.center, 6)}) m, {' x '.join(f'{edge:g}' for edge in self.size)} m"
+        edges = [f"{edge:g}" for edge in self.size]
+        return f"at ({shortened(self.center, 6)}) m, {' x '.join(edges)} m"
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle, and a box that is flat."""

@@ -4,11 +4,6 @@ import numpy as np
 
 from floatplan.robot.robot import Robot
 
-PLANNED = "planned in the range of limits.position, -180 to 180 degrees where it gives none"
-LOCKED = (
-    "held, as they do not turn about the plane's normal, or were left out: they spin neither in plans nor in proofs"
-)
-
 
 def wheels(robot: Robot) -> dict[str, str]:
     """Return the wheels' links by their joints' names, also of joints that are not planned.
@@ -43,7 +38,14 @@ def explain_wheels(robot: Robot) -> list[str]:
     names = wheels(robot)
     text = "wheels, which turn about their own centres of mass"
     sentences = []
-    for roles, how in ((robot.joints, PLANNED), (robot.locked, LOCKED)):
+    for roles, how in (
+        (robot.joints, "planned in the range of limits.position, -180 to 180 degrees where it gives none"),
+        (
+            robot.locked,
+            "held, as they do not turn about the plane's normal, or were left out: they spin neither in plans nor in "
+            "proofs",
+        ),
+    ):
         listed = [name for name in names if name in roles]
         if listed:
             sentences.append(f"{text}: {', '.join(listed)}: {how}")

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +21,16 @@ from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError, import_optional
 from floatplan.files import check_readable, read_json, read_regular, write_atomically
 
-STUDY = "study.json"
-RESULTS = "results.parquet"
-CHUNKS = "chunks"
-SHARDS = "shards"
+
+class ResultFile(StrEnum):
+    """Names of files and folders of a study."""
+
+    RECORD = "study.json"
+    RESULTS = "results.parquet"
+    CHUNKS = "chunks"  # a folder
+    SHARDS = "shards"  # a folder of folders
+
+
 LARGEST_RECORD = 1_000_000  # [bytes] of study.json
 WORDS = ("status", "explanation", "verdict")  # columns
 
@@ -66,7 +73,7 @@ class StudyFolder:
     @property
     def results(self) -> Path:
         """The merged table."""
-        return self.path / RESULTS
+        return self.path / ResultFile.RESULTS
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -105,7 +112,7 @@ class StudyFolder:
             if self._chunks() or self.results.exists():
                 raise InputError("holds results of no known study", source=self.path, advice=ADVICE)
             new_record = {"format": "floatplan.study/1", "hash": digest, **facts}
-            write_atomically(self.path / STUDY, json.dumps(new_record, indent=1, allow_nan=False))
+            write_atomically(self.path / ResultFile.RECORD, json.dumps(new_record, indent=1, allow_nan=False))
         elif record.get("hash") != digest:
             raise InputError(
                 "holds results of another study, problem, robot, code or solver", source=self.path, advice=ADVICE
@@ -114,7 +121,9 @@ class StudyFolder:
     def _discard(self) -> None:
         """Remove all files of a study, and nothing else; nothing where some of them cannot be read."""
         discarded = [path for path, _ in self._chunks()]
-        discarded += [self.path / name for name in (RESULTS, "map.png", "map.svg", "map.html", STUDY)]
+        discarded += [
+            self.path / name for name in (ResultFile.RESULTS, "map.png", "map.svg", "map.html", ResultFile.RECORD)
+        ]
         for path in discarded:
             check_readable(path, "is not discarded")
         with naming_the_folder(self.path):
@@ -129,7 +138,7 @@ class StudyFolder:
         InputError
             The record cannot be read, or is no JSON.
         """
-        path = self.path / STUDY
+        path = self.path / ResultFile.RECORD
         with naming_unreadable(path):
             if not path.exists():
                 return None
@@ -149,7 +158,7 @@ class StudyFolder:
             The folder is there and cannot be listed.
         """
         chunks = []
-        for path in listed(self.path / CHUNKS):
+        for path in listed(self.path / ResultFile.CHUNKS):
             match = re.fullmatch(r"(\d{7,9})-(\d{7,9})\.parquet", path.name, flags=re.ASCII)
             if match:
                 chunks.append((path, (int(match[1]), int(match[2]) + 1)))
@@ -158,7 +167,7 @@ class StudyFolder:
     def save(self, first: int, stop: int, content: bytes) -> None:
         """Write a chunk, whole or not at all."""
         with naming_the_folder(self.path):
-            write_atomically(self.path / CHUNKS / f"{first:07d}-{stop - 1:07d}.parquet", content)
+            write_atomically(self.path / ResultFile.CHUNKS / f"{first:07d}-{stop - 1:07d}.parquet", content)
 
     def contents(self, are_in: Callable[[Any, int, int], bool]) -> Contents:
         """Return what the folder has; all chunks are read, and nothing changes.

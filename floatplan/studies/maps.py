@@ -32,7 +32,7 @@ from floatplan.studies.rows import STATUSES
 from floatplan.view.outlines import pairs
 from floatplan.view.report.data import rounded, scene_data
 from floatplan.view.report.report import page
-from floatplan.view.style import ALARM, PALE, SEQUENCE, new_figure, rendered, styled
+from floatplan.view.style import PALETTE, new_figure, rendered, styled
 
 LOGARITHMIC = 30.0  # [-] times the least colour: where the largest is more, the scale is logarithmic
 STATUS_LOOKS = {  # colour and words
@@ -40,9 +40,8 @@ STATUS_LOOKS = {  # colour and words
     "feasible": ("#56B4E9", "feasible"),
     "not_found": ("#d9d9d9", "not found: none may exist, or none was hit upon"),
     "impossible": ("#555555", "impossible: proved that none exists"),
-    "error": (ALARM, "error: the problem is wrong there"),
+    "error": (PALETTE.alarm, "error: the problem is wrong there"),
 }
-DPI_OF_MAPS = 200  # [1/in]
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +84,7 @@ def heatmap(shown: HeatMap) -> Figure:
             high = float(shown.colour[finite].max())
             spreads = low > 0 and high > LOGARITHMIC * low
             norm = LogNorm(low, high) if spreads else Normalize(low, high if high > low else low + 1)
-            scale = ScalarMappable(norm, SEQUENCE)
+            scale = ScalarMappable(norm, PALETTE.sequence)
             cells[finite] = scale.to_rgba(shown.colour[finite], bytes=True)
             ticks = figure.colorbar(scale, ax=axes, label=shown.label).ax.yaxis
             if spreads:
@@ -102,7 +101,7 @@ def heatmap(shown: HeatMap) -> Figure:
             axes.set_title(fill(shown.title, 70), fontsize=8)
         patches = [Patch(color=colour, label=description) for _, colour, description in present]
         if (shown.status < 0).any():
-            patches.append(Patch(facecolor="white", edgecolor=PALE, linewidth=0.5, label="no row"))
+            patches.append(Patch(facecolor="white", edgecolor=PALETTE.pale, linewidth=0.5, label="no row"))
         if patches:
             figure.legend(handles=patches, loc="outside lower left", ncols=1)
         return figure
@@ -194,7 +193,7 @@ def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
     assert study.map is not None, "maps are written where the study has one"
     with styled():
         figure = heatmap(study_map(study, table, *study.map))
-        forms = {folder / f"map.{form}": rendered(figure, form, DPI_OF_MAPS) for form in ("png", "svg")}
+        forms = {folder / f"map.{form}": rendered(figure, form, 200) for form in ("png", "svg")}  # at 200 dots an inch
     written = [write_atomically(path, content) for path, content in forms.items()]
     if len(study) <= 200_000:  # a page of more rows would be too large for a browser
         numbers = PackedNumbers()
@@ -219,7 +218,7 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
     for name in dict.fromkeys([*study.paths, *shown]):
         offset = numbers.add(table[name].to_numpy(), "<f4")
         columns[name] = {"unit": units.get(name, ""), "label": _label(name, units), "values": offset}
-    scale = matplotlib.colormaps[SEQUENCE](np.linspace(0, 1, 64))
+    scale = matplotlib.colormaps[PALETTE.sequence](np.linspace(0, 1, 64))
     statuses = []
     for name, (colour, description) in STATUS_LOOKS.items():
         statuses.append({"name": name, "colour": colour, "words": description})

@@ -88,15 +88,6 @@ def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 INDEX = r"\.\d+"  # in patterns of paths
-TABLES: tuple[tuple[str, type[Keyed]], ...] = (  # of a problem file, by the patterns of their paths
-    ("(?:start|goal)", Posture),
-    ("flight", Flight),
-    ("motion", Motion),
-    ("limits", Limits),
-    ("jump", JumpRequest),
-    *((rf"obstacles{INDEX}", kind) for kind in OBSTACLE_KINDS.values()),
-    (rf"self_clearance{INDEX}", SelfClearance),
-)
 
 
 @dataclass(frozen=True)
@@ -151,7 +142,15 @@ def varied_number(path: str, degrees: bool) -> VariedNumber:
 def _numbers() -> Mapping[str, tuple[str, Range, bool]]:
     """Unit, range, and whether it is whole, of every number of a problem file, by the pattern of its paths."""
     numbers: dict[str, tuple[str, Range, bool]] = {}
-    for head, table in TABLES:
+    for head, table in (  # of a problem file, by the patterns of their paths
+        ("(?:start|goal)", Posture),
+        ("flight", Flight),
+        ("motion", Motion),
+        ("limits", Limits),
+        ("jump", JumpRequest),
+        *((rf"obstacles{INDEX}", kind) for kind in OBSTACLE_KINDS.values()),
+        (rf"self_clearance{INDEX}", SelfClearance),
+    ):
         for pattern, key, name, whole in _below(head, table, Key(""), ""):
             numbers[pattern] = key.unit, _range(name, whole), whole
     return numbers

@@ -9,7 +9,7 @@ from typing import Any
 from floatplan.errors import InputError
 from floatplan.studies.driver import started
 from floatplan.studies.file import StudyFile, load_study_file
-from floatplan.studies.folder import SHARDS, Range, Shard, StudyFolder, listed, written
+from floatplan.studies.folder import Range, ResultFile, Shard, StudyFolder, listed, written
 from floatplan.studies.rows import row_check
 from floatplan.studies.study import Study, facts, planned_study
 
@@ -26,7 +26,7 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     """
     file = load_study_file(path)
     own = StudyFolder(folder or file.folder, (0, len(file)))
-    folders_of_shards = parts or [path for path in listed(own.path / SHARDS) if path.is_dir()]
+    folders_of_shards = parts or [path for path in listed(own.path / ResultFile.SHARDS) if path.is_dir()]
     folders: dict[Shard, Path] = {}
     for folder_of_shard in folders_of_shards:
         shard = Shard(0, 0)
@@ -46,7 +46,7 @@ def merged(path: Path, folder: Path | None, parts: Sequence[Path]) -> Study:
     if missing:
         reason = f"shards are missing: {', '.join(missing)}"
         advice = f"floatplan study STUDY.toml --shard {missing[0]}"
-        raise InputError(reason, source=own.path / SHARDS, advice=advice)
+        raise InputError(reason, source=own.path / ResultFile.SHARDS, advice=advice)
     tables = [_rows(file, shard, folders[shard]) for shard in shards]
     with own.locked():
         own.open(file.digest(), facts(file), restart=False)

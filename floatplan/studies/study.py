@@ -27,7 +27,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.plans import SOLVED
 from floatplan.studies.driver import Engine, Progress, StudyRun, processors, started
 from floatplan.studies.file import LARGER_IS_BETTER, StudyFile, load_study_file, versions
-from floatplan.studies.folder import SHARDS, Shard, StudyFolder, arrow, naming_the_folder, words
+from floatplan.studies.folder import ResultFile, Shard, StudyFolder, arrow, naming_the_folder, words
 from floatplan.studies.motions import row_jump, row_plan, write_motions
 from floatplan.studies.rows import row_check
 from floatplan.tables import Range
@@ -259,7 +259,9 @@ def planned_study(
     if shard is not None:
         which = Shard.parse(shard, len(file))
         of_shard = {"shard": [which.number, which.count]}
-        study_folder = StudyFolder(study_folder.path / SHARDS / str(which).replace("/", "-of-"), which.rows(len(file)))
+        study_folder = StudyFolder(
+            study_folder.path / ResultFile.SHARDS / str(which).replace("/", "-of-"), which.rows(len(file))
+        )
     with study_folder.locked():
         study_folder.open(file.digest(), facts(file) | of_shard, restart)
         gaps = study_folder.missing(row_check(file))

@@ -8,22 +8,20 @@ from floatplan.arguments import short
 from floatplan.plans.measures import Utilisation, limits_shown
 from floatplan.plans.presentation import Row, raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
-from floatplan.studio.curves import AMBER, BLUE, GREEN, RED, colour_of
+from floatplan.studio.curves import Colour, colour_of
 from floatplan.studio.session import Verdict, View
 from floatplan.studio.tasks import COLUMNS, ROWS, Map, MapPoint, ShownPlan
 from floatplan.tables import LimitRow
 
-GREY = "#7a7f87"
-BLACK = "#3a3f45"
 MOST_WARNINGS = 6  # [-] in a list; others are counted
 
 IN_PROGRESS: Mapping[Verdict, tuple[str, str]] = {  # of a search or a proof
-    "waiting": (GREY, "Searching …"),
-    "planned": (BLUE, "Planned; proving …"),
-    "failed": (RED, "Not possible"),
-    "stopped": (GREY, "Stopped"),
+    "waiting": (Colour.GREY, "Searching …"),
+    "planned": (Colour.BLUE, "Planned; proving …"),
+    "failed": (Colour.RED, "Not possible"),
+    "stopped": (Colour.GREY, "Stopped"),
 }
-COLOURS: Mapping[Tone, str] = {"good": GREEN, "open": AMBER, "bad": RED}
+COLOURS: Mapping[Tone, str] = {"good": Colour.GREEN, "open": Colour.AMBER, "bad": Colour.RED}
 
 
 def is_news(shown: View | None, view: View) -> bool:
@@ -188,8 +186,8 @@ def map_card(chart: Map | None, enabled: bool) -> str:
         '<div class="fp" id="floatplan-map">'
         "<p>Duration (up) and angular momentum, kg m²/s (right). Click a point to go there.</p>"
         f'<div class="map" style="grid-template-columns:3.6em repeat({COLUMNS},1fr)">{"".join(cells)}</div>'
-        f'<p class="key">In a point: {unit}. <i style="background:{GREY}"></i>none found quickly '
-        f'<i style="background:{BLACK}"></i>impossible</p></div>'
+        f'<p class="key">In a point: {unit}. <i style="background:{Colour.GREY}"></i>none found quickly '
+        f'<i style="background:{Colour.BLACK}"></i>impossible</p></div>'
     )
 
 
@@ -209,7 +207,7 @@ def _point_look(chart: Map, point: MapPoint | None) -> tuple[str, str]:
         return "#e8eaed", ""
     use = point.use
     if use is None:
-        return (BLACK if point.status == "impossible" else GREY), ""
+        return (Colour.BLACK if point.status == "impossible" else Colour.GREY), ""
     if chart.relative:
         return colour_of(use), f"{use:.0%}".rstrip("%")
     # without limits torques are compared with one another, by their logarithms

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from html import escape
 from typing import Any
 
@@ -15,10 +16,17 @@ from floatplan.problem.problem import Problem
 from floatplan.view.jumps import footing, limit_shares
 
 NEARLY = 0.9  # [-] share of a limit from which a use is amber
-GREEN = "#1a7f4b"
-AMBER = "#985a00"
-RED = "#c0182b"
-BLUE = "#1f5fbf"
+
+
+class Colour(StrEnum):
+    """Colours of the panel."""
+
+    GREEN = "#1a7f4b"
+    AMBER = "#985a00"
+    RED = "#c0182b"
+    BLUE = "#1f5fbf"
+    GREY = "#7a7f87"
+    BLACK = "#3a3f45"
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +94,8 @@ def _of_kind(title: str, unit: str, names: Sequence[str], limits: Array, used: A
 def colour_of(use: float) -> str:
     """Of a share of a limit; rounding of a use of all of it is not red."""
     if use < NEARLY:
-        return GREEN
-    return AMBER if use <= 1 + 1e-9 else RED
+        return Colour.GREEN
+    return Colour.AMBER if use <= 1 + 1e-9 else Colour.RED
 
 
 def curves_card(motion: Trajectory, used: Sequence[Shares]) -> str:
@@ -111,7 +119,7 @@ def _plot(used: Shares, duration: float) -> str:
     count = used.values.shape[1]
     top = 1.15 * max(peak, 1.0 if used.limited else 1e-9)  # a little above the largest value or the limit
     across = np.linspace(0.0, 1000.0, count)
-    stroke = f"url(#fp-{used.title})" if used.limited else BLUE
+    stroke = f"url(#fp-{used.title})" if used.limited else Colour.BLUE
     paths = ""
     for name, curve in zip(used.names, used.values, strict=True):
         points = " ".join(f"{x:.0f},{y:.1f}" for x, y in zip(across, 100 - 100 * curve / top, strict=True))
@@ -124,7 +132,7 @@ def _plot(used: Shares, duration: float) -> str:
     # on the right of a plot a label is on the left of its point
     side = f"right:{100 - left:.1f}%" if left > 60.0 else f"left:{left:.1f}%"
     position = f"{side};top:min({high:.1f}%,100% - 1.3em)"
-    colour = colour_of(peak) if used.limited else BLUE
+    colour = colour_of(peak) if used.limited else Colour.BLUE
     title = f"{used.title} / limit" if used.limited else f"{used.title}, {used.unit}"
     words = f"{title}: {value} at most, {name}, at {duration * left / 100:.2f} s"
     return (
@@ -138,13 +146,20 @@ def _limit(used: Shares, top: float) -> str:
     """The limit as a line, and the colours of shares as a gradient from the bottom to the top of a plot."""
     if not used.limited:
         return ""
-    ends = [(0.0, GREEN), (NEARLY, GREEN), (NEARLY, AMBER), (1.0, AMBER), (1.0, RED), (top, RED)]
+    ends = [
+        (0.0, Colour.GREEN),
+        (NEARLY, Colour.GREEN),
+        (NEARLY, Colour.AMBER),
+        (1.0, Colour.AMBER),
+        (1.0, Colour.RED),
+        (top, Colour.RED),
+    ]
     stops = "".join(f'<stop offset="{share / top:.4f}" stop-color="{colour}"/>' for share, colour in ends)
     level = 100 - 100 / top
     return (
         f'<linearGradient id="fp-{used.title}" gradientUnits="userSpaceOnUse" x1="0" y1="100" x2="0" y2="0">{stops}'
-        f'</linearGradient><rect width="1000" height="{level:.2f}" fill="{RED}" opacity=".1"/>'
-        f'<path d="M0,{level:.2f} H1000" stroke="{RED}" stroke-dasharray="4 3"/>'
+        f'</linearGradient><rect width="1000" height="{level:.2f}" fill="{Colour.RED}" opacity=".1"/>'
+        f'<path d="M0,{level:.2f} H1000" stroke="{Colour.RED}" stroke-dasharray="4 3"/>'
     )
 
 

@@ -16,7 +16,6 @@ from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session
 
 Result = TypeVar("Result")
-RELEASED = 0.7  # [s] after the user's last touch, before an input follows the session
 
 
 def on(register: Any, action: Callable[[Any], object]) -> None:
@@ -153,7 +152,7 @@ class Inputs:
         for shown in self._shown:
             handle = shown.handle
             value = shown.get(problem)
-            if now - shown.touched < RELEASED:
+            if now - shown.touched < 0.7:  # [s] then the user has let go
                 busy = True
             elif value != handle.value and value == value:  # a number that the problem does not have is NaN
                 if isinstance(value, float):

@@ -23,7 +23,6 @@ from floatplan.jumps.jump import Jump
 from floatplan.pool import processes
 from floatplan.studio.tasks import Failure, LaunchTask, Map, MapTask, PlanTask, ShownPlan
 
-LAST = 10  # [-] niceness of proofs and maps: the page has priority
 LOST = "the planner ended unexpectedly; change something to try again"
 LOG = logging.getLogger(__name__)
 LOADED = (  # modules that are imported before a process begins
@@ -209,7 +208,7 @@ class Planning:
         self._on_map = on_map
         self._on_words = on_words
         self._quick = Worker(robot)
-        self._thorough = Worker(robot, LAST)
+        self._thorough = Worker(robot, 10)  # niceness of proofs and maps: the page has priority
         self._plans = Actions("plans")
         self._proofs = Actions("proofs")
         self._newest: Request | None = None

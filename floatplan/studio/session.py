@@ -18,7 +18,6 @@ State = TypeVar("State")
 Verdict: TypeAlias = Literal["waiting", "planned", "proved", "undecided", "refuted", "not found", "failed", "stopped"]
 Document: TypeAlias = Literal["problem", "plan", "report"]
 FILE_NAMES: dict[Document, str] = {"problem": "problem.toml", "plan": "plan.json", "report": "report.html"}
-MOST = 200  # [-] states of a history
 STOPPED = "Change something, or take the last change back, to search again."
 ONE_GESTURE = 1.0  # [s] between changes of one gesture that count as one
 
@@ -96,7 +95,7 @@ class History(Generic[State]):
         if gesture and gesture == self._gesture and now - self._last < ONE_GESTURE and self._at > 0:
             self._states[self._at] = state
         else:
-            self._states = [*self._states, state][-MOST:]
+            self._states = [*self._states, state][-200:]  # a history of 200 states
             self._at = len(self._states) - 1
         self._gesture = gesture
         self._last = now

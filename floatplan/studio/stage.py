@@ -20,11 +20,10 @@ from floatplan.studio.tasks import ShownPlan, pose_times
 from floatplan.view import outlines
 from floatplan.view.scene import scene
 from floatplan.view.scene.meshes import bends
-from floatplan.view.style import TRAILS, rgb_bytes
+from floatplan.view.style import PALETTE, rgb_bytes
 
 LOG = logging.getLogger(__name__)
 Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
-ASTRAY = (192, 24, 43)  # of the paths of a motion that is no plan
 
 
 def end_poses(view: View, end: str) -> outlines.Poses:
@@ -78,7 +77,7 @@ class Stage:
         self.grips: dict[str, dict[int, Any]] = {}
         self.ghosts = {"start": self._ghost("start", (0, 130, 130)), "goal": self._ghost("goal", (213, 94, 0))}
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
-        self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(TRAILS[0]), **scene.LINES)
+        self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(PALETTE.trails[0]), **scene.LINES)
         self._obstacles: list[Any] = []
         self._drags: dict[str, Drag] = {}
         self._carries: dict[int, tuple[complex, Obstacle]] = {}
@@ -209,10 +208,11 @@ class Stage:
     def _draw_paths(self, shown: ShownPlan) -> None:
         pairs = []
         colours = []
-        for path, colour in zip(shown.paths, TRAILS, strict=True):
+        for path, colour in zip(shown.paths, PALETTE.trails, strict=True):
             corners = path[bends(path, 0.05)]  # [rad] a polygon of such angles looks smooth
             pairs.append(scene.segments(self._plane, corners))
-            colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else ASTRAY, pairs[-1].shape))
+            # dark red: the paths of a motion that is no plan
+            colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else (192, 24, 43), pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
 

@@ -15,7 +15,7 @@ from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.jumps import efforts, footing
 from floatplan.view.outlines import robot_size
 from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
-from floatplan.view.style import ALARM, GREY, INK, OBSTACLES, OKABE_ITO, palette
+from floatplan.view.style import PALETTE, palette
 
 INTERVAL = "h without turning back"  # name of the interval (9)
 
@@ -82,7 +82,7 @@ class Panel:
         curves = list(self.curves)
         limits = np.array(np.broadcast_arrays(*map(_limit_of, curves)))
         if len(curves) > 1 and (limits == limits[0, 0]).all():
-            curves = [Curve("", "", INK)]
+            curves = [Curve("", "", PALETTE.ink)]
             limits = limits[:1]
         shown = [*self.fixed]
         omitted: list[ReferenceLine] = []
@@ -93,7 +93,7 @@ class Panel:
                 lines.append(ReferenceLine("limit", curve.colour, -limit, curve.segment))
         if self.interval is not None:
             lines = shown if max(map(abs, self.interval)) <= farthest else omitted
-            lines += [ReferenceLine(INTERVAL, INK, np.array(end)) for end in self.interval]
+            lines += [ReferenceLine(INTERVAL, PALETTE.ink, np.array(end)) for end in self.interval]
         return shown, omitted
 
 
@@ -171,9 +171,11 @@ def _of_jump(sampled: SampledPlan, jump: JumpMotion) -> list[Chart]:
     limits = np.minimum(problem.motor_torque_limits, problem.motor_stall)
     rates = _of_segments(jump, [f"velocities.{joint}" for joint in range(len(robot.joints))])
     by_use = sorted(enumerate(lock_limits), key=lambda lock: -largest(sampled.columns[f"held_use.{lock[0]}"]))
-    locks = [Curve(name, "", colour) for (_, name), colour in zip(by_use, OBSTACLES, strict=False)]  # the most used
-    cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", INK, np.array(1.0))])
-    height = Panel("height", [Curve("CM", "com_height", INK)])
+    locks = [
+        Curve(name, "", colour) for (_, name), colour in zip(by_use, PALETTE.obstacles, strict=False)
+    ]  # the most used
+    cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", PALETTE.ink, np.array(1.0))])
+    height = Panel("height", [Curve("CM", "com_height", PALETTE.ink)])
     result = [
         Chart("contacts", "On the ground", "", [Panel("", stands)], of_each=False),
         Chart("forces", "Vertical forces", "N", [Panel("vertical force", forces)], of_each=False),
@@ -207,9 +209,9 @@ def _shares(
         index = order.index(curve.name)
         if np.isfinite(limits[index]):
             shares.append(replace(curve, key=f"{name}.{index}", limit=None, proved=np.inf))
-    ends = {"limit": (INK, 1.0)}
+    ends = {"limit": (PALETTE.ink, 1.0)}
     if margin < 1.0:
-        ends["margin of stances"] = (ALARM, margin)
+        ends["margin of stances"] = (PALETTE.alarm, margin)
     lines = []
     for label, (colour, end) in ends.items():
         lines.append(ReferenceLine(label, colour, np.array(end)))
@@ -224,7 +226,7 @@ def _attitude(plan: Plan) -> Chart:
     ends = [np.zeros(3) if state.attitude is None else state.attitude.angles_about(axes) for state in states]
     curves = []
     for index, (name, axis, start, goal) in enumerate(zip(names, axes, *ends, strict=True)):
-        colour = OKABE_ITO[index]
+        colour = PALETTE.hues[index]
         ends_of_angle = (float(start), float(goal))
         curves.append(Curve(f"{name} {axis}", f"orientation.{index}", colour, 0, ends=ends_of_angle))
     return Chart("orientation", "Orientation", "deg", [Panel("angle", curves)], 180 / np.pi, of_each=False)
@@ -233,13 +235,13 @@ def _attitude(plan: Plan) -> Chart:
 def _momentum_in_space(plan: Plan) -> list[Chart]:
     """The parts of h that base and joints have, along h, and how the robot's inertia changes."""
     curves = [
-        Curve("base", "momentum_base", OKABE_ITO[0]),
-        Curve("joints", "momentum_joints", OKABE_ITO[1]),
-        Curve("h", "momentum", INK),
+        Curve("base", "momentum_base", PALETTE.hues[0]),
+        Curve("joints", "momentum_joints", PALETTE.hues[1]),
+        Curve("h", "momentum", PALETTE.ink),
     ]
     panel = Panel("momentum", curves)
     moments = ("least", "middle", "largest")
-    inertia = Panel("inertia", [Curve(name, f"inertia.{i}", OKABE_ITO[i]) for i, name in enumerate(moments)])
+    inertia = Panel("inertia", [Curve(name, f"inertia.{i}", PALETTE.hues[i]) for i, name in enumerate(moments)])
     return [
         Chart("momentum", "Angular momentum along h", "kg m²/s", [panel], of_each=False),
         Chart("inertia", "Principal moments of inertia", "kg m²", [inertia], of_each=False),
@@ -270,7 +272,7 @@ def certificate_of(motion: Trajectory) -> Certificate | None:
 
 def is_crowded(plan: Trajectory) -> bool:
     """Whether a robot has more segments than there are hues that everyone can tell apart."""
-    return len(plan.robot.joints) + 1 > len(OKABE_ITO)
+    return len(plan.robot.joints) + 1 > len(PALETTE.hues)
 
 
 def _of_segments(plan: Trajectory, keys: Sequence[str], **fields: Sequence[Any]) -> list[Curve]:
@@ -341,9 +343,9 @@ def _motors(sampled: SampledPlan) -> list[Curve]:
 def _momentum(plan: Plan) -> Chart:
     """The parts of h that base and joints have, and the interval (9) of h in which joints need not reverse."""
     curves = [
-        Curve("base", "momentum_base", OKABE_ITO[0]),
-        Curve("joints", "momentum_joints", OKABE_ITO[1] if is_crowded(plan) else GREY),
-        Curve("h", "angular_momentum", INK),
+        Curve("base", "momentum_base", PALETTE.hues[0]),
+        Curve("joints", "momentum_joints", PALETTE.hues[1] if is_crowded(plan) else PALETTE.grey),
+        Curve("h", "angular_momentum", PALETTE.ink),
     ]
     panel = Panel("momentum", curves, plan.angular_momentum_bounds)
     return Chart("momentum", "Angular momentum", "kg m²/s", [panel], of_each=False)
@@ -365,7 +367,7 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
         curve = Curve(
             name=kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}",
             key=f"clearance.{index}",
-            colour=OBSTACLES[index % len(OBSTACLES)],
+            colour=PALETTE.obstacles[index % len(PALETTE.obstacles)],
             proved=proved.get((index, kind), np.inf),
         )
         curves.append(curve)
@@ -373,7 +375,7 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
         if other is not None:
             values.append(other.columns[curve.key])
     margins = np.unique([obstacle.margin for obstacle in obstacles])
-    fixed = [ReferenceLine("margin", ALARM, margin) for margin in margins]
+    fixed = [ReferenceLine("margin", PALETTE.alarm, margin) for margin in margins]
     distances = np.array(values)
     farthest = distances.max(where=np.isfinite(distances), initial=0.0)
     top = min(1.05 * farthest, max(robot_size(plan) / 2, 4 * margins[-1])) or 1.0

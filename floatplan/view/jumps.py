@@ -13,9 +13,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
-from floatplan.view.style import CONTACTS, round_below
-
-SAMPLES = 601  # [-] instants among which forces are largest
+from floatplan.view.style import PALETTE, round_below
 
 
 @runtime_checkable
@@ -55,7 +53,7 @@ class Footing:
     @property
     def colours(self) -> dict[str, str]:
         """Of the contacts, by their names."""
-        return {name: CONTACTS[index % len(CONTACTS)] for index, name in enumerate(self.contacts)}
+        return {name: PALETTE.contacts[index % len(PALETTE.contacts)] for index, name in enumerate(self.contacts)}
 
     @property
     def metres_per_newton(self) -> float:
@@ -97,7 +95,7 @@ def footing(jump: JumpMotion) -> Footing:
     for stance in jump.stances:
         for contact in stance.contacts:
             contacts[" + ".join(contact.names)] = contact
-    times = np.linspace(0.0, jump.duration, SAMPLES)
+    times = np.linspace(0.0, jump.duration, 601)  # forces are largest among 601 instants
     return Footing(jump, contacts, times, np.abs(np.nan_to_num(_forces(jump, contacts, times))))
 
 

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 ARC = 12  # [-] corners of the half circle at an end of a link or bar
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
 SINKING = 0.15  # [-] of the robot's size: a flight that goes deeper has no ground in its picture
-LIGHT = np.array([-0.35, 0.75, 0.56])  # unit vector to the light: from the left, from above, from the viewer
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +79,8 @@ class Postures:
         for shape in np.argsort(self.depth[index].mean(axis=1), kind="stable").tolist():
             normals = face_normals(positions[shape], self.faces[shape])
             visible = normals[:, 2] > 0
-            lights = np.clip(normals[visible] @ LIGHT, 0.0, 1.0).tolist()
+            # unit vector to the light: from the left, from above, from the viewer
+            lights = np.clip(normals[visible] @ np.array([-0.35, 0.75, 0.56]), 0.0, 1.0).tolist()
             faces = corners[shape][self.faces[shape][visible]]
             painted.append((shape, list(zip(faces, lights, strict=True))))
         return painted

@@ -5,6 +5,7 @@ import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
@@ -17,52 +18,24 @@ from matplotlib.legend_handler import HandlerTuple
 from floatplan.arrays import Array
 
 COLUMN = 3.35  # [in] one column of a two-column paper, 8.5 cm
-INK = "#222222"
-GREY = "#8a8a8a"
-PALE = "#c9c9c9"
-ALARM = "#b00020"
-OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
-OBSTACLES = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of curves, one per obstacle
-CONTACTS = ("#8b5e00", "#6a3d9a", "#00787a", "#a4243b")  # of the points that a robot stands on
-TRAILS = (GREY, *CONTACTS[:2])  # of the centre of mass, and of the frames that take off and land
-SEQUENCE = "viridis"  # for more joints than there are hues that everyone can tell apart
-RC: dict[str, Any] = {
-    "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
-    "font.size": 7.5,
-    "text.parse_math": False,  # joints are called what they are called
-    "text.color": INK,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.labelsize": 7.5,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#ebebeb",
-    "grid.linewidth": 0.5,
-    "xtick.color": INK,
-    "xtick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "xtick.major.size": 2.5,
-    "ytick.color": INK,
-    "ytick.labelsize": 7,
-    "ytick.major.width": 0.6,
-    "ytick.major.size": 2.5,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.handlelength": 1.5,
-    "legend.handletextpad": 0.5,
-    "legend.columnspacing": 1.2,
-    "legend.borderaxespad": 0.2,
-    "legend.borderpad": 0.1,
-    "lines.linewidth": 1.3,
-    "lines.solid_capstyle": "round",
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
-}
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of figures and pages."""
+
+    ink: str = "#222222"
+    grey: str = "#8a8a8a"
+    pale: str = "#c9c9c9"
+    alarm: str = "#b00020"
+    hues: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito's
+    obstacles: tuple[str, ...] = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of their curves
+    contacts: tuple[str, ...] = ("#8b5e00", "#6a3d9a", "#00787a", "#a4243b")  # of the points that a robot stands on
+    trails: tuple[str, ...] = ("#8a8a8a", "#8b5e00", "#6a3d9a")  # of the CM, and of frames that take off and land
+    sequence: str = "viridis"  # for more joints than there are hues that everyone can distinguish
+
+
+PALETTE = Palette()
 METADATA: dict[str, dict[str, Any]] = {
     "png": {"Software": "floatplan"},
     "svg": {"Creator": "floatplan", "Date": None},
@@ -79,7 +52,45 @@ def styled() -> Iterator[None]:
     """
     with _MATPLOTLIB_LOCK, matplotlib.rc_context():
         matplotlib.rcdefaults()
-        matplotlib.rcParams.update(RC)
+        matplotlib.rcParams.update(
+            {
+                "font.family": "DejaVu Sans",  # ships with matplotlib: the same picture everywhere
+                "font.size": 7.5,
+                "text.parse_math": False,  # joints are called what they are called
+                "text.color": PALETTE.ink,
+                "axes.edgecolor": PALETTE.ink,
+                "axes.labelcolor": PALETTE.ink,
+                "axes.labelsize": 7.5,
+                "axes.linewidth": 0.6,
+                "axes.spines.top": False,
+                "axes.spines.right": False,
+                "axes.grid": True,
+                "axes.axisbelow": True,
+                "grid.color": "#ebebeb",
+                "grid.linewidth": 0.5,
+                "xtick.color": PALETTE.ink,
+                "xtick.labelsize": 7,
+                "xtick.major.width": 0.6,
+                "xtick.major.size": 2.5,
+                "ytick.color": PALETTE.ink,
+                "ytick.labelsize": 7,
+                "ytick.major.width": 0.6,
+                "ytick.major.size": 2.5,
+                "legend.fontsize": 7,
+                "legend.frameon": False,
+                "legend.handlelength": 1.5,
+                "legend.handletextpad": 0.5,
+                "legend.columnspacing": 1.2,
+                "legend.borderaxespad": 0.2,
+                "legend.borderpad": 0.1,
+                "lines.linewidth": 1.3,
+                "lines.solid_capstyle": "round",
+                "figure.constrained_layout.h_pad": 0.03,
+                "figure.constrained_layout.w_pad": 0.03,
+                "svg.fonttype": "path",
+                "svg.hashsalt": "floatplan",  # element names, and with them the files, repeat
+            }
+        )
         yield
 
 
@@ -111,10 +122,10 @@ def picture(form: str, draw: Callable[..., Figure], *about: Any) -> bytes:
 
 def palette(count: int) -> list[Array]:
     """Return colours (3,) for the base and the joints: hues while they last, then grey and steps of one sequence."""
-    if count <= len(OKABE_ITO):
-        return list(map(rgb, OKABE_ITO[:count]))
+    if count <= len(PALETTE.hues):
+        return list(map(rgb, PALETTE.hues[:count]))
     # the last tenth of the sequence is too light for white paper
-    sequence = matplotlib.colormaps[SEQUENCE](np.linspace(0, 0.9, count - 1))
+    sequence = matplotlib.colormaps[PALETTE.sequence](np.linspace(0, 0.9, count - 1))
     return [rgb("#555555"), *map(rgb, sequence)]
 
 

@@ -16,7 +16,7 @@ from long_cases import cases
 
 import floatplan as fp
 from floatplan import files
-from floatplan.cli.results import FIGURES, REPORT, write_results
+from floatplan.cli.results import ResultFile, write_results
 from floatplan.errors import InputError, printable
 from floatplan.export.formats import FORMATS
 from floatplan.files import read_regular
@@ -36,8 +36,8 @@ def results_of_a_run(plan_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     plan = fp.load_plan(plan_file)
     write_results(plan, folder, 1000.0)
-    save_figures(plan, folder / FIGURES)
-    plan.show(folder / REPORT, browse=False)
+    save_figures(plan, folder / ResultFile.FIGURES)
+    plan.show(folder / ResultFile.REPORT, browse=False)
     return folder
 
 

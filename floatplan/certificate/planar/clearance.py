@@ -25,8 +25,6 @@ from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot, Point
 
 LinkShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
-MOST = 8  # sets of shapes in the cache
-SHORTEST = 1e-9  # [m] below this a segment has no direction: its ends count as two points
 ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
 
 
@@ -49,7 +47,7 @@ class ShapeWeights:
     length: Balls
 
 
-@lru_cache(maxsize=MOST)
+@lru_cache(maxsize=8)
 def shape_weights(robot: PlanarRobot, link_shapes: tuple[LinkShape, ...] | None) -> ShapeWeights:
     """Shapes from (link, start, end, radius); None stands for the paper's links.
 
@@ -76,7 +74,8 @@ def shape_weights(robot: PlanarRobot, link_shapes: tuple[LinkShape, ...] | None)
             along = shape.end.local - shape.start.local
             lengths.append(abs(along))
             row = [flint.acb(0)] * count
-            row[shape.start.body] = along / lengths[-1] if lengths[-1] > SHORTEST else flint.acb(1)
+            # below 1e-9 m a segment has no direction: its ends count as two points
+            row[shape.start.body] = along / lengths[-1] if lengths[-1] > 1e-9 else flint.acb(1)
             rows += row
         points = ComplexBalls.from_acb(rows, (3 * len(shapes), count))
         return ShapeWeights(tuple(shapes), points, Balls.from_arb(lengths, (len(shapes),)))

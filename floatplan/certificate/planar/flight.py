@@ -27,8 +27,6 @@ from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 
 FIRST_CELLS = 24  # [-] before any is halved
-ORIENTATION_RADIUS = 1e-10  # [rad] sought for the orientation at the end
-TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +179,6 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
 
 def _coarse(joints: Joints, duration: float) -> BoolArray:
     torque = np.fmax.reduce(joints.motor_torques.size, axis=None, initial=1e-12)
-    rate_sharp = joints.rate.e[:, 0] * duration <= ORIENTATION_RADIUS
-    torque_sharp = (joints.motor_torques.e <= TORQUE_RADIUS * torque).all(axis=-1)
+    rate_sharp = joints.rate.e[:, 0] * duration <= 1e-10  # [rad] at the end
+    torque_sharp = (joints.motor_torques.e <= 1e-9 * torque).all(axis=-1)  # 1e-9 of the largest torque
     return np.asarray(~(rate_sharp & torque_sharp))

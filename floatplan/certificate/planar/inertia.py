@@ -32,7 +32,6 @@ from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
 
 LETTERS = "xyz"
-SHORTEST = 1e-12  # [m] a shorter segment is its start
 LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal
 
 
@@ -256,7 +255,7 @@ def _segments(
         for joint, origin in joints:
             if name in (joint.parent, joint.child):
                 position = local(start.body, origin)
-                if not abs(position - start.local) < SHORTEST:
+                if not abs(position - start.local) < 1e-12:  # [m] a shorter segment is its start
                     ends.append(Point(start.body, position))
         if link.frame:
             ends = []

@@ -14,7 +14,6 @@ from floatplan.errors import InputError
 from floatplan.files import check_hash, json_value
 from floatplan.plans.record import RobotRecord
 
-MOST = 8  # robots in the cache
 R = TypeVar("R")
 
 _cache: dict[str, Any] = {}
@@ -50,7 +49,7 @@ def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable
     key = json.dumps(json_value([make.__name__, record.kind, digest, *roles, *taken]))
     if key not in _cache:
         robot = make(read_urdf(content, path), record)
-        if len(_cache) >= MOST:
+        if len(_cache) >= 8:  # eight robots stay
             del _cache[next(iter(_cache))]
         _cache[key] = robot
     robot_of_record: R = _cache[key]

@@ -19,9 +19,6 @@ from floatplan.plans.record import RobotRecord
 
 FREE_KINDS = ("floating", "planar")  # of joints with more than one degree of freedom
 INDEPENDENT = 1e-3  # [-] sine between axes, or volume that three unit vectors span, from which on they differ
-TRIANGLE_SLACK = 1e-3  # [-] of the largest moment: by how much it may be above the sum of the others
-DEFINITE_SLACK = 1e-9  # [-] of the largest moment: by how much the least may be negative
-NEGLIGIBLE = 1e-12  # [kg m^2] both are at least
 
 
 class NotReadError(FloatplanError):
@@ -134,9 +131,11 @@ def _balanced(link: Link) -> Link:
     least = moments[0].min(moments[1]).min(moments[2])
     largest = moments[0].max(moments[1]).max(moments[2])
     between = sum(moments) - least - largest
-    negligible = flint.arb(NEGLIGIBLE)
-    negative = _surely(least, -(abs(largest) * DEFINITE_SLACK).max(negligible), link.name)
-    if not negative and not _surely(least + between + (largest * TRIANGLE_SLACK).max(negligible), largest, link.name):
+    negligible = flint.arb(1e-12)  # [kg m^2] both tolerances are at least
+    # the least moment may be negative by 1e-9 of the largest
+    negative = _surely(least, -(abs(largest) * 1e-9).max(negligible), link.name)
+    # the largest moment may exceed the sum of the others by 1e-3 of it
+    if not negative and not _surely(least + between + (largest * 1e-3).max(negligible), largest, link.name):
         return link
     mean = sum((link.inertia[k, k] for k in range(3)), start=flint.arb(0)) / 3
     if not mean > 0:

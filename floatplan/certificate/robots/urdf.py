@@ -20,7 +20,6 @@ from floatplan.errors import InputError
 from floatplan.files import parsed_xml
 from floatplan.plans.record import RobotRecord
 
-KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")  # of joints in a file
 MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")  # all six in an <inertia>; without one a link is a point mass
 
 
@@ -174,7 +173,7 @@ def _link(element: Element) -> Link:
 def _joint(element: Element) -> Joint:
     name = _text(element, "name")
     kind = _text(element, "type")
-    if kind not in KINDS:
+    if kind not in ("revolute", "continuous", "prismatic", "fixed", "floating", "planar"):
         raise InputError(f'its type "{kind}" is none that floatplan plans with', element=f'joint "{name}"')
     parent = element.find("parent")
     child = element.find("child")

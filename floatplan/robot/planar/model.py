@@ -22,7 +22,6 @@ from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 BASE_COORDINATES = 3
 FREE_FLYER = 6  # velocities of the base in space; its configuration has one number more
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] for Pinocchio where there is no limit
-POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
 
 
 def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
@@ -193,7 +192,8 @@ def check_model(model: Any, reference: Array, selection: Array, joints: Sequence
     base = FREE_FLYER if model.nq > model.nv else BASE_COORDINATES
     moving = np.concatenate([np.eye(model.nv, base), selection], axis=1)
     data = model.createData()
-    for positions in sample_postures(limits, POSTURES, Random(0)):
+    # a singular mass matrix is singular at almost all postures, or at the first, the reference
+    for positions in sample_postures(limits, 4, Random(0)):
         q = np.array(reference)
         q[len(q) - model.nv + base :] += selection[base:] @ positions
         upper = np.triu(pin.crba(model, data, q))

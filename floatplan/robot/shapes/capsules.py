@@ -8,7 +8,6 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray, distinct
 
-MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 OUTSIDE = 1e-3  # [m] by which a polygon of fewer corners may reach beyond a convex hull
 
 
@@ -50,7 +49,7 @@ class Outline:
         return cls(hull, np.stack([count, np.roll(count, -1)], axis=1), radius)
 
 
-def fit(outline: Outline, splits: int = MOST_SPLITS) -> list[PlaneCapsule]:
+def fit(outline: Outline, splits: int = 2) -> list[PlaneCapsule]:
     """Return capsules that cover the outline: one, or more where these are much tighter."""
     whole = fit_capsule(outline.points, outline.radius)
     if splits == 0 or whole.start == whole.end:

@@ -26,7 +26,6 @@ from floatplan.robot.urdf.tree import number, only, triple
 MESH_KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives: a small one can hold gigabytes
 LARGEST_MESH = 100_000_000  # [bytes]
 LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
-FAULT_IN_COLLADA = re.compile(rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)", re.IGNORECASE)
 STL_HEADER = 84  # [bytes] of a binary STL file; the last four are the number of triangles
 ROUND_CORNERS = 32  # [-] of the polygon around a disc seen at an angle: it is 0.5 % larger
 AROUND = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
@@ -116,7 +115,10 @@ def _corners_and_faces(content: bytes, kind: str) -> tuple[Array, IntArray]:
     if kind == "stl" and (corners := _binary_stl(content)) is not None:
         return corners, np.arange(len(corners)).reshape(-1, 3)
     loaders = trimesh.exchange.load.mesh_loaders
-    if kind == "dae" and FAULT_IN_COLLADA.search(content):  # pycollada takes NaN for zero, and -1 for the last corner
+    faults = rb"<(?:\w+:)?(?:float_array[^>]*>[^<]*\bnan\b|p>[^<]*-)"
+    if kind == "dae" and re.search(
+        faults, content, re.IGNORECASE
+    ):  # pycollada takes NaN for 0, and -1 for the last corner
         raise ValueError("a number in it is NaN, or a face has a negative corner")
     options = {"ignore_broken": False} if kind == "dae" else {}
     with np.errstate(all="ignore"):

@@ -16,12 +16,6 @@ from floatplan.arrays import Array, IntArray
 from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule, evenly
 
 DIRECTIONS = 16  # [-] over half of all, in which the axis of a capsule around many points may lie
-FEW = 16  # [-] points, whose differences are tried as axes too: the edges and diagonals of a box are among them
-RADII = 9  # [-] tried for each axis, from the least that holds the points to half their diagonal
-MIDDLES = 40  # [-] steps towards the middle of the least circle around points, which leave 2 % of its radius
-SPLIT_GAIN = 0.75  # [-] two capsules replace one where they cover at most this fraction of its volume
-CUTS = (1 / 3, 1 / 2, 2 / 3)  # [-] of the length
-MOST_SPLITS = 2  # [-] one after the other: at most four capsules
 SAME = 1e-9  # [m] lengths below that are none
 RIM = 24  # [-] corners of the polygon around a disc: it is 0.9 % larger
 AROUND = np.exp(2j * np.pi * np.arange(RIM) / RIM) / np.cos(np.pi / RIM)
@@ -58,12 +52,12 @@ def _rounded(solid: LinkSolid) -> tuple[Array, float]:
     return np.concatenate((solid.points - spine, solid.points + spine)), middle
 
 
-def fit(points: Array, radius: float, splits: int = MOST_SPLITS) -> list[Ends]:
+def fit(points: Array, radius: float, splits: int = 2) -> list[Ends]:
     """Return capsules that contain the convex hull of points (k, 3), grown by a radius, m."""
     whole = _fit_one(points, radius)
     start, end, _ = whole
     length = float(np.linalg.norm(end - start))
-    least = SPLIT_GAIN * _volume(whole)
+    least = 0.75 * _volume(whole)  # two capsules replace one where they cover at most 3/4 of its volume
     if splits == 0 or length < SAME or len(points) < 4:
         return [whole]
     points, edges, volume = _hull(points)
@@ -72,7 +66,7 @@ def fit(points: Array, radius: float, splits: int = MOST_SPLITS) -> list[Ends]:
     direction = (end - start) / length
     along = points @ direction
     best = list[Array]()
-    for cut in CUTS:
+    for cut in (1 / 3, 1 / 2, 2 / 3):  # of the length
         halves = _halves(points, edges, direction, float(along.min() + cut * np.ptp(along)))
         volume = sum(_volume(_fit_one(half, radius)) for half in halves)
         if volume < least:
@@ -100,7 +94,8 @@ def _fit_one(points: Array, radius: float) -> Ends:
     offset = np.abs(projected - middle[:, None])
     least = offset.max(axis=1)
     most = np.hypot(least, np.ptp(height, axis=1) / 2)
-    grown = least[:, None] + np.linspace(0.0, 1.0, RADII) * (most - least)[:, None]  # (directions, radii)
+    # nine radii for each axis, from the least that holds the points to half their diagonal
+    grown = least[:, None] + np.linspace(0.0, 1.0, 9) * (most - least)[:, None]  # (directions, radii)
     reach = np.sqrt(np.maximum(grown[:, :, None] ** 2 - offset[:, None] ** 2, 0.0))
     high = (height[:, None] - reach).max(axis=2)
     low = (height[:, None] + reach).min(axis=2)
@@ -123,7 +118,8 @@ def _directions(points: Array, spread: Array) -> Array:
     """Unit vectors (d, 3) in which the axis of a capsule may lie: principal axes, some in all directions, edges."""
     principal: Array = np.linalg.eigh(spread.T @ spread)[1].T
     candidates = [principal, evenly(2 * DIRECTIONS)[:DIRECTIONS]]
-    if len(points) <= FEW:
+    # of few points differences are tried as axes too: edges and diagonals of a box are among them
+    if len(points) <= 16:
         first, second = np.triu_indices(len(points), 1)
         edges = points[second] - points[first]
         lengths = np.linalg.norm(edges, axis=1)
@@ -142,7 +138,7 @@ def _middles(places: Array) -> Array:
     middle += 1j * (places.imag.max(axis=1) + places.imag.min(axis=1)) / 2
     best = middle.copy()
     least = np.full(len(places), np.inf)
-    for step in range(MIDDLES):
+    for step in range(40):  # 40 steps leave 2 % of the radius
         offset = np.abs(places - middle[:, None])
         farthest = offset.argmax(axis=1)
         nearer = offset[rows, farthest] < least

@@ -19,7 +19,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.trajectory import Trajectory
 from floatplan.view.figures import snapshots
 from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
-from floatplan.view.style import GREY, INK, new_figure, styled
+from floatplan.view.style import PALETTE, new_figure, styled
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ def _stage(plan: Trajectory) -> tuple[Figure, Axes]:
     axes.set_axis_off()
     snapshots.draw_ground(axes, plan, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
-    axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
+    axes.plot(com.real, com.imag, color=PALETTE.grey, linewidth=0.7, zorder=2)
     for obstacle in plan.whole_problem.obstacles:
         if obstacle.window is None and not any(obstacle.velocity):
             snapshots.draw_obstacle(axes, obstacle, np.array([0.0]))
@@ -116,7 +116,7 @@ def _picture(figure: Figure, axes: Axes, plan: Trajectory, time: float) -> Image
     snapshots.draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
     if isinstance(plan, JumpMotion):
         snapshots.draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
-    axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=INK)
+    axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=PALETTE.ink)
     added = [artist for artist in axes.get_children() if artist not in before]
     for artist in sorted(added, key=lambda artist: artist.get_zorder()):
         axes.draw_artist(artist)

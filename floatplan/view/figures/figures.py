@@ -23,7 +23,7 @@ from floatplan.plans.trajectory import Trajectory
 from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
 from floatplan.view.sampled import SampledPlan, flies_in_space
-from floatplan.view.style import ALARM, COLUMN, GREY, INK, METADATA, faded, legend_above, new_figure, rendered, styled
+from floatplan.view.style import COLUMN, METADATA, PALETTE, faded, legend_above, new_figure, rendered, styled
 
 SAMPLES = 241  # [-] of a curve
 
@@ -177,7 +177,7 @@ def _small_multiples(chart: Chart, sampled: SampledPlan, other: SampledPlan | No
     longest = LAYOUT.longest_name
     for axes, curve in zip(grid.T.ravel(), chart.curves, strict=False):
         name = curve.name if len(curve.name) <= longest else f"{curve.name[: longest - 1]}…"
-        axes.set_title(name, fontsize=LAYOUT.letters + 0.6, loc="left", pad=2, color=INK)
+        axes.set_title(name, fontsize=LAYOUT.letters + 0.6, loc="left", pad=2, color=PALETTE.ink)
         panel = replace(chart.panels[0], label="", curves=[curve])
         marks |= draw_panel(axes, chart, panel, sampled, other, LAYOUT.thinner)
         axes.yaxis.set_major_locator(MaxNLocator(3))
@@ -227,43 +227,43 @@ def draw_panel(
         axes.set_ylabel(f"{panel.label} ({chart.unit})")
     if panel.range is not None:
         axes.set(ylim=panel.range)
-        axes.axhspan(panel.range[0], 0, color=faded(ALARM, 0.12), linewidth=0, zorder=0.4)
+        axes.axhspan(panel.range[0], 0, color=faded(PALETTE.alarm, 0.12), linewidth=0, zorder=0.4)
     elif chart.unit == "deg":
         axes.yaxis.set_major_locator(_angle_ticks(axes))
     elif not chart.unit:
         axes.set_yticks([])
     else:
-        axes.axhline(0, color=GREY, linewidth=0.5, zorder=0.5)
+        axes.axhline(0, color=PALETTE.grey, linewidth=0.5, zorder=0.5)
     shown, omitted = panel.lines(peak / chart.factor)
     for line in shown:
         style = scaled(LINES["limit"]) | {
-            "color": line.colour if line.segment is None or len(panel.curves) > 1 else INK
+            "color": line.colour if line.segment is None or len(panel.curves) > 1 else PALETTE.ink
         }
         if np.ndim(line.value):
             axes.plot(sampled.times, chart.factor * np.broadcast_to(line.value, sampled.times.shape), **style)
         else:
             axes.axhline(chart.factor * float(line.value), **style)
-        marks[line.name] = Line2D([], [], **style | {"color": line.colour if line.segment is None else INK})
+        marks[line.name] = Line2D([], [], **style | {"color": line.colour if line.segment is None else PALETTE.ink})
     if panel.interval is not None:
         low, high = panel.interval
         if omitted:
             marks[f"{INTERVAL}: {low:.3g} to {high:.3g}"] = Line2D([], [], linestyle="none")
         else:
-            axes.axhspan(low, high, color=faded(INK, 0.08), linewidth=0, zorder=0.4)
+            axes.axhspan(low, high, color=faded(PALETTE.ink, 0.08), linewidth=0, zorder=0.4)
     elif thinner < 1.0 and omitted:
         limit = np.min(omitted[0].value)
-        axes.set_title(f"limit {limit:.3g}", fontsize=LAYOUT.letters, loc="right", pad=2, color=GREY)
+        axes.set_title(f"limit {limit:.3g}", fontsize=LAYOUT.letters, loc="right", pad=2, color=PALETTE.grey)
     for curve in panel.curves:
         if curve.proved < np.inf if panel.range is None else curve.proved <= panel.range[1]:
             for side in (1, -1) if panel.range is None else (1,):
                 axes.axhline(side * curve.proved, color=faded(curve.colour, 0.6), **scaled(LINES["proved"]))
             name = "proved peak" if panel.range is None else "proved minimum"
-            marks[name] = Line2D([], [], color=INK, **scaled(LINES["proved"]))
+            marks[name] = Line2D([], [], color=PALETTE.ink, **scaled(LINES["proved"]))
         if curve.ends is not None:  # a dot where it starts and a ring where it should end
             start, goal = chart.factor * np.array(curve.ends)
             axes.plot(0, start, color=curve.colour, **scaled(LINES["start"]))
             axes.plot(sampled.plan.duration, goal, color=curve.colour, **scaled(LINES["goal"]))
-            marks["goal"] = Line2D([], [], color=INK, **scaled(LINES["goal"]))
+            marks["goal"] = Line2D([], [], color=PALETTE.ink, **scaled(LINES["goal"]))
     return marks
 
 
@@ -277,8 +277,8 @@ def _plan_marks(marks: Marks, sampled: SampledPlan, other: SampledPlan | None) -
     entries = [(mark, name) for name, mark in marks.items()]
     if other is not None:
         name, name_of_other = plan_names(sampled.plan, other.plan)
-        entries.append((Line2D([], [], color=INK), name))
-        entries.append((Line2D([], [], color=faded(INK, LAYOUT.compared), **LINES["compared"]), name_of_other))
+        entries.append((Line2D([], [], color=PALETTE.ink), name))
+        entries.append((Line2D([], [], color=faded(PALETTE.ink, LAYOUT.compared), **LINES["compared"]), name_of_other))
     return entries
 
 

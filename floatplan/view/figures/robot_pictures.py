@@ -16,7 +16,7 @@ from floatplan.motion.flight import Reachable
 from floatplan.robot.robot import Robot
 from floatplan.view.figures.snapshots import spatial_figure
 from floatplan.view.outlines import body_poses, box_around, pairs, stadium
-from floatplan.view.style import COLUMN, INK, METADATA, OKABE_ITO, legend_above, new_figure, picture
+from floatplan.view.style import COLUMN, METADATA, PALETTE, legend_above, new_figure, picture
 
 FILL = 0.25  # [-] opacity of a capsule or polygon: lines behind it show through
 
@@ -44,19 +44,21 @@ def shapes_picture(robot: Robot) -> Figure:
     for shape in robot.shapes:
         start, end = poses.points([shape.body] * 2, [shape.start, shape.end])[0].tolist()
         capsules.append(stadium(start, end, max(shape.radius, 1e-3)))  # [m] what has no thickness is visible, too
-        colours.append(OKABE_ITO[shape.body % len(OKABE_ITO)])
+        colours.append(PALETTE.hues[shape.body % len(PALETTE.hues)])
     figure, axes = spatial_figure(*box_around(np.concatenate(capsules), 0.04))
-    look: dict[str, Any] = {"edgecolors": INK, "linewidths": 0.5}
+    look: dict[str, Any] = {"edgecolors": PALETTE.ink, "linewidths": 0.5}
     axes.add_collection(PolyCollection([*map(pairs, capsules)], facecolors=colours, alpha=FILL, **look))
     for body, outline in robot.outlines:
         edges = poses.points([body] * len(outline.points), outline.points)[0][outline.edges]
         if outline.radius:
             rims = [pairs(stadium(start, end, outline.radius)) for start, end in edges.tolist()]
-            axes.add_collection(PolyCollection(rims, facecolors="none", edgecolors=INK, linewidths=0.4))
+            axes.add_collection(PolyCollection(rims, facecolors="none", edgecolors=PALETTE.ink, linewidths=0.4))
         else:
-            axes.add_collection(LineCollection(list(pairs(edges)), colors=INK, linewidths=0.15))
-    patch = Patch(facecolor=OKABE_ITO[0], alpha=FILL, edgecolor=INK)
-    legend_above(figure, [(patch, "capsules"), (Line2D([], [], color=INK, linewidth=0.4), "collision geometry")])
+            axes.add_collection(LineCollection(list(pairs(edges)), colors=PALETTE.ink, linewidths=0.15))
+    patch = Patch(facecolor=PALETTE.hues[0], alpha=FILL, edgecolor=PALETTE.ink)
+    legend_above(
+        figure, [(patch, "capsules"), (Line2D([], [], color=PALETTE.ink, linewidth=0.4), "collision geometry")]
+    )
     return figure
 
 
@@ -82,13 +84,13 @@ def reachable_picture(sets: dict[str, Reachable]) -> Figure:
         if polygon is None:
             continue
         momentum, speed, height = reachable.asked
-        colour = OKABE_ITO[("takeoff", "landing").index(end)]
+        colour = PALETTE.hues[("takeoff", "landing").index(end)]
         axes.add_patch(Polygon(polygon, facecolor=colour, edgecolor=colour, alpha=FILL))
         axes.add_patch(Polygon(polygon, fill=False, edgecolor=colour, linewidth=0.8))
-        axes.plot(momentum, height, "o", color=colour, markeredgecolor=INK, markersize=5)
+        axes.plot(momentum, height, "o", color=colour, markeredgecolor=PALETTE.ink, markersize=5)
         patch = Patch(facecolor=colour, alpha=FILL, edgecolor=colour)
         entries.append((patch, f"{end}, at {speed:.3g} m/s horizontally"))
-    entries.append((Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=INK), "desired"))
+    entries.append((Line2D([], [], marker="o", linestyle="", color="white", markeredgecolor=PALETTE.ink), "desired"))
     axes.margins(0.08)
     axes.set(xlabel="angular momentum (kg m²/s)", ylabel="vertical velocity (m/s)")
     legend_above(figure, entries)

@@ -26,11 +26,11 @@ from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.jumps import moments as moment_times
 from floatplan.view.solids import CAMERA
-from floatplan.view.style import COLUMN, GREY, INK, PALE, faded, legend_above, new_figure, palette, rgb, round_below
+from floatplan.view.style import COLUMN, PALETTE, faded, legend_above, new_figure, palette, rgb, round_below
 
 FLATTEST = 0.45  # [-] height of a picture over its width, at least
 TALLEST = 1.35  # [-] and at most: a picture fills neither a thin strip nor a page
-DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": INK, "markeredgecolor": "white", "mew": 0.4}
+DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": PALETTE.ink, "markeredgecolor": "white", "mew": 0.4}
 ARROW = {"arrowstyle": "-|>,head_width=0.13,head_length=0.28", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
 
 
@@ -86,21 +86,21 @@ def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
     if isinstance(plan, Plan) and placed.depth is not None:
         floor = [outlines.pairs(CAMERA(line)) for line in outlines.grids(plan)]
-        axes.add_collection(LineCollection(floor, colors=[PALE], linewidths=0.6, zorder=0.6), autolim=False)
+        axes.add_collection(LineCollection(floor, colors=[PALETTE.pale], linewidths=0.6, zorder=0.6), autolim=False)
     lines = outlines.ground_lines(placed)
     for height, low, high in lines:
         if len(lines) == 1:
-            axes.axhline(height, color=INK, linewidth=0.9, zorder=1)
+            axes.axhline(height, color=PALETTE.ink, linewidth=0.9, zorder=1)
         else:
             reach = 0.15 * (high - low).real
-            axes.add_line(Line2D([low.real - reach, high.real + reach], [height] * 2, color=INK, linewidth=0.9))
+            axes.add_line(Line2D([low.real - reach, high.real + reach], [height] * 2, color=PALETTE.ink, linewidth=0.9))
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
     """Draw an obstacle and its margin at some instants (K,), s, from light to full where there are several."""
     strengths = 0.35 + 0.65 * np.arange(1, len(times) + 1) / len(times)
     for strength, time in zip(strengths, times, strict=True):
-        look: dict[str, Any] = {"edgecolors": [faded(INK, strength)], "linewidths": 0.6}
+        look: dict[str, Any] = {"edgecolors": [faded(PALETTE.ink, strength)], "linewidths": 0.6}
         body = list(map(outlines.pairs, outlines.obstacle_outlines(obstacle, time, 0.0)))
         solid = PolyCollection(body, facecolors=[faded("#9a9a9a", strength)], zorder=1.5, **look)
         axes.add_collection(solid, autolim=False)
@@ -115,9 +115,9 @@ def draw_flight(axes: Axes, plan: Plan, placed: outlines.Postures, strengths: Se
     count = len(placed.times)
     draw_path(axes, plan, placed)
     goal = outlines.posture_at(plan, plan.problem.final, plan.duration)
-    draw_posture(axes, goal, 0, strength=0.0, zorder=3 + count - 1.5, rings=((INK, 4.6), ("white", 3.2)))
+    draw_posture(axes, goal, 0, strength=0.0, zorder=3 + count - 1.5, rings=((PALETTE.ink, 4.6), ("white", 3.2)))
     for index, strength in enumerate(strengths or np.linspace(0.30, 1, count)):  # the first is the palest
-        rings = ((INK, 1.4),) if index == 0 else (("white", 1.0),)
+        rings = ((PALETTE.ink, 1.4),) if index == 0 else (("white", 1.0),)
         rings = rings if index < count - 1 else (("white", 2.4),)
         draw_posture(axes, placed, index, strength=strength, zorder=3 + index, rings=rings)
 
@@ -147,7 +147,11 @@ def draw_posture(
     mark = 0.95 * float(placed.radius.min())  # [m] full where it lands, hollow where it takes off; within its link
     takeoff = complex(placed.takeoff[index])
     landing = complex(placed.landing[index])
-    for position, fill, size in ((landing, INK, mark), (takeoff, INK, mark), (takeoff, "white", 0.6 * mark)):
+    for position, fill, size in (
+        (landing, PALETTE.ink, mark),
+        (takeoff, PALETTE.ink, mark),
+        (takeoff, "white", 0.6 * mark),
+    ):
         polygons.append((outlines.stadium(position, position, size), faded(fill, max(strength, 0.5)), 0.0))
     shapes, fills_of_shapes, widths = zip(*polygons, strict=True)
     shifted = [outlines.pairs(shape + shift) for shape in shapes]
@@ -164,7 +168,7 @@ def lit(colour: Any, light: float) -> Array:
 def draw_path(axes: Axes, plan: Plan, placed: outlines.Postures) -> None:
     """Draw the path of the centre of mass, with a dot per snapshot."""
     com = outlines.com_path(plan, np.linspace(0, plan.duration, 129))
-    axes.plot(com.real, com.imag, color=GREY, linewidth=0.7, zorder=2)
+    axes.plot(com.real, com.imag, color=PALETTE.grey, linewidth=0.7, zorder=2)
     axes.plot(placed.com.real, placed.com.imag, markersize=2.6, zorder=80, **DOT)
 
 
@@ -197,7 +201,10 @@ def draw_directions(axes: Axes) -> None:
     for name, direction in zip("xyz", np.eye(3), strict=True):
         tip = middle + size * complex(CAMERA(direction))
         axes.annotate(
-            "", (tip.real, tip.imag), (middle.real, middle.imag), arrowprops={**ARROW, "color": INK, "linewidth": 0.7}
+            "",
+            (tip.real, tip.imag),
+            (middle.real, middle.imag),
+            arrowprops={**ARROW, "color": PALETTE.ink, "linewidth": 0.7},
         )
         label = middle + 1.3 * (tip - middle)
         axes.text(label.real, label.imag, name, ha="center", va="center", size=6.5)
@@ -214,13 +221,15 @@ def key(figure: Figure, plan: Plan, spacing: float) -> None:
     """Explain the marks of a picture above it."""
     takeoff = plan.problem.takeoff.frame
     landing = plan.problem.landing.frame
-    frame: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3.6, "mew": 0.6, "mec": INK}
-    path = Line2D([], [], color=GREY, linewidth=0.7, marker="o", markersize=2.6, markerfacecolor=INK, mew=0)
+    frame: dict[str, Any] = {"marker": "o", "linestyle": "none", "markersize": 3.6, "mew": 0.6, "mec": PALETTE.ink}
+    path = Line2D(
+        [], [], color=PALETTE.grey, linewidth=0.7, marker="o", markersize=2.6, markerfacecolor=PALETTE.ink, mew=0
+    )
     entries: list[tuple[Any, str]] = [(path, f"CM every {spacing:.2g} s")]
     entries.append((Line2D([], [], markerfacecolor="white", **frame), takeoff))
     if landing != takeoff:
-        entries.append((Line2D([], [], markerfacecolor=INK, **frame), landing))
-    legend_above(figure, [*entries, (Patch(facecolor="white", edgecolor=INK, linewidth=0.8), "goal")])
+        entries.append((Line2D([], [], markerfacecolor=PALETTE.ink, **frame), landing))
+    legend_above(figure, [*entries, (Patch(facecolor="white", edgecolor=PALETTE.ink, linewidth=0.8), "goal")])
 
 
 def plan_names(plan: Trajectory, compare: Trajectory) -> tuple[str, str]:
@@ -251,11 +260,11 @@ def comparison(plan: Plan, compare: Plan) -> Figure:
     draw_surroundings(axes, plan, placed, time)
     draw_flight(axes, plan, placed, strengths=[0.3] * len(placed.times))
     draw_path(axes, compare, other)
-    draw_posture(axes, other, 0, strength=1.0, zorder=70, rings=(("white", 1.6),), colour=INK)
+    draw_posture(axes, other, 0, strength=1.0, zorder=70, rings=(("white", 1.6),), colour=PALETTE.ink)
     draw_posture(axes, own, 0, strength=1.0, zorder=71, rings=(("white", 1.6),))
     names = plan_names(plan, compare)
     colours = tuple(Patch(facecolor=colour) for colour in palette(int(own.segment.max()) + 1))
-    legend_above(figure, [(colours, f"{names[0]}, at {time:.2f} s"), (Patch(facecolor=INK), names[1])])
+    legend_above(figure, [(colours, f"{names[0]}, at {time:.2f} s"), (Patch(facecolor=PALETTE.ink), names[1])])
     return figure
 
 
@@ -303,9 +312,9 @@ def kinogram(plan: Plan) -> Figure:
         row, column = divmod(index, columns)
         centre = complex((column + 0.5) * pitch, tops[row] - above[row])
         if index == last:
-            rings = ((INK, 3.6), ("white", 2.4))
+            rings = ((PALETTE.ink, 3.6), ("white", 2.4))
             draw_posture(axes, goal, 0, strength=0.0, zorder=3, rings=rings, shift=centre - complex(goal.com[0]))
-        ring = (INK, 1.2) if index == 0 else ("white", 0.8)
+        ring = (PALETTE.ink, 1.2) if index == 0 else ("white", 0.8)
         shift = centre - complex(placed.com[index])
         draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(ring,), shift=shift)
         axes.plot(centre.real, centre.imag, markersize=2.2, zorder=5, **DOT)
@@ -327,9 +336,9 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
     """Draw a scale of a round length from a position, m."""
     left = begin.real
     height = begin.imag
-    axes.plot([left, left + length], [height, height], color=INK, linewidth=0.8, solid_capstyle="butt")
+    axes.plot([left, left + length], [height, height], color=PALETTE.ink, linewidth=0.8, solid_capstyle="butt")
     for end in (left, left + length):
-        axes.plot([end, end], [height - tick, height + tick], color=INK, linewidth=0.8)
+        axes.plot([end, end], [height - tick, height + tick], color=PALETTE.ink, linewidth=0.8)
     axes.text(left + length + 2 * tick, height, f"{length:g} m", ha="left", va="center", size=6.5)
 
 
@@ -351,8 +360,8 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     frame_box(axes, low, high)
     axes.set_axis_off()
     axes.set_title(title, loc="left")
-    axes.axhspan(low.imag, ground, color=PALE, alpha=0.5, linewidth=0, zorder=0)
-    axes.axhline(ground, color=INK, linewidth=0.9, zorder=1)
+    axes.axhspan(low.imag, ground, color=PALETTE.pale, alpha=0.5, linewidth=0, zorder=0)
+    axes.axhline(ground, color=PALETTE.ink, linewidth=0.9, zorder=1)
     for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
         draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(("white", 1.0),), shift=shifts[index])
         axes.text(centre, low.imag, f"{time:.2f} s", ha="center", va="bottom", size=6.5)

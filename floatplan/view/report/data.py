@@ -30,7 +30,7 @@ from floatplan.view.charts import Chart, ReferenceLine, largest
 from floatplan.view.jumps import CheckedJump, footing
 from floatplan.view.sampled import SampledPlan, flies_in_space
 from floatplan.view.solids import obstacle_corners, obstacle_solid, rendered_solids
-from floatplan.view.style import OBSTACLES, TRAILS, palette
+from floatplan.view.style import PALETTE, palette
 
 FEWEST_SAMPLES = 601  # [-] samples of a flight; odd, so that its middle is one
 MOST_SAMPLES = 2401  # [-] the same: more make the page large and show nothing new
@@ -78,7 +78,7 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
         if not name.startswith("accelerations."):
             columns[name] = rounded(values)
     frames = []
-    for (name, role), colour in zip(_roles(problem).items(), TRAILS[1:], strict=False):
+    for (name, role), colour in zip(_roles(problem).items(), PALETTE.trails[1:], strict=False):
         body, position = frame_position(robot.model, robot.joint_tree, name)
         frames.append({"name": name, "role": role, "colour": colour, "body": body - 1, "at": rounded(position)})
     vector = None
@@ -89,7 +89,7 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
         "columns": columns,
         "robot": robot_in_space(robot),
         "frames": frames,
-        "trail": TRAILS[0],
+        "trail": PALETTE.trails[0],
         "obstacles": [
             _obstacle_in_space(index, obstacle) for index, obstacle in enumerate(problem.obstacles) if obstacle.bounded
         ],
@@ -112,7 +112,7 @@ def _obstacle_in_space(index: int, obstacle: Obstacle) -> dict[str, Any]:
     points, faces = obstacle_solid(obstacle)
     grown = obstacle_corners(obstacle, obstacle.margin) if obstacle.margin > 0 else np.empty((0, 3))
     return {
-        "colour": OBSTACLES[index % len(OBSTACLES)],
+        "colour": PALETTE.obstacles[index % len(PALETTE.obstacles)],
         "points": rounded(points),
         "faces": faces.tolist(),
         "grown": rounded(grown),
@@ -213,7 +213,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
     """
     robot = problem.robot
     frames = []
-    for (name, role), colour in zip(_roles(problem).items(), TRAILS[1:], strict=False):
+    for (name, role), colour in zip(_roles(problem).items(), PALETTE.trails[1:], strict=False):
         frame = robot.frames[name]
         frames.append(_frame(name, role, colour, frame.body, frame.local))
     obstacles = []
@@ -223,14 +223,14 @@ def scene_data(problem: Problem) -> dict[str, Any]:
             capsules.append((*rounded(outlines.pairs(np.array([start, end]))), radius))
         entry = {
             "bounded": obstacle.bounded,
-            "colour": OBSTACLES[index % len(OBSTACLES)],
+            "colour": PALETTE.obstacles[index % len(PALETTE.obstacles)],
             "capsules": capsules,
             "margin": obstacle.margin,
             "velocity": list(obstacle.velocity),
             "window": None if obstacle.window is None else list(obstacle.window),
         }
         obstacles.append(entry)
-    return {"robot": _robot(problem), "frames": frames, "trail": TRAILS[0], "obstacles": obstacles}
+    return {"robot": _robot(problem), "frames": frames, "trail": PALETTE.trails[0], "obstacles": obstacles}
 
 
 def _roles(problem: Problem) -> dict[str, str]:

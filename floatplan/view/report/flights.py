@@ -23,9 +23,9 @@ from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.simulation.results import ClosedLoop, JumpLandings, JumpReplay
 from floatplan.view.figures.animation import animate
 from floatplan.view.report.report import asset, filled, policy, write_report
-from floatplan.view.style import ALARM, COLUMN, INK, OKABE_ITO, legend_above, new_figure, palette, picture
+from floatplan.view.style import COLUMN, PALETTE, legend_above, new_figure, palette, picture
 
-WITH, WITHOUT = OKABE_ITO[:2]  # corrections
+WITH, WITHOUT = PALETTE.hues[:2]  # corrections
 LANDING_TITLES = ("", "with corrections", "without")
 LANDING_TITLES = ("", "with corrections", "without")
 
@@ -167,9 +167,9 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
         when, miss, changed = path.corrections.T
         size = _error_sizes(miss)
         predicted.plot(when, size, color=WITH, alpha=faint, linewidth=0.5)
-        predicted.plot(when[changed == 0], size[changed == 0], ".", color=ALARM, markersize=2)
+        predicted.plot(when[changed == 0], size[changed == 0], ".", color=PALETTE.alarm, markersize=2)
     for axes, columns, width in ((orientation, state.orientation, 1.0), (joints, state.positions, 0.8)):
-        axes.plot(state.times, np.degrees(columns), color=INK, linestyle="--", linewidth=width)
+        axes.plot(state.times, np.degrees(columns), color=PALETTE.ink, linestyle="--", linewidth=width)
     _histogram(landings, [flights.corrected.orientation, flights.uncorrected.orientation])
     orientation.set(ylabel="orientation (°)")
     joints.set(ylabel="joints (°)")
@@ -178,10 +178,10 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
     for axes in (orientation, joints, predicted):
         axes.set_xlim(0.0, plan.duration)
     entries = [
-        (Line2D([], [], color=INK, linestyle="--"), "planned"),
+        (Line2D([], [], color=PALETTE.ink, linestyle="--"), "planned"),
         (Line2D([], [], color=WITH), "corrected"),
         (Line2D([], [], color=WITHOUT), "not corrected"),
-        (Line2D([], [], color=ALARM, marker=".", linestyle=""), "refused"),
+        (Line2D([], [], color=PALETTE.alarm, marker=".", linestyle=""), "refused"),
     ]
     legend_above(figure, entries)
     return figure

@@ -31,19 +31,6 @@ from floatplan.view.jumps import CheckedJump
 from floatplan.view.report.data import chart_data, jump_data, jump_sections, motion_data, sample_grid, sections
 from floatplan.view.sampled import SampledPlan
 
-STYLES = ("uplot/uPlot.min.css", "report.css")
-SCRIPTS = (
-    "uplot/uPlot.iife.min.js",
-    "theme.js",
-    "motion.js",
-    "camera.js",
-    "stage.js",
-    "charts.js",
-    "player.js",
-    "report.js",
-)
-ESCAPES = {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
-
 
 def report(
     plan: Trajectory,
@@ -66,7 +53,23 @@ def report(
     data = report_data(plan, path, stances, verdict)
     shown = {key: data[key] for key in ("name", "question", "version", "motion", "charts")}
     parts = {**data["verdict"], "facts": "".join([*map(section, data["sections"]), problem_section(data)])}
-    return page("report.html", f"{data['name']}: {parts['word']}", STYLES, SCRIPTS, shown, parts).decode()
+    return page(
+        "report.html",
+        f"{data['name']}: {parts['word']}",
+        ("uplot/uPlot.min.css", "report.css"),
+        (
+            "uplot/uPlot.iife.min.js",
+            "theme.js",
+            "motion.js",
+            "camera.js",
+            "stage.js",
+            "charts.js",
+            "player.js",
+            "report.js",
+        ),
+        shown,
+        parts,
+    ).decode()
 
 
 def page(
@@ -188,7 +191,9 @@ def report_data(
 
 def escaped_json(content: Any) -> str:
     """Return JSON that can stand inside ``<script>``: no text in it can end the element, or begin one."""
-    return json.dumps(content, allow_nan=False, separators=(",", ":")).translate(ESCAPES)
+    return json.dumps(content, allow_nan=False, separators=(",", ":")).translate(
+        {ord(letter): f"\\u{ord(letter):04x}" for letter in "<>&\u2028\u2029"}
+    )
 
 
 def filled(template: str, parts: Mapping[str, str]) -> str:

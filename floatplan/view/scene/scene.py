@@ -37,19 +37,14 @@ from floatplan.view.jumps import footing
 from floatplan.view.sampled import flies_in_space
 from floatplan.view.scene import meshes
 from floatplan.view.solids import CAMERA, obstacle_solid, rendered_solids
-from floatplan.view.style import INK, TRAILS, palette, rgb_bytes
+from floatplan.view.style import PALETTE, palette, rgb_bytes
 
 if TYPE_CHECKING:
     from floatplan.motion.spatial.bodies import BodyPoses
 
 Colour = tuple[int, int, int]
-DETAIL = 0.005  # [-] of meshes, in reaches of the robot: a pixel of a flight that fills a small window
 ARROW = {"shaft_radius": 0.012, "head_radius": 0.03, "head_length": 0.07}  # [-] in greatest heights of the CM
 _STDOUT_LOCK = threading.Lock()  # Python's standard output is one for all threads
-UPRIGHT = """@media (max-aspect-ratio: 4/5) {
-  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
-  div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
-}"""  # where a window is higher than wide, all of the motion is seen
 LINES: dict[str, Any] = {"thickness": 2.0, "thickness_units": "screen"}
 GRID: dict[str, Any] = {"cell_size": 0.25, "cell_color": (236, 236, 236), "section_color": (214, 214, 214)}
 
@@ -102,7 +97,14 @@ def scene(plan: Trajectory) -> str:
                 momentum.position = plan.state(time).com_position
             for node, plane, obstacle in obstacles:
                 move_obstacle(node, plane, obstacle, time)
-        return headed(serializer.as_html(), f"floatplan: {plan.problem.name}", UPRIGHT)
+        return headed(
+            serializer.as_html(),
+            f"floatplan: {plan.problem.name}",
+            """@media (max-aspect-ratio: 4/5) {
+  div:has(> canvas) { height: 125vw !important; margin-top: calc(50vh - 70vw); position: relative; }
+  div:has(> canvas) div:has(> canvas) { height: 100% !important; margin-top: 0; }
+}""",
+        )
     finally:
         with silence():
             server.stop()
@@ -141,7 +143,7 @@ def _add_space(server: Any, plan: Plan) -> Any:
     tip = 0.5 * size * h / (np.linalg.norm(h) or 1.0)  # half as long as the robot
     ends = np.stack((np.zeros(3), tip))[None].astype(np.float32)
     look = {name: size * length / 2 for name, length in ARROW.items()}
-    return server.scene.add_arrows("/momentum", ends, rgb_bytes(INK), visible=bool(h.any()), **look)
+    return server.scene.add_arrows("/momentum", ends, rgb_bytes(PALETTE.ink), visible=bool(h.any()), **look)
 
 
 def headed(page: str, title: str, style: str, script: str = "") -> str:
@@ -212,7 +214,7 @@ def move_obstacle(node: Any, plane: Plane | None, obstacle: Obstacle, instant: f
 def _add_trails(server: Any, plan: Trajectory, paths: Iterable[Array]) -> None:
     """Add paths (N, 3) of the centre of mass, and of the frames that take off and land."""
     names = dict.fromkeys((plan.whole_problem.takeoff.frame, plan.whole_problem.landing.frame))
-    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, TRAILS, strict=False)):
+    for index, (name, path, colour) in enumerate(zip(("CM", *names), paths, PALETTE.trails, strict=False)):
         pairs = np.stack((path[:-1], path[1:]), axis=1)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
         server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
@@ -365,7 +367,8 @@ class RobotNodes:
             else:
                 groups.setdefault((body, colour), []).append((placed.vertices, placed.faces))
         for number, ((body, colour), links) in enumerate(groups.items()):
-            vertices, faces = meshes.coarser(*meshes.joined(links), DETAIL * (size or 0.0))
+            # 0.005 of the robot's reach: a pixel of a flight that fills a small window
+            vertices, faces = meshes.coarser(*meshes.joined(links), 0.005 * (size or 0.0))
             count = max(math.ceil(share * len(faces)), 200)
             name = f"{self.name}/{body}/links{number}"
             scene.add_mesh_simple(name, *meshes.fewer(vertices, faces, count), color=colour)
