@@ -35,8 +35,14 @@ MORE: dict[str, dict[str, Any]] = {  # keys of tables that no one problem that i
     "goal": {"velocities": "landing", "accelerations": "free"},
     "motion": {"objective": "clip", "clip": {"from": 0.0, "to": 0.5, "positions": [[0.1, 0.2], [0.3, 0.4]]}},
     "jump": {
-        "friction": 0.5, "margin": {"torque": 0.7}, "fixed": ["duration"], "feet": "auto", "objective": "torque",
-        "clearance": 0.04, "pitch_error": 4, "landing": {"to": "standing", **STANCE},
+        "friction": 0.5,
+        "margin": {"torque": 0.7},
+        "fixed": ["duration"],
+        "feet": "auto",
+        "objective": "torque",
+        "clearance": 0.04,
+        "pitch_error": 4,
+        "landing": {"to": "standing", **STANCE},
         "takeoff": {"from": {"q1": 90}, **STANCE},
     },
 }
