@@ -62,6 +62,7 @@ EXPECTED = {
     "guard": "most worse",
 }
 LONG = {
+    "clips",
     "speed",
     "free",
     "obstacle",

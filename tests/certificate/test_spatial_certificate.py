@@ -24,7 +24,7 @@ from floatplan.errors import InputError
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.urdf.tree import urdf_path
 
-MUTATIONS = 60  # scripts/mutations.py makes more
+MUTATIONS = 32  # scripts/mutations.py makes more
 INTEGRATED = 1e-11  # [rad] that DOP853 is off by, times the amplification
 
 
