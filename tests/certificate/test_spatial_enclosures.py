@@ -19,7 +19,7 @@ from floatplan.robot.urdf.tree import urdf_path
 
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 ROUNDED = arb(2) ** -150  # what 200 bits leave open
-INSTANTS = 40  # of each flight
+INSTANTS = 20  # of each flight
 
 
 def drawn(name, folder):

@@ -75,9 +75,9 @@ def test_where_the_motion_at_hand_leads_to_none_another_is_searched() -> None:
     assert plan_near(lower, none, PATIENCE).ok
 
 
-def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it() -> None:
-    problem = problem_of("space/free_ur5")
-    plan = fp.plan(problem)
+def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it(request) -> None:
+    plan = request.getfixturevalue("planned")("space/free_ur5")
+    problem = plan.problem
     again = plan_near(problem, plan, PATIENCE)
     assert again.ok
     assert again.solver["starts"] == 1
