@@ -63,6 +63,7 @@ EXPECTED = {
     "guard": "most worse",
 }
 LONG = {
+    "clips",
     "speed",
     "free",
     "obstacle",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -19,85 +20,32 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, Limits, Motion, Posture
 from floatplan.studies.schema import PlanTable, StudyTables, with_sampling
 
-PROBLEM = """
-name = "everything"
-angles = "deg"
-ground = false
-[robot]
-urdf = "chain10.urdf"
-plane = "xz"
-joints = ["q2", "q1"]
-coupled = { q3 = { leader = "q1", ratio = -0.7, offset = 9 } }
-locked = { q4 = 5 }
-reference = "standing"
-armature = { q1 = 0.1 }
-damping = 0.1
-balance_inertias = true
-payload = { link = "body1", mass = 1, at = [0, 0, 0.1] }
-base = "planar"
-[start]
-orientation = 90
-positions = [30, -60]
-velocities = 18
-accelerations = { q1 = 36 }
-[goal]
-orientation = 450
-positions = { q1 = 45, q2 = 0 }
-velocities = "landing"
-accelerations = "free"
-[flight]
-duration = 1.25
-angular_momentum = "free"
-takeoff = { frame = "foot", position = [0.25, 0.5] }
-landing = { frame = "hand", height = -0.125 }
-horizontal_velocity = -2
-gravity = 1.62
-[motion]
-degree = [8, 9]
-objective = "clip"
-clip = { from = 0.0, to = 0.5, positions = [[0.1, 0.2], [0.3, 0.4]] }
-[limits]
-position = { q1 = [-90, 90] }
-velocity = 720
-acceleration = [3600, "none"]
-torque = { q2 = 12 }
-motor = { q1 = { stall = 8, slope = 0.4 } }
-orientation_rate = 900
-[[obstacles]]
-kind = "circle"
-center = [1.5, 3]
-radius = 0.2
-margin = 0.02
-velocity = [0.5, 0]
-window = [0.1, 0.9]
-[[obstacles]]
-kind = "half-plane"
-point = [0, 0]
-normal = [0, 1]
-[[obstacles]]
-kind = "capsule"
-start = [0, 0]
-end = [1, 1]
-radius = 0
-[[self_clearance]]
-links = ["body0", "body2"]
-margin = 0.01
-[jump]
-friction = 0.5
-margin = { torque = 0.7 }
-fixed = ["duration"]
-feet = "auto"
-objective = "torque"
-clearance = 0.04
-pitch_error = 4
-[jump.takeoff]
-from = { q1 = 90 }
-contacts = [["hand"]]
-durations = [[0.1, 0.4]]
-[jump.landing]
-to = "standing"
-contacts = [["hand"]]
-"""
+EVERYTHING = Path(__file__).parent / "problem" / "cases" / "everything.toml"
+STANCE = {"contacts": [["hand"]], "durations": [[0.1, 0.4]]}
+MORE: dict[str, dict[str, Any]] = {  # keys of tables that no one problem that is planned has together
+    "robot": {
+        "locked": {"q4": 5},
+        "reference": "standing",
+        "armature": {"q1": 0.1},
+        "damping": 0.1,
+        "balance_inertias": True,
+        "payload": {"link": "body1", "mass": 1, "at": [0, 0, 0.1]},
+        "base": "planar",
+    },
+    "goal": {"velocities": "landing", "accelerations": "free"},
+    "motion": {"objective": "clip", "clip": {"from": 0.0, "to": 0.5, "positions": [[0.1, 0.2], [0.3, 0.4]]}},
+    "jump": {
+        "friction": 0.5,
+        "margin": {"torque": 0.7},
+        "fixed": ["duration"],
+        "feet": "auto",
+        "objective": "torque",
+        "clearance": 0.04,
+        "pitch_error": 4,
+        "landing": {"to": "standing", **STANCE},
+        "takeoff": {"from": {"q1": 90}, **STANCE},
+    },
+}
 IN_SPACE = """
 [robot]
 mjcf = "arm.xml"
@@ -134,6 +82,14 @@ map = ["flight.gravity", "flight.duration", "torque_peak"]
 """
 
 
+def every_key() -> dict[str, Any]:
+    """A problem with something under every key of a file."""
+    content = tomllib.loads(EVERYTHING.read_text(encoding="utf-8"))
+    for table, more in MORE.items():
+        content[table] = content.get(table, {}) | more
+    return content | {"ground": False}
+
+
 def read_problem(content: Mapping[str, Any]) -> Keyed:
     return read_tables(ProblemFile, content)
 
@@ -143,7 +99,7 @@ def read_study(content: Mapping[str, Any]) -> Keyed:
 
 
 FILES: dict[str, tuple[type[Keyed], Callable[[], dict[str, Any]], Callable[[Any], object], int]] = {
-    "problem": (ProblemFile, lambda: tomllib.loads(PROBLEM), read_problem, 1000),
+    "problem": (ProblemFile, every_key, read_problem, 1000),
     "problem in space": (ProblemFile, lambda: tomllib.loads(IN_SPACE), read_problem, 300),
     "study": (StudyTables, lambda: tomllib.loads(STUDY), read_study, 150),
     "plan": (PlanRecord, lambda: example_b().to_dict(), record_from_dict, 300),
@@ -178,7 +134,7 @@ def test_what_is_wrong_under_any_key_is_refused_with_its_place(name: str) -> Non
 
 
 def test_the_files_above_have_every_key() -> None:
-    problem, study = tomllib.loads(PROBLEM), tomllib.loads(STUDY)
+    problem, study = every_key(), tomllib.loads(STUDY)
     assert ProblemFile.keys.keys() == problem.keys()
     assert StudyTables.keys.keys() == study.keys()
     assert RobotRequest.keys.keys() - problem["robot"].keys() == {"mjcf"}

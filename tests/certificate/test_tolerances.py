@@ -113,3 +113,11 @@ def test_rounding_on_the_edge_of_a_range_is_met_within_the_tolerance_and_proved(
     with pytest.raises(fp.InputError, match=r"outside the joint's range|on the edge") as raised:
         at_the_edge(quantity, 1.2, side, end)
     assert raised.value.element == f"{end}.{quantity}.q1"
+
+
+@pytest.mark.parametrize(("side", "end"), [(0, "start"), (1, "goal")])
+def test_from_the_edge_of_a_range_a_joint_accelerates_inwards(side: int, end: str) -> None:
+    plan = fp.plan(at_the_edge("accelerations", -2.5 / OFF["accelerations"], side, end), prove=True)
+    assert plan.ok, plan.explanation
+    assert plan.certificate is not None
+    assert plan.certificate.proved

@@ -216,16 +216,6 @@ class TestInfo:
         assert json.loads(floatplan("info", EXAMPLE, "--json").stdout)["joints"] == ["q1", "q2"]
 
 
-class TestBounds:
-    @pytest.mark.parametrize(("name", "midpoint"), [("new_configuration", 0.0941), ("handstand", -1.1778)])
-    def test_examples_of_the_paper(self, name: str, midpoint: float, floatplan: Command) -> None:
-        facts = json.loads(floatplan("bounds", PROBLEMS / f"{name}.toml", "--json").stdout)
-        assert facts["angular_momentum_midpoint"] == pytest.approx(midpoint, abs=5e-5)
-        low, high = facts["angular_momentum_bounds"]
-        assert low < facts["angular_momentum_midpoint"] < high
-        assert len(facts["D_min"]) == len(facts["D_max"]) == 3
-
-
 class TestCertify:
     def test_proved(self, floatplan: Command, tmp_path: Path) -> None:
         path = example_b().save(tmp_path / "plan.json")

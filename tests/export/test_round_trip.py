@@ -15,7 +15,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.export.formats import UNITREE_JOINTS, export
+from floatplan.export.formats import FORMATS, UNITREE_JOINTS, export
 
 EXACT = 1e-9
 QUANTITIES = ("position", "velocity", "acceleration", "torque")
@@ -219,3 +219,24 @@ def test_parquet_says_units_and_what_was_asked(tree: fp.Plan, jump: fp.Jump, tmp
             assert units[f"{name}_torque"] == ("N m" if joints[name].turns else "N")
     assert [each["end"] for each in json.loads(about["phases"])] == [phase.end for phase in jump.phases]
     assert (units["RL_foot_fz"], units["FL_hip_joint_kp"], units["FL_hip_joint_kd"]) == ("N", "N m/rad", "N m s/rad")
+
+
+@pytest.mark.parametrize("form", [form for form in FORMATS if form != "unitree-sdk"])
+def test_the_command_writes_beside_the_plan_or_where_told(
+    floatplan: Callable[..., Any], handstand: fp.Plan, tmp_path: Path, form: str
+) -> None:
+    plan_file = handstand.save(tmp_path / "run" / "plan.json")
+    run = floatplan("export", plan_file, "--format", form)
+    assert run.code == 0, run
+    assert Path(run.stdout.strip()) == plan_file.parent / FORMATS[form].file
+    told = tmp_path / "elsewhere" / "file"
+    assert floatplan("export", plan_file, "-f", form, "-o", told, "--rate", "100", "--quiet").stdout == ""
+    assert told.stat().st_size > 0
+
+
+def test_python_names_the_formats(handstand: fp.Plan) -> None:
+    with pytest.raises(
+        fp.InputError,
+        match="must be one of csv, csv-full, parquet, npz, pinocchio, mujoco, ros, mcap, unitree, unitree-sdk",
+    ):
+        export(handstand, "bvh")

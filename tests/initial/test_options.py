@@ -32,7 +32,6 @@ REFUSED = {
     "no turn backwards": (InitOptions(turns=0, backwards=True), "backwards: no turn is neither"),
     "a takeoff from nowhere": (InitOptions(takeoff="nose"), "takeoff: the robot has no frame 'nose'"),
     "a landing nowhere": (InitOptions(landing="nose"), "landing: the robot has no frame 'nose'"),
-    "a contact of nothing": (InitOptions(contacts=(("RL_foot", "nose"),)), "contacts: the robot has no frame 'nose'"),
     "two takeoffs": (
         InitOptions(takeoff="FL_foot", contacts=(("RL_foot", "FL_foot"), ("RL_foot",))),
         'takeoff: --contacts "RL_foot,FL_foot;RL_foot" has RL_foot next to the flight',
@@ -40,14 +39,6 @@ REFUSED = {
     "no time": (InitOptions(duration=0.0), "duration: 0.0 s is not positive"),
     "hardly any time": (InitOptions(duration=2e-3), "duration: it jumps .* give 0.016 to 1.6 s"),
     "too much time": (InitOptions(duration=30.0), "duration: it jumps .* m high in 30 s"),
-    "a hip": (InitOptions(takeoff="FL_hip"), "takeoff: '.*' is in the air"),
-    "the base": (InitOptions(landing="base"), "landing: the frame there is the base's own"),
-    "a foot that comes later": (
-        InitOptions(contacts=(("RL_foot",), ("FL_foot",))),
-        "contacts: 'FL_foot' would come to",
-    ),
-    "a knee": (InitOptions(contacts=(("RL_foot", "FL_calf"),)), "contacts: 'FL_calf' is a point .* such as 'FL_foot'"),
-    "a thigh": (InitOptions(landing_contacts=(("FL_thigh",),)), "landing-contacts: 'FL_thigh.tip' is in the air"),
 }
 
 

@@ -11,7 +11,6 @@ import pytest
 from legged_samples import biped, quadruped
 
 import floatplan as fp
-from floatplan.errors import InputError
 from floatplan.initial.flight import jump_problem
 from floatplan.initial.legs import Leg
 from floatplan.initial.options import InitOptions
@@ -85,19 +84,6 @@ def test_what_is_asked_of_the_posture_is_kept_and_the_rest_is_found(chosen: Load
     check_stands(robot)
     followed = chosen(quadruped(), posture={"fr_knee": -0.8})
     np.testing.assert_allclose(followed.posture, robot.posture)
-
-
-@pytest.mark.parametrize(
-    ("posture", "reason"),
-    [
-        ({"nose": 0.1}, "posture: 'nose' is not a planned joint: no joint has this name"),
-        ({"fl_knee": 3.0}, r"posture: fl_knee = 3 rad is outside its range, -2\.4 to 2\.4 rad"),
-        ({"fl_knee": 0.5, "fr_knee": 0.6}, "posture: 'fr_knee' and 'fl_knee' move as one, and are given apart"),
-    ],
-)
-def test_a_posture_that_cannot_be_is_refused(chosen: Load, posture: dict[str, float], reason: str) -> None:
-    with pytest.raises(InputError, match=reason):
-        chosen(quadruped(), posture=posture)
 
 
 def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen: Load, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from jumps import backflip, go2_problem
+from long_cases import cases
 from once import made_once
 
 import floatplan as fp
@@ -51,7 +52,7 @@ def test_it_stands_at_both_ends() -> None:
     np.testing.assert_allclose(ends.positions[:, 2], [0.0, -2 * np.pi], atol=1e-9)
 
 
-@pytest.mark.parametrize("feet", ["points", "auto"])
+@pytest.mark.parametrize("feet", cases(["points", "auto"], {"points"}))
 def test_pinocchio_s_free_flyer_of_the_file_balances(feet: Literal["points", "auto"]) -> None:
     """In the file's own model, with gravity and six coordinates of the base: nothing of floatplan is in it.
 

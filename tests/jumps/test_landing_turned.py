@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from jumps import backflip, go2_problem
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.jumps.check import TOUCHDOWN
@@ -76,7 +77,7 @@ def test_feet_are_as_round_as_their_shapes_unless_points_are_asked_for(feet: Any
     assert radii == pytest.approx([radius] * 6, abs=1e-3)
 
 
-@pytest.mark.parametrize("below", [0.0, 0.0013, 0.03])
+@pytest.mark.parametrize("below", cases([0.0, 0.0013, 0.03], {0.0, 0.03}))
 def test_a_half_plane_under_the_feet_is_their_ground(below: float) -> None:
     """A hop of the high jumper, whose foot's point is at the origin, over a half-plane with a margin."""
     root = Path(__file__).resolve().parents[2]

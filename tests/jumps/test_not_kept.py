@@ -19,11 +19,6 @@ def flight(**changes: Any) -> fp.Problem:
     return replace(problem, flight=replace(problem.flight, **changes))
 
 
-def test_a_problem_without_a_jump_has_none() -> None:
-    with pytest.raises(fp.InputError, match=r"jump: no jump is asked for; add a table \[jump\]"):
-        fp.jump(replace(go2_problem(), jump=None))
-
-
 def test_a_file_without_a_jump_is_refused_by_the_command(floatplan: Callable[..., Any], root: Path) -> None:
     done = floatplan("jump", root / "problems/somersault.toml")
     assert done.code == 2

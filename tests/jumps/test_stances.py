@@ -7,7 +7,7 @@ import re
 import numpy as np
 from jumps import GO2
 
-from floatplan.jumps.contacts import contact_at, standing_feet
+from floatplan.jumps.contacts import contact_at
 from floatplan.jumps.phases import not_static, standing_posture, static_beyond_ranges
 from floatplan.robot import Robot
 from floatplan.robot.standing import heights_over_com
@@ -20,15 +20,6 @@ def level(robot: Robot) -> np.ndarray:
     return np.append(0.0, robot.resting)
 
 
-def test_a_quadruped_stands_on_four_feet_in_two_pairs() -> None:
-    robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
-    rear, front = standing_feet(robot, "RL_foot", level(robot))
-    (contact,) = contact_at(robot, front, level(robot))
-    assert rear == "RL_foot"
-    assert set(contact.names) == {"FL_foot", "FR_foot"}
-    assert 0.015 < contact.depth < 0.03
-
-
 def test_a_humanoid_stands_on_heel_and_toe() -> None:
     robot = Robot.from_urdf(TALOS, coupled="mirror", plane="xz", reference="half_sitting")
     toe, heel = contact_at(robot, "leg_left_6_link", level(robot))
@@ -36,17 +27,6 @@ def test_a_humanoid_stands_on_heel_and_toe() -> None:
     places = heights_over_com(robot, [toe.spots[0], heel.spots[0]], level(robot))
     assert 0.15 < places[0].real - places[1].real < 0.3
     assert abs(places[0].imag - toe.depth - places[1].imag + heel.depth) < 1e-9
-
-
-def test_a_standing_posture_is_level_and_balanced() -> None:
-    robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
-    wanted = level(robot) + np.array([0.0, 0.1, 0.0, -0.1, 0.1])
-    contacts = [contact_at(robot, frame, wanted)[0] for frame in ("RL_foot", "FL_foot")]
-    found = standing_posture(robot, contacts, wanted, np.vstack(((0, 0), robot.position_limits)))
-    places = heights_over_com(robot, [each.spots[0] for each in contacts], found)
-    assert abs(np.ptp(places.imag - [each.depth for each in contacts])) < 1e-5
-    assert places.real.min() < 0 < places.real.max()
-    assert np.abs(found - wanted).max() < 0.2
 
 
 def test_where_nothing_stands_there_is_no_posture_and_a_reason() -> None:

@@ -96,7 +96,14 @@ SPOILED: dict[str, tuple[Spoil, str]] = {  # what is changed; the figure that sh
     "no number": (arrays(lambda y: np.nan * y, "y", 0), "is not finite"),
     "another side": (lambda content: content["stances"][1].update(side="flight"), "must be 'takeoff' or 'landing'"),
 }
-DAILY = {"forces scaled", "a phase shifted", "feet that hover", "an obstacle where it flies", "endless rates"}
+DAILY = {
+    "forces scaled",
+    "forces shifted",
+    "a phase shifted",
+    "feet that hover",
+    "an obstacle where it flies",
+    "endless rates",
+}
 
 
 @pytest.mark.parametrize("case", cases(SPOILED, SPOILED.keys() - DAILY))

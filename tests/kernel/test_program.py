@@ -1,6 +1,6 @@
 """The kernel's program: its rows, objectives and derivatives, its elastic steps, and minima of rows between instants.
 
-Derivatives are held to differences, to those of a reference in NumPy, and those of torques to Pinocchio's.
+Derivatives are held to those of a reference in NumPy, and in ``tests/planning/test_constraints.py`` to differences.
 """
 
 from __future__ import annotations
@@ -8,23 +8,20 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from general_flight import general_flight
 from kernel_program import KernelProgram
 from looked_minima import local_minima
 from reduced_program import objective
-from sampled_flight import Partials, jacobian_of, nodes_of, sample_also, trajectory, values_of
+from sampled_flight import jacobian_of, nodes_of, sample_also, trajectory, values_of
 
 import floatplan as fp
 from floatplan.kernel import library
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.constraints import applies
-from floatplan.planning.kernel_input.rows import SumRows
 from floatplan.planning.kernel_problem import KernelProblem
 from floatplan.planning.spec import FlightSpec, plain_start
 from floatplan.planning.variables import Start
-from floatplan.robot.planar.model import BASE_COORDINATES
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
 LEVEL = 4  # of grids
@@ -99,58 +96,6 @@ def test_values_and_derivatives_are_those_in_numpy(kernel, problem, aim, instruc
     close(here["row"][0], motion.residual_jacobian[0])
     close(here["gradient"], goal.gradient(motion, x))
     close(here["hessian"], goal.hessian(motion))
-
-
-@pytest.mark.parametrize("name", ["torque_limited", "somersault", "falling_cat", "handstand_ground"])
-@pytest.mark.parametrize("seed", range(2))
-def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
-    """Of the full model, its base moved so that no force acts on it: by the derivatives of RNEA and of the momentum."""
-    plain = fp.load_problem(root / "problems" / f"{name}.toml")
-    h = replace(plain.flight, angular_momentum="free")
-    problem = replace(plain, limits=fp.Limits(torque=7.0), obstacles=(), ground=False, self_clearances=(), flight=h)
-    robot = problem.robot
-    program, x = program_and_point(problem, seed)
-    here, variables = program.whole(x), program.of
-    (block,) = FlightSpec(problem).constraints
-    assert isinstance(block.rows, SumRows)
-    flight = general_flight(problem)
-    nodes = nodes_of(LEVEL, variables.polynomials.form)
-    motion = trajectory(flight, variables, sample_also(nodes, np.array(EXTRA)), x)
-    joints, each = motion.motion, motion.each_joint
-    q_x, v_x, a_x = (
-        motion.jacobian(Partials(**{f"by_{kind}": each})) for kind in ("position", "velocity", "acceleration")
-    )
-    data, chosen, turn = robot.model.createData(), np.array(robot.selection), BASE_COORDINATES - 1
-    axis = int(np.argmax(np.abs(robot.plane.normal)))
-    sign, h_x = np.sign(robot.plane.normal[axis]), variables.momentum.axes[0]
-    base, count = slice(0, BASE_COORDINATES), 0
-    for k in range(len(motion.sampling.grid.s)):
-        q, v, a = np.array(robot.reference) + chosen @ joints.positions[k], chosen @ joints.velocities[k], None
-        row = sign * pin.computeCentroidalMap(robot.model, data, q)[3 + axis]
-        v[turn] = (motion.angular_momentum[0] - row @ v) / row[turn]
-        by_q = sign * pin.computeCentroidalDynamicsDerivatives(robot.model, data, q, v, 0 * v)[0][3 + axis]
-        full_q, full_v, full_a = (chosen @ each[k] for each in (q_x, v_x, a_x))
-        full_v[turn] = -(by_q @ full_q + row @ full_v) / row[turn]
-        full_v[turn, variables.coefficients :] += h_x / row[turn]
-        a = chosen @ joints.accelerations[k]
-        inertia = pin.crba(robot.model, data, q)
-        inertia = np.triu(inertia) + np.triu(inertia, 1).T
-        a[base] = np.linalg.solve(inertia[base, base], -pin.rnea(robot.model, data, q, v, a)[base])
-        torques = chosen.T @ pin.rnea(robot.model, data, q, v, a)
-        by_position, by_velocity, by_acceleration = (
-            np.array(each) for each in pin.computeRNEADerivatives(robot.model, data, q, v, a)
-        )
-        by_acceleration = np.triu(by_acceleration) + np.triu(by_acceleration, 1).T
-        forces = by_position @ full_q + by_velocity @ full_v + by_acceleration @ full_a
-        full_a[base] = np.linalg.solve(inertia[base, base], -forces[base])
-        by_x = chosen.T @ (by_position @ full_q + by_velocity @ full_v + by_acceleration @ full_a)
-        if not np.isfinite(here["values"][:, k]).all():
-            continue
-        weights = block.rows.weights["motor_torques"]
-        assert here["values"][:, k] == pytest.approx(1 - EXCHANGE.back_off + weights @ torques, abs=1e-9)
-        assert here["slopes"][:, k] == pytest.approx(weights @ by_x, abs=1e-9 * (1 + np.abs(by_x).max()))
-        count += 1
-    assert count >= 20
 
 
 @pytest.mark.parametrize("penalty", [1.0, 1e3, 1e6])

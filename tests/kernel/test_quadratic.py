@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from recorded_quadratics import recorded
 from reduced_program import Derivatives, Evaluation, dual_step
+from scipy.optimize import linprog
 
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row may be violated
 
@@ -95,3 +97,34 @@ def test_equations_that_contradict_one_another_or_nothing_moves_have_no_step(row
     derivatives = Derivatives(np.ones(4), rows, np.empty((0, 4)))
     wanted = np.arange(1.0, len(rows) + 1) ** 2
     assert dual_step(Evaluation(0.0, wanted, np.empty(0), lambda: derivatives, None), np.eye(4)) is None
+
+
+def test_programs_that_searches_have_met():
+    """Of BFGS Hessians, many next to singular: solved, or so that no point within reach meets all rows.
+
+    A step longer than 1e3, in whitened variables, stands for rows that all but contradict one another.
+    """
+    solved = 0
+    for program in recorded():
+        A, C = program.equality_rows, program.inequality_rows
+        step = dual_step(program.evaluation, program.hessian)
+        if step is None:
+            rows = np.column_stack((np.concatenate((-C, A, -A)), -np.ones(len(C) + 2 * len(A))))
+            bounds = np.concatenate((program.inequality, -program.equality, program.equality))
+            free = [(None, None)] * len(program.gradient)
+            least = linprog(np.eye(len(free) + 1)[-1], A_ub=rows, b_ub=bounds, bounds=[*free, (0, None)])
+            assert (least.status, least.fun > 1e-6) == (0, True)
+            continue
+        x, (y, z) = step.direction, step.multipliers
+        if np.abs(x).max() > 1e3:
+            continue
+        solved += 1
+        terms = (program.hessian @ x, program.gradient, y @ A, -z @ C)
+        sizes = np.abs(program.hessian) @ np.abs(x) + np.abs(program.gradient) + np.abs(y) @ np.abs(A) + z @ np.abs(C)
+        slack = program.inequality + C @ x
+        assert np.abs(sum(terms)).max() <= 2e-7 * sizes.max()
+        assert np.abs(program.equality + A @ x).max(initial=0) <= 2 * ROW_TOLERANCE
+        assert slack.min(initial=0) >= -2 * ROW_TOLERANCE
+        assert z.min(initial=0) >= 0
+        assert np.abs(slack * z).max(initial=0) <= 2 * ROW_TOLERANCE * (1 + z.max(initial=0))
+    assert solved > 50

@@ -48,7 +48,7 @@ def same_minimum(plan: fp.Plan) -> fp.Plan:
     return plan_there(program, there.x)
 
 
-@pytest.mark.parametrize("name", ONE_MINIMUM)
+@pytest.mark.parametrize("name", cases(ONE_MINIMUM, {*ONE_MINIMUM[1::3]}))
 def test_both_planners_find_one_minimum(name: str, planned: Callable[[str], fp.Plan]) -> None:
     kernel, plan = planned(name), fp.method.plan(PROBLEMS / f"{name}.toml")
     assert plan.ok

@@ -1,4 +1,4 @@
-"""How deep a link is in an obstacle; distances of links that are apart: ``tests/plans/test_plan.py``."""
+"""Distances of links to one another, and how deep one is in an obstacle; when apart: ``tests/plans/test_plan.py``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.motion.planar.clearance import LinkShapes, obstacle_distances
+from floatplan.motion.planar.clearance import LinkShapes, Segments, obstacle_distances, pair_distances
 from floatplan.robot import LinkCapsule
 
 
@@ -27,3 +27,22 @@ def test_it_falls_continuously_as_a_bar_is_taken_off(depth) -> None:
     places = np.linspace(0.6, 1.6, 201)
     values = [depth(fp.Bar(start=(x, -0.5), end=(x, 0.8), radius=0.1)) for x in places]
     assert np.diff(values) == pytest.approx(0.005, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_distance_of_a_pair_is_that_of_its_nearest_points(seed: int) -> None:
+    """Of three capsules and two others half a metre away, every pair a row, less both radii."""
+    rng = np.random.default_rng(seed)
+    ends = rng.uniform(-0.3, 0.3, (2, 4, 5)) + 1j * rng.uniform(-0.3, 0.3, (2, 4, 5))
+    ends[..., 3:] += 0.9 + 0.4j
+    radii = rng.uniform(0.01, 0.05, 5)
+    both = Segments(*ends, radii)
+    found = pair_distances(both.of(slice(3)), both.of(slice(3, None)))
+    along = np.linspace(0, 1, 101)
+    points = ends[0][..., None] + along * (ends[1] - ends[0])[..., None]
+    nearest = np.abs(points[:, :3, None, :, None] - points[:, None, 3:, None, :]).min(axis=(3, 4)).reshape(4, 6)
+    off = nearest - np.add.outer(radii[:3], radii[3:]).ravel() - found
+    apart = found > 0
+    assert apart.sum() > 12
+    assert off[apart].min() > -1e-12
+    assert off[apart].max() < 0.02

@@ -76,9 +76,9 @@ def test_the_attitude_is_that_of_another_integrator_at_every_instant(swinging):
         assert np.abs(gaps).max() < 1e-12
 
 
-def test_a_planar_plan_flown_in_space_is_the_planar_plan():
+def test_a_planar_plan_flown_in_space_is_the_planar_plan(handstand):
     """The same joints' motion and momentum; the gymnast is its own mirror image, and so never leaves the plane."""
-    planar = fp.plan(fp.load_problem(URDF.parent / "problems" / "handstand.toml"))
+    planar = handstand
     robot = fp.Robot.from_urdf(URDF / "gymnast.urdf", base="free-flyer", joints=list(planar.robot.joints))
     normal, ends = planar.robot.plane.normal, (planar.problem.initial, planar.problem.final)
 
@@ -125,9 +125,9 @@ def test_what_is_suggested_turns_the_plain_motion_to_the_goal(diver):
     assert abs(h[1]) > 50 * np.hypot(h[0], h[2])
 
 
-def test_the_motion_in_the_files_coordinates_is_one_of_pinocchio(diver):
+def test_the_motion_in_the_files_coordinates_is_one_of_pinocchio(diver, planned):
     """No force on the base but gravity, q' = v, v' = a, and the momentum is constant."""
-    plan = fp.plan(fp.load_problem(URDF.parent / "problems" / "space" / "diver_half_twist.toml"))
+    plan = planned("space/diver_half_twist")
     assert plan.ok
     model = pin.buildModelFromXML(diver.xml, pin.JointModelFreeFlyer())
     model.gravity = pin.Motion(np.array([0.0, 0.0, -9.81]), np.zeros(3))

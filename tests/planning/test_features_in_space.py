@@ -151,7 +151,7 @@ def test_a_family_varies_angles_durations_and_momenta():
         fp.Family(arm, {"goal.orientation": [0.0, 1.0]})[1]
 
 
-def test_what_is_not_yet_in_space_says_so(tmp_path, floatplan):
+def test_what_is_not_yet_in_space_says_so(tmp_path, floatplan, planned):
     arm = fp.load_problem(SPACE / "free_ur5.toml")
     with pytest.raises(fp.InputError, match=r"robot\.base: the robot flies in space"):
         fp.plan_many(fp.Family(arm, {"flight.duration": [18.0, 20.0]}))
@@ -159,7 +159,7 @@ def test_what_is_not_yet_in_space_says_so(tmp_path, floatplan):
     study.write_text(
         f'problem = "{SPACE / "free_ur5.toml"}"\n[vary]\n"flight.duration" = {{ from = 15, to = 25, count = 3 }}\n'
     )
-    plan = fp.plan(arm).save(tmp_path / "plan.json")
+    plan = planned("space/free_ur5").save(tmp_path / "plan.json")
     for command in (
         ("study", study),
         ("bounds", SPACE / "free_ur5.toml"),

@@ -136,8 +136,8 @@ def test_it_is_proved(half_twist):
     assert certificate.attitude_bound < 1e-9
 
 
-def test_an_arm_turns_its_free_base_within_its_limits():
-    plan = fp.plan(fp.load_problem(SPACE / "free_ur5.toml"))
+def test_an_arm_turns_its_free_base_within_its_limits(request):
+    plan = request.getfixturevalue("planned")("space/free_ur5")
     assert plan.ok, plan.explanation
     assert plan.angular_momentum == pytest.approx([0, 0, 0])
     assert (plan.peaks.velocity <= plan.problem.velocity_limits * (1 + 1e-9)).all()

@@ -37,7 +37,7 @@ def turned(problem: fp.Problem, angle: float) -> fp.Problem:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_plan_is_at_its_own_motion(name: str) -> None:
+def test_a_plan_is_at_its_own_motion_and_a_small_change_is_planned_as_by_the_whole_search(name: str) -> None:
     problem = problem_of(name)
     plan = fp.plan(problem)
     again = plan_near(problem, plan, PATIENCE)
@@ -46,13 +46,8 @@ def test_a_plan_is_at_its_own_motion(name: str) -> None:
     times = np.linspace(0, plan.duration, 50)
     assert np.allclose(again.at(times).positions, plan.at(times).positions, atol=1e-3)
     assert again.angular_momentum == pytest.approx(plan.angular_momentum, abs=1e-3)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_small_change_is_planned_as_by_the_whole_search(name: str) -> None:
-    problem = problem_of(name)
     changed = turned(problem, -0.03)
-    whole, near = fp.plan(changed), plan_near(changed, fp.plan(problem), PATIENCE)
+    whole, near = fp.plan(changed), plan_near(changed, plan, PATIENCE)
     assert whole.ok
     assert near.ok
     assert near.objective_value <= whole.objective_value * (1 + 1e-5)
@@ -80,9 +75,9 @@ def test_where_the_motion_at_hand_leads_to_none_another_is_searched() -> None:
     assert plan_near(lower, none, PATIENCE).ok
 
 
-def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it() -> None:
-    problem = problem_of("space/free_ur5")
-    plan = fp.plan(problem)
+def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it(request) -> None:
+    plan = request.getfixturevalue("planned")("space/free_ur5")
+    problem = plan.problem
     again = plan_near(problem, plan, PATIENCE)
     assert again.ok
     assert again.solver["starts"] == 1

@@ -138,7 +138,18 @@ class TestWindows:
 
     @pytest.mark.parametrize(
         "window",
-        [(0.0, 5e-324), (-1.0, 5e-324), (-1.0, 0.0), (1.4, 2.4), (0.7, np.nextafter(0.7, 1)), (-1.0, 0.7), (0.7, 9.0)],
+        cases(
+            [
+                (0.0, 5e-324),
+                (-1.0, 5e-324),
+                (-1.0, 0.0),
+                (1.4, 2.4),
+                (0.7, np.nextafter(0.7, 1)),
+                (-1.0, 0.7),
+                (0.7, 9.0),
+            ],
+            {(0.0, 5e-324), (-1.0, 0.0), (-1.0, 0.7), (0.7, 9.0)},
+        ),
     )
     def test_windows_of_an_instant_and_beyond_the_flight(self, window: tuple[float, float]) -> None:
         problem = problem_of("obstacle")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,8 +29,8 @@ def diver() -> fp.Problem:
 
 
 @pytest.fixture(scope="module")
-def past_a_bar() -> fp.Plan:
-    return fp.plan(fp.load_problem(SPACE / "diver_past_a_bar.toml"))
+def past_a_bar(planned: Callable[[str], fp.Plan]) -> fp.Plan:
+    return planned("space/diver_past_a_bar")
 
 
 class TestDistances:
@@ -109,7 +110,7 @@ class TestShapes:
 class TestPlans:
     """What is asked holds between the instants of the search, as others see it."""
 
-    def test_past_a_bar(self, past_a_bar, diver):
+    def test_past_a_bar(self, past_a_bar, planned):
         problem, duration = past_a_bar.problem, past_a_bar.duration
         assert past_a_bar.status == "optimal"
         times = np.linspace(0, duration, DENSE)
@@ -117,27 +118,27 @@ class TestPlans:
             assert past_a_bar.clearances(times, [obstacle]).min() > obstacle.margin - AT_EDGE
         assert past_a_bar.peaks.clearance == pytest.approx(past_a_bar.clearances(times).min(), abs=1e-5)
         assert least_seen(past_a_bar, DENSE) > 0
-        unobstructed = fp.plan(diver)
+        unobstructed = planned("space/diver_half_twist")
         assert unobstructed.clearances(times, problem.obstacles[:1]).min() < 0
         assert np.isinf(past_a_bar.clearances(np.array([1.0]), problem.obstacles[1:])).all()  # it is gone
 
     def test_past_a_bar_is_proved(self, past_a_bar):
         assert fp.certify(past_a_bar).proved
 
-    def test_links_keep_apart(self):
-        problem = fp.load_problem(SPACE / "go2_half_twist_clear.toml")
-        plan = fp.plan(problem)
+    def test_links_keep_apart(self, planned):
+        """As the same flight's do not, of which nothing of this kind is asked."""
+        plan = planned("space/go2_half_twist_clear")
         assert plan.ok
         assert least_seen(plan, DENSE) > 0
         assert not [warning for warning in plan.warnings if warning.kind == "overlap"]
-        overlaps = [w for w in fp.plan(replace(problem, self_clearances=())).warnings if w.kind == "overlap"]
+        overlaps = [w for w in planned("space/go2_half_twist").warnings if w.kind == "overlap"]
         assert {warning.subject for warning in overlaps} == {"FR_calf RR_calf", "FL_calf RL_calf"}
         assert all("[[self_clearance]] keeps them apart" in warning.message for warning in overlaps)
 
     def test_drawn_problems_are_solved_and_clear(self):
-        problems = list(obstructed(6))
+        problems = list(obstructed(4))
         plans = [fp.plan(problem) for problem in problems]
-        assert sum(plan.ok for plan in plans) >= 5
+        assert sum(plan.ok for plan in plans) >= 3
         assert min(least_seen(plan, 2000) for plan in plans if plan.ok) > 0
 
     def test_an_obstacle_on_the_start_is_said_to_be_impossible(self, diver):

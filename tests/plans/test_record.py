@@ -138,9 +138,3 @@ class TestRobotOfAPlan:
         with pytest.raises(fp.InputError, match="has changed") as caught:
             fp.load_plan(self.moved(record, tmp_path, text))
         assert "sha256" in caught.value.element
-
-    def test_that_is_gone_is_named(self, record, tmp_path):
-        path = self.moved(record, tmp_path)
-        (tmp_path / "gymnast.urdf").unlink()
-        with pytest.raises(fp.InputError, match=r"elsewhere/gymnast\.urdf"):
-            fp.load_plan(path)

@@ -31,60 +31,9 @@ takeoff = {{ frame = "foot" }}
 position = "full"
 """
 
-EVERYTHING = f"""
-name = "everything"
-angles = "deg"
-[robot]
-urdf = "{ROOT / "urdf" / "chain10.urdf"}"
-plane = "xz"
-joints = ["q2", "q1"]
-coupled = {{ q3 = {{ leader = "q1", ratio = -0.7, offset = 9 }} }}
-locked = {{ q4 = 5, q5 = 5, q6 = 5, q7 = 5, q8 = 5, q9 = 5, q10 = 5 }}
-[start]
-orientation = 90
-positions = [30, -60]
-velocities = 18
-accelerations = {{ q1 = 36 }}
-[goal]
-orientation = 450
-positions = {{ q1 = 45, q2 = 0 }}
-[flight]
-duration = 1.25
-angular_momentum = "free"
-takeoff = {{ frame = "foot", position = [0.25, 0.5] }}
-landing = {{ frame = "hand", height = -0.125 }}
-horizontal_velocity = -2
-gravity = 1.62
-[motion]
-degree = [8, 9]
-objective = "torque"
-[limits]
-position = {{ q1 = [-90, 90] }}
-velocity = 720
-acceleration = [3600, "none"]
-torque = {{ q2 = 12 }}
-motor = {{ q1 = {{ stall = 8, slope = 0.4 }} }}
-orientation_rate = 900
-[[obstacles]]
-kind = "circle"
-center = [1.5, 3]
-radius = 0.2
-margin = 0.02
-velocity = [0.5, 0]
-window = [0.1, 0.9]
-[[obstacles]]
-kind = "half-plane"
-point = [0, 0]
-normal = [0, 1]
-[[obstacles]]
-kind = "capsule"
-start = [0, 0]
-end = [1, 1]
-radius = 0
-[[self_clearance]]
-links = ["body0", "body2"]
-margin = 0.01
-"""
+EVERYTHING = (
+    (ROOT / "tests" / "problem" / "cases" / "everything.toml").read_text().replace("../../../urdf", f"{ROOT / 'urdf'}")
+)
 
 
 def written(path: Path, text: str | bytes) -> Path:
@@ -242,19 +191,28 @@ class TestWrongFiles:
         assert any(line.startswith(f"{path}: {element}") and reason in line for line in lines), lines
 
 
-def test_every_error_is_reported_with_its_place(tmp_path: Path) -> None:
-    text = SOUND.replace("1.4", '"x"').replace("q1 = 18", "q1 = nan").replace("-90", "true") + "[modes]\n"
-    path = written(tmp_path / "wrong.toml", text)
+@pytest.mark.parametrize(
+    ("changes", "more", "named"),
+    [
+        (
+            {"1.4": '"x"', "q1 = 18": "q1 = nan", "-90": "true"},
+            "[modes]\n",
+            {"start.positions.q1", "goal.orientation", "flight.duration", "modes"},
+        ),
+        (
+            {"1.4": "-1", '"foot"': '"toe"', "q1 = 0": "q9 = 0"},
+            "torque = -1\n",
+            {"goal.positions", "flight.takeoff.frame", "flight.duration", "limits.torque"},
+        ),
+    ],
+)
+def test_every_error_is_reported_with_its_place(
+    changes: dict[str, str], more: str, named: set[str], tmp_path: Path
+) -> None:
+    """Of kind, or of meaning."""
+    text = SOUND
+    for old, new in changes.items():
+        text = text.replace(old, new)
     with pytest.raises(fp.InputError) as caught:
-        fp.load_problem(path)
-    places = {line.split(": ")[1] for line in str(caught.value).splitlines()}
-    assert places == {"start.positions.q1", "goal.orientation", "flight.duration", "modes"}
-
-
-def test_every_error_of_meaning_is_reported_too(tmp_path: Path) -> None:
-    text = SOUND.replace("1.4", "-1").replace('"foot"', '"toe"').replace("q1 = 0", "q9 = 0") + "torque = -1\n"
-    path = written(tmp_path / "wrong.toml", text)
-    with pytest.raises(fp.InputError) as caught:
-        fp.load_problem(path)
-    places = {line.split(": ")[1] for line in str(caught.value).splitlines()}
-    assert places == {"goal.positions", "flight.takeoff.frame", "flight.duration", "limits.torque"}
+        fp.load_problem(written(tmp_path / "wrong.toml", text + more))
+    assert {line.split(": ")[1] for line in str(caught.value).splitlines()} == named

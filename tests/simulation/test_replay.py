@@ -138,20 +138,6 @@ def test_coupled_joints_are_driven_and_locked_ones_are_rigid(branched, engine):
 
 
 class TestInput:
-    @pytest.mark.parametrize(
-        ("arguments", "reason"),
-        [
-            ({"engine": "bullet"}, "must be 'pinocchio' or 'mujoco', not 'bullet'"),
-            ({"perturb": "speed=1%"}, "cannot perturb 'speed'"),
-            ({"perturb": "noise=1deg"}, "add --replan"),
-            ({"feedback": 0.0}, "is not positive"),
-            ({"step": -1.0}, "is not positive"),
-        ],
-    )
-    def test_is_refused(self, handstand, arguments, reason):
-        with pytest.raises(fp.InputError, match=reason):
-            fp.replay(handstand, **arguments)
-
     def test_without_mujoco_the_error_names_the_command(self, handstand, monkeypatch):
         monkeypatch.setitem(sys.modules, "mujoco", None)
         with pytest.raises(fp.InputError, match=r"pip install .*\[replay\]"):

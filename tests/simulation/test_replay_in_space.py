@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,12 +11,10 @@ from long_cases import cases
 import floatplan as fp
 from floatplan.simulation.replay import landing_rows, replays
 
-SPACE = Path(__file__).parents[2] / "problems" / "space"
-
 
 @pytest.fixture(scope="module")
-def diver():
-    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"))
+def diver(planned):
+    return planned("space/diver_half_twist")
 
 
 def test_mujoco_agrees_with_the_plan(diver):

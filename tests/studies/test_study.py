@@ -12,6 +12,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -143,6 +144,21 @@ def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
     assert {row["explanation"] for row in bad} == {"ZeroDivisionError: a bug"}
     for row, same in zip(again.table.to_pylist(), study.table.to_pylist(), strict=True):
         assert row["status"] in (same["status"], "error")
+
+
+def test_a_row_whose_proof_is_refuted_has_no_solution(study_file, tmp_path, monkeypatch):
+    together = rows.planned_together
+
+    def refuting(problems, *how):
+        plans = together(problems, *how)
+        assert set(plans.verdict) == {"proved"}
+        return replace(plans, verdict=np.where(np.arange(len(plans)) == 0, "refuted", plans.verdict))
+
+    monkeypatch.setattr(rows, "planned_together", refuting)
+    asked = study_file('[vary]\n"flight.duration" = [1.0, 1.1]\n[plan]\nprove = true')
+    study = fp.study(asked, folder=tmp_path / "out", jobs=1)
+    assert study.table["status"].to_pylist() == ["not_found", "optimal"]
+    assert study.table["verdict"].to_pylist() == ["refuted", "proved"]
 
 
 class Fragile:
@@ -305,20 +321,6 @@ def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
         )
     assert killed
     assert timeless(again.table).equals(timeless(study.table))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"engine": "ray"}, "must be 'processes' or 'dask'"),
-        ({"scheduler": "tcp://127.0.0.1:1"}, "is for the engine dask"),
-        ({"jobs": 0}, "jobs: 0 is not positive"),
-        ({"jobs": 65}, "jobs: 65 is outside 1 to 64"),
-    ],
-)
-def test_wrong_options(study_file, tmp_path, options, message):
-    with pytest.raises(InputError, match=message):
-        fp.study(study_file(), folder=tmp_path / "out", **options)
 
 
 def test_without_pyarrow_it_says_what_to_install(study_file, tmp_path, monkeypatch):

@@ -22,8 +22,7 @@ from floatplan.view.scene.scene import write_scene
 ROOT = Path(__file__).parents[2]
 PROBLEMS = sorted(path for path in (ROOT / "problems").glob("**/*.toml") if path.parent.name != "studies")
 EVERY_TIME = (  # each kind of obstacle, limit and robot; and one in space, in test_space_view.py
-    *("falling_cat_apart", "handstand_ground", "high_jump", "moving_hoop", "new_configuration_moving"),
-    *("somersault_motors", "torque_limited", "gallery/go2", "gallery/talos", "jumps/solo12"),
+    *("falling_cat_apart", "high_jump", "moving_hoop", "somersault_motors", "gallery/go2", "jumps/solo12"),
 )
 LONG = {*PROBLEMS} - {ROOT / "problems" / f"{name}.toml" for name in EVERY_TIME}
 PATIENCE = 60.0  # s for what takes a fraction of one

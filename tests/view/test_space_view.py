@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,13 +28,13 @@ SPACE = Path(__file__).parents[2] / "problems" / "space"
 
 
 @pytest.fixture(scope="module")
-def diver() -> fp.Plan:
-    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"))
+def diver(planned: Callable[[str], fp.Plan]) -> fp.Plan:
+    return planned("space/diver_half_twist")
 
 
 @pytest.fixture(scope="module")
-def arm() -> fp.Plan:
-    return fp.plan(fp.load_problem(SPACE / "free_ur5.toml"))
+def arm(planned: Callable[[str], fp.Plan]) -> fp.Plan:
+    return planned("space/free_ur5")
 
 
 def attitudes(plan: fp.Plan, times: np.ndarray) -> np.ndarray:
