@@ -28,7 +28,7 @@ from floatplan.plans.record import PlanRecord
 FIRST_CELLS = 24  # [-] before any is halved
 BOUND = 5e-11  # [rad] sought for the attitude
 RESIDUAL = 3e-13  # [rad] of the residual's integral over the flight, below which it is not sought
-ROUNDING = 5e-15  # [-] of the fastest rate that the momentum can make, of which a residual is rounding
+ROUNDING = 2.5e-14  # [-] of the fastest rate that the momentum can make: residuals of any number of cells, by rounding
 GAIN = 0.25  # [-] of its residual, to which halving a cell has to bring it: else it is rounding
 TORQUE_RADIUS = 1e-6  # [-] sought, relative to the largest torque
 
