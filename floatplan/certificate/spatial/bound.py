@@ -10,7 +10,7 @@ Then ``r`` bounds the sum of all steps between cells, the first one from the att
 of ``|rho|``; ``s`` bounds the transitions of ``zeta' = M^ [h]x zeta``, and c the integral of ``1.003 |h| /
 lambda_min(I)``:
 
-    where 2 s r <= 1/2 and 4 s^2 r c + 1.006 s r < 1, the true attitude is within 2 s r of the approximation.
+    where 2 s r <= 1/2 and q = 4 s^2 r c + 1.006 s r < 1, the true attitude is within (1 + q) s r of the approximation.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class AttitudeBound:
     residual : rad
         r, the sum of all steps and of the integral of the residual.
     amplification : s, by how much a small turn at one instant grows until another one
-    condition : ``4 s^2 r c + 1.006 s r``, which has to be below 1
+    condition : q, which has to be below 1
     attitudes : Matrices
         Rotations (3, 3) of the true motion, from the base's axes to the world's: one item.
     seen : Matrices
@@ -91,8 +91,8 @@ def attitude_bound(
     c = _up(QUADRATIC * size * float(up(mobility) @ length))
     s = _amplification(motion, approximated, approximation, cells, size, steps)
     condition = _up(4.0 * s * s * r * c + LINEAR * s * r)
-    bound = _up(2.0 * s * r)
-    if not (bound <= LARGEST and condition < 1.0):
+    bound = _up((1.0 + condition) * s * r)
+    if not (_up(2.0 * s * r) <= LARGEST and condition < 1.0):
         bound = math.inf
     # |E - 1| <= eps for a rotation E by eps
     widened = np.full(approximated.attitudes.e.shape, bound)

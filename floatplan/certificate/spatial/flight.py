@@ -129,7 +129,7 @@ def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosur
 
 def _sought(attitude: AttitudeBound, motion: BodyMotion, duration: float) -> float:
     """The residual, rad/s, that is small enough: for the bound on the attitude, or because it is rounding."""
-    enough = BOUND / (2.0 * attitude.amplification)
+    enough = BOUND / attitude.amplification
     scale = np.fmax(attitude.seen.norm.max(), motion.relative.norm.max()) * motion.inverse.norm.max()
     return float(np.fmax(max(enough, RESIDUAL) / duration, ROUNDING * scale))
 
