@@ -55,11 +55,12 @@ def test_what_is_true_is_proved(plans):
         assert certificate.proved, certificate.unproved
         assert certificate.attitude_bound < 1e-9
         assert certificate.orientation_end == (-math.inf, math.inf)
-        bound, s, r = (
-            finding(certificate, f"attitude.{name}").bound for name in ("bound", "amplification", "residual")
+        bound, s, r, q = (
+            finding(certificate, f"attitude.{name}").bound
+            for name in ("bound", "amplification", "residual", "condition")
         )
-        assert bound == certificate.attitude_bound == pytest.approx(2 * s * r)
-        assert finding(certificate, "attitude.condition").bound < 1e-2
+        assert bound == certificate.attitude_bound == pytest.approx((1 + q) * s * r)
+        assert q < 1e-2
         assert (certificate.torque_peak >= record.torque_peak).all()
         assert certificate.torque_peak == pytest.approx(record.torque_peak, rel=1e-3)
         again = Certificate.from_dict(certificate.to_dict())

@@ -12,7 +12,8 @@ import floatplan as fp
 from floatplan.certificate.certificate import capsules_of
 from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.certificate.spatial import bound
-from floatplan.certificate.spatial.attitude import approximate
+from floatplan.certificate.spatial.attitude import Approximation, approximate
+from floatplan.certificate.spatial.findings import angle_between
 from floatplan.certificate.spatial.flight import fly
 from floatplan.certificate.spatial.models import Matrices, axial, moments
 from floatplan.certificate.spatial.obstacles import Surroundings
@@ -252,3 +253,28 @@ def test_the_largest_product_of_neighbours_is_bounded():
     spectral, frobenius = bound._largest_product(sequence)
     assert true <= spectral <= 1.05 * true
     assert spectral <= frobenius * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-16, 1e-12, 1e-3])
+def test_steps_between_cells_are_those_of_200_bits(size):
+    """Of any lengths and signs of the quaternions: never less, and hardly more, than the angles between them."""
+    rng = np.random.default_rng(1)
+    cells = 40
+    q = rng.normal(size=(cells, 16, 4)) * 0.2 ** np.arange(16)[:, None]
+    powers = (-1.0) ** np.arange(16)
+    for cell in range(1, cells):  # each begins where the one before ended, but for a little
+        target = q[cell - 1].sum(axis=0) * rng.choice([-1.0, 1.0]) * rng.choice([1.0, 1.0 + 1e-9])
+        q[cell, 0] += target - powers @ q[cell] + size * rng.normal(size=4)
+    start = powers @ q[0]
+    found = bound._steps(Approximation(q, np.zeros((cells, 16, 3, 3))), start)
+    with flint.ctx.workprec(BITS):
+        ends = [[exact_sum(column) for column in cell.T] for cell in q]
+        begins = [[exact_sum(column * powers) for column in cell.T] for cell in q]
+        before = [[arb(part) for part in start.tolist()], *ends[:-1]]
+        true = [float(angle_between(*pair).upper()) for pair in zip(begins, before, strict=True)]
+    assert (found >= true).all()
+    assert (found <= 1.02 * np.array(true) + 1e-30).all()
+
+
+def exact_sum(numbers):
+    return sum((arb(number) for number in numbers.tolist()), arb(0))

@@ -92,10 +92,11 @@ def _one_after_another(models: Sequence[Any]) -> Any:
 def body_motion(robot: SpatialRobot, record: PlanRecord, cells: TimeCells) -> BodyMotion:
     """Enclose the motion relative to the base on cells."""
     q, dq, ddq = joint_motion(record, cells)
-    ratio = Balls.exact(robot.ratio)
-    offset = Taylor.constant(Balls.exact(robot.offset).broadcast((len(cells), len(robot.offset))), ORDER)
-    cosine, sine = cos_sin(q[:, robot.leader].times(ratio) + offset)
-    rates, pushes = (Matrices.of_scalars(models[:, robot.leader].times(ratio)) for models in (dq, ddq))
+    angles = _of_moved_joints(robot, q)
+    if robot.offset.any():
+        angles += Taylor.constant(Balls.exact(robot.offset).broadcast(angles.e.shape), ORDER)
+    cosine, sine = cos_sin(angles)
+    rates, pushes = (Matrices.of_scalars(_of_moved_joints(robot, models)) for models in (dq, ddq))
     rotations = _rotations(robot, cosine, sine)
     axes = rotations[1:].times(Balls(robot.axes.mid[..., None], robot.axes.rad[..., None]))
     axes = Matrices.of(axes.c, axes.entries, axes.e, np.ones_like(axes.e))
@@ -107,6 +108,12 @@ def body_motion(robot: SpatialRobot, record: PlanRecord, cells: TimeCells) -> Bo
     return BodyMotion(
         q, dq, ddq, rotations, axes, rates, pushes, carried, spreads, inertia, _inverse(inertia), relative
     )
+
+
+def _of_moved_joints(robot: SpatialRobot, models: Taylor) -> Taylor:
+    """Models (K, cells, J) by ratio of those of the planned joints; nothing is rounded where all ratios are 1."""
+    of_leaders = models[:, robot.leader]
+    return of_leaders if (robot.ratio == 1.0).all() else of_leaders.times(Balls.exact(robot.ratio))
 
 
 def _rotations(robot: SpatialRobot, cosine: Taylor, sine: Taylor) -> Matrices:

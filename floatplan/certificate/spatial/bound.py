@@ -10,7 +10,7 @@ Then ``r`` bounds the sum of all steps between cells, the first one from the att
 of ``|rho|``; ``s`` bounds the transitions of ``zeta' = M^ [h]x zeta``, and c the integral of ``1.003 |h| /
 lambda_min(I)``:
 
-    where 2 s r <= 1/2 and 4 s^2 r c + 1.006 s r < 1, the true attitude is within 2 s r of the approximation.
+    where 2 s r <= 1/2 and q = 4 s^2 r c + 1.006 s r < 1, the true attitude is within (1 + q) s r of the approximation.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.certificate.cells import ORDER, TimeCells
 from floatplan.certificate.enclosure import ROUND, Balls, up
-from floatplan.certificate.spatial.attitude import Approximation, product
+from floatplan.certificate.spatial.attitude import SIGNS, Approximation, product
 from floatplan.certificate.spatial.bodies import BodyMotion
 from floatplan.certificate.spatial.models import DEGREES, UNIT, Matrices, cross_matrices, crossed, frobenius, inverted
 
 QUADRATIC = 1.003  # [-] |N| <= 1.003 |h| / lambda_min eps^2 + 0.503 eps |rho| for eps <= 1/2
 LINEAR = 1.006  # [-] twice 0.503
 LARGEST = 0.5  # [rad] up to which these hold
-FINE = 0.1  # [-] growth sought within one step between the instants at which transitions are compared
+FINE = 0.05  # [-] growth sought within one step between the instants at which transitions are compared
 MOST_STEPS = 400  # [-] of them in a flight sought: pairs of them are compared
 MOST_COMPARED = 1000  # [-] whose transitions' spectral norms are looked at
 SQUARINGS = 4  # [-] of a matrix, after which its Frobenius norm is the spectral norm but for a factor of 3^(1/32)
@@ -47,7 +47,7 @@ class AttitudeBound:
     residual : rad
         r, the sum of all steps and of the integral of the residual.
     amplification : s, by how much a small turn at one instant grows until another one
-    condition : ``4 s^2 r c + 1.006 s r``, which has to be below 1
+    condition : q, which has to be below 1
     attitudes : Matrices
         Rotations (3, 3) of the true motion, from the base's axes to the world's: one item.
     seen : Matrices
@@ -91,8 +91,8 @@ def attitude_bound(
     c = _up(QUADRATIC * size * float(up(mobility) @ length))
     s = _amplification(motion, approximated, approximation, cells, size, steps)
     condition = _up(4.0 * s * s * r * c + LINEAR * s * r)
-    bound = _up(2.0 * s * r)
-    if not (bound <= LARGEST and condition < 1.0):
+    bound = _up((1.0 + condition) * s * r)
+    if not (_up(2.0 * s * r) <= LARGEST and condition < 1.0):
         bound = math.inf
     # |E - 1| <= eps for a rotation E by eps
     widened = np.full(approximated.attitudes.e.shape, bound)
@@ -160,23 +160,34 @@ def _residuals(motion: BodyMotion, approximated: _Approximated) -> Array:
 def _steps(approximation: Approximation, start: Array) -> Array:
     """Bounds (cells,) on the angles, rad, by which cells begin beside where the one before ended, or beside ``start``.
 
-    ``math.fsum`` rounds the exact sum of the coefficients once, and each part of ``vec(a b*)`` is a sum of four
-    products: its length is off by less than ``sqrt(3) 6 UNIT |a| |b|``. With ``|a| |b| sin(angle / 2) = |vec(a b*)|``,
-    and a sine that is below 0.1, the angle is below 2.01 times the sine.
+    With a and b the quaternions there and ``a = b + d``, ``|a| |b| sin(angle / 2) = |vec(a b*)| = |vec(d b*)|``, in
+    which nothing cancels. Each sum of coefficients is two doubles: d is off by less than 4 UNIT of what it is a sum of,
+    and each entry of ``vec(d b*)``, a sum of four products, by less than 5 UNIT of ``|d| |b|``. With a sine that is
+    below 0.1, the angle is below 2.01 times the sine.
     """
     q = approximation.quaternions
     if not np.isfinite(q).all():
         return np.full(len(q), np.inf)
-    signs = (-1.0) ** np.arange(ORDER)
-    first, last = (
-        np.array([[math.fsum(parts) for parts in cell] for cell in (q * sign[:, None]).swapaxes(1, 2).tolist()])
-        for sign in (signs, np.ones(ORDER))
-    )
+    first, of_first = _sums(q * SIGNS[:, None])
+    last, of_last = _sums(q)
     before = np.concatenate([start[None], last[:-1]])
-    vector = np.linalg.norm(product(first, before * [-1.0, -1.0, -1.0, 1.0])[:, :3], axis=1)
-    sizes = np.linalg.norm(first, axis=1) * np.linalg.norm(before, axis=1)
-    sine = up(vector / sizes + 12.0 * UNIT)
+    of_before = np.concatenate([np.zeros((1, 4)), of_last[:-1]])
+    sign = np.where(np.einsum("cx,cx->c", first, before) < 0.0, -1.0, 1.0)[:, None]  # Q and -Q are one attitude
+    difference = first - sign * before
+    step = difference + (of_first - sign * of_before)
+    vector = np.linalg.norm(product(step, before * [-1.0, -1.0, -1.0, 1.0])[:, :3], axis=1)
+    rounded = 16.0 * UNIT * np.linalg.norm(np.abs(difference) + np.abs(of_first) + np.abs(of_before), axis=1)
+    length = np.linalg.norm(first, axis=1)
+    sine = up(vector / (length * np.linalg.norm(before, axis=1)) + rounded / length)
     return np.where(sine < 0.1, up(2.01 * sine), np.inf)
+
+
+def _sums(q: Array) -> tuple[Array, Array]:
+    """Sums (cells, 4) over the coefficients (cells, K, 4), rounded once, and what they lack, rounded once."""
+    columns = q.swapaxes(1, 2).reshape(-1, q.shape[1]).tolist()
+    sums = [math.fsum(column) for column in columns]
+    rest = [math.fsum([*column, -total]) for column, total in zip(columns, sums, strict=True)]
+    return np.array(sums).reshape(-1, 4), np.array(rest).reshape(-1, 4)
 
 
 def _amplification(

@@ -29,7 +29,7 @@ from floatplan.plans.record import PlanRecord
 FIRST_CELLS = 24  # [-] before any is halved
 BOUND = 5e-11  # [rad] sought for the attitude
 RESIDUAL = 3e-13  # [rad] of the residual's integral over the flight, below which it is not sought
-ROUNDING = 5e-15  # [-] of the fastest rate that the momentum can make, of which a residual is rounding
+ROUNDING = 2.5e-14  # [-] of the fastest rate that the momentum can make: residuals of any number of cells, by rounding
 GAIN = 0.25  # [-] of its residual, to which halving a cell has to bring it: else it is rounding
 TORQUE_RADIUS = 1e-6  # [-] sought, relative to the largest torque
 
@@ -133,7 +133,7 @@ def fly(
 
 def _sought(attitude: AttitudeBound, motion: BodyMotion, duration: float) -> float:
     """The residual, rad/s, that is small enough: for the bound on the attitude, or because it is rounding."""
-    enough = BOUND / (2.0 * attitude.amplification)
+    enough = BOUND / attitude.amplification
     scale = np.fmax(attitude.seen.norm.max(), motion.relative.norm.max()) * motion.inverse.norm.max()
     return float(np.fmax(max(enough, RESIDUAL) / duration, ROUNDING * scale))
 

@@ -14,6 +14,7 @@ bounded.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -168,16 +169,24 @@ class Matrices:
         return self.sums(np.ones((1, self.c.shape[1])))
 
     def of_blocks(self, constants: BlockMatrix) -> Matrices:
-        """Products with a constant matrix of blocks from the right: ``G_j = sum_i F_i C_ij``."""
+        """Products with a constant matrix of blocks from the right: ``G_j = sum_i F_i C_ij``.
+
+        Sums of ``width`` products are made of sums of about as many as their root, and so rounded as often as two such.
+        """
         cells, items, order, rows, columns = self.c.shape
         width = items * columns
+        few = math.ceil(math.sqrt(width))
+        count = few + math.ceil(width / few) - 1
         blocks = constants.sizes.shape[1]
         side = self.c.transpose(0, 2, 3, 1, 4).reshape(-1, width)
-        c = (side @ constants.mid).reshape(cells, order, rows, blocks, -1).transpose(0, 3, 1, 2, 4)
+        c = np.zeros((len(side), constants.mid.shape[1]))
+        for first in range(0, width, few):
+            c += side[:, first : first + few] @ constants.mid[first : first + few]
+        c = c.reshape(cells, order, rows, blocks, -1).transpose(0, 3, 1, 2, 4)
         radii, magnitude = (each.transpose(0, 2, 1, 3).reshape(-1, width) for each in (self.entries, self.magnitude))
-        entries = (radii + width * UNIT * magnitude) @ np.abs(constants.mid) + (magnitude + radii) @ constants.rad
+        entries = (radii + count * UNIT * magnitude) @ np.abs(constants.mid) + (magnitude + radii) @ constants.rad
         entries = entries.reshape(cells, rows, blocks, -1).transpose(0, 2, 1, 3)
-        e = (self.e + width * UNIT * self.size) @ constants.sizes + (self.size + self.e) @ constants.radii
+        e = (self.e + count * UNIT * self.size) @ constants.sizes + (self.size + self.e) @ constants.radii
         return Matrices.of(np.ascontiguousarray(c), up(entries), up(e))
 
     def times(self, constants: Balls) -> Matrices:
