@@ -25,6 +25,7 @@ from floatplan.robot.shapes.solids import LinkSolid
 
 HELD = 0.02  # [m] over the ground, up to which feet are held to the clip
 LOOSE = 0.05  # [m] over the ground, from where on they are not
+HANDOVER = 0.03  # [s] beside a flight, in which legs go over from its speeds to those that hold the feet
 ROUNDS = 8  # [-] of Gauss and Newton at most
 CLOSE = 1e-8  # [rad] of a step, which is the last
 DAMPING = 1e-7  # [m^2] of the squared change of joints
@@ -56,6 +57,18 @@ class Seam:
         shape = np.where(inside, passed * (1.0 - passed / max(self.room, 1e-9)) ** 3, 0.0)
         return self.sign * shape[:, None] * self.change
 
+    def hold(self, times: Array) -> Array:
+        """How much (K,) of the clip's feet is held at times (K,), s: nothing at the flight, so that no speed jumps."""
+        passed = self.sign * (times - self.instant)
+        share = smooth_share(passed / max(min(HANDOVER, self.room), 1e-9))
+        return np.where(passed < 0, 1.0, share)
+
+
+def smooth_share(x: Array) -> Array:
+    """From 0 at 0 to 1 at 1, with no rate at either end."""
+    x = np.clip(x, 0.0, 1.0)
+    return np.asarray(x * x * (3.0 - 2.0 * x))
+
 
 def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Sequence[Seam]) -> Array:
     """Configurations (K, 7 + J) of the stances of a repaired clip.
@@ -74,17 +87,25 @@ def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Se
     turned = Rotation.from_rotvec(moved[:, 3:BASE]) * Rotation.from_matrix(curve.attitudes(clip_times))
     bases = curve.base_positions(clip_times) + moved[:, :3]
     found = np.concatenate((bases, turned.as_quat(), positions + moved[:, BASE:]), axis=1)
+    hold = np.ones(len(times))
+    for seam in seams:
+        hold *= seam.hold(times)
     is_moved = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
     if len(is_moved):
-        found[is_moved] = _with_feet_held(clip, found[is_moved], clip_times[is_moved])
+        found[is_moved] = _with_feet_held(clip, found[is_moved], clip_times[is_moved], hold[is_moved])
     return found
 
 
-def _with_feet_held(clip: Clip, configurations: Array, clip_times: Array) -> Array:
-    """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them."""
+def _with_feet_held(clip: Clip, configurations: Array, clip_times: Array, hold: Array) -> Array:
+    """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them.
+
+    Parameters
+    ----------
+    hold : (K,) share of that
+    """
     scene = clip.scene
     held = configurations.copy()
-    shares = np.clip((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - HELD), 0.0, 1.0)
+    shares = hold[:, None] * smooth_share((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - HELD))
     chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
     for foot, chain in enumerate(chains):
         others = {joint for other, joints in enumerate(chains) if other != foot for joint in joints}
