@@ -71,7 +71,9 @@ class RepairedMotion:
             of_clip = clip.curve.velocities(np.array([at]))
             change = velocity_difference(own, (of_clip[0][0], of_clip[1][0], of_clip[2][0]), pace, attitude)
             instant = self.begins[number] + local
-            seams.append(Seam(instant=instant, sign=sign, room=min(RAMP, 0.5 * free), change=change))
+            seams.append(
+                Seam(instant, sign, min(RAMP, 0.5 * free), clip.scene.foot_clearances(np.array([at]))[0], change)
+            )
         return seams
 
     def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:

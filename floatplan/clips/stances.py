@@ -24,8 +24,8 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 HELD = 0.02  # [m] over the ground, up to which feet are held to the clip
-LOOSE = 0.05  # [m] over the ground, from where on they are not
-HANDOVER = 0.03  # [s] beside a flight, in which legs go over from its speeds to those that hold the feet
+LOOSE = 0.05  # [m] over the ground, from where on they are not; less where a flight begins or ends lower
+LEAST_FADE = 1e-3  # [m] from the one to the other
 ROUNDS = 8  # [-] of Gauss and Newton at most
 CLOSE = 1e-8  # [rad] of a step, which is the last
 DAMPING = 1e-7  # [m^2] of the squared change of joints
@@ -42,12 +42,14 @@ class Seam:
     instant : s, of the repaired clip
     sign : 1 where the stance follows, -1 where it is before
     room : s
+    clearances : (F,) m, of the clip's feet there
     change : (6 + J,) of the base in the world, m/s and rad/s, and of the joints: the flight's less the clip's
     """
 
     instant: float
     sign: float
     room: float
+    clearances: Array
     change: Array
 
     def moved(self, times: Array) -> Array:
@@ -57,17 +59,11 @@ class Seam:
         shape = np.where(inside, passed * (1.0 - passed / max(self.room, 1e-9)) ** 3, 0.0)
         return self.sign * shape[:, None] * self.change
 
-    def hold(self, times: Array) -> Array:
-        """How much (K,) of the clip's feet is held at times (K,), s: nothing at the flight, so that no speed jumps."""
+    def loose(self, times: Array) -> Array:
+        """From which heights (K, F), m, on feet are not held at times (K,), s: not at the flight, so that no speed jumps."""
         passed = self.sign * (times - self.instant)
-        share = smooth_share(passed / max(min(HANDOVER, self.room), 1e-9))
-        return np.where(passed < 0, 1.0, share)
-
-
-def smooth_share(x: Array) -> Array:
-    """From 0 at 0 to 1 at 1, with no rate at either end."""
-    x = np.clip(x, 0.0, 1.0)
-    return np.asarray(x * x * (3.0 - 2.0 * x))
+        own = np.clip(self.clearances, HELD + LEAST_FADE, LOOSE)
+        return np.where(((passed >= 0) & (passed < self.room))[:, None], own, LOOSE)
 
 
 def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Sequence[Seam]) -> Array:
@@ -87,25 +83,26 @@ def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Se
     turned = Rotation.from_rotvec(moved[:, 3:BASE]) * Rotation.from_matrix(curve.attitudes(clip_times))
     bases = curve.base_positions(clip_times) + moved[:, :3]
     found = np.concatenate((bases, turned.as_quat(), positions + moved[:, BASE:]), axis=1)
-    hold = np.ones(len(times))
+    loose = np.full((len(times), len(clip.scene.foot_bodies)), LOOSE)
     for seam in seams:
-        hold *= seam.hold(times)
+        loose = np.minimum(loose, seam.loose(times))
     is_moved = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
     if len(is_moved):
-        found[is_moved] = _with_feet_held(clip, found[is_moved], clip_times[is_moved], hold[is_moved])
+        found[is_moved] = _with_feet_held(clip, found[is_moved], clip_times[is_moved], loose[is_moved])
     return found
 
 
-def _with_feet_held(clip: Clip, configurations: Array, clip_times: Array, hold: Array) -> Array:
+def _with_feet_held(clip: Clip, configurations: Array, clip_times: Array, loose: Array) -> Array:
     """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them.
 
     Parameters
     ----------
-    hold : (K,) share of that
+    loose : (K, F) m over the ground, from where on feet are not held
     """
     scene = clip.scene
     held = configurations.copy()
-    shares = hold[:, None] * smooth_share((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - HELD))
+    fade = np.clip((loose - scene.foot_clearances(clip_times)) / (loose - HELD), 0.0, 1.0)
+    shares = fade**2 * (3.0 - 2.0 * fade)  # with no rate at either end
     chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
     for foot, chain in enumerate(chains):
         others = {joint for other, joints in enumerate(chains) if other != foot for joint in joints}
