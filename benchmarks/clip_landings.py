@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.clips.clip import Clip
-from floatplan.clips.flights import ClipFlight
+from floatplan.clips.flights import SAMPLING, ClipFlight
 from floatplan.clips.repair import repair_clip
 from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.robot.mjcf.compiled import import_mujoco
@@ -30,6 +30,7 @@ from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 Array = NDArray[np.float64]
 GRAVITY = 9.81  # [m/s^2]
 RATE = 500.0  # [Hz] of the controller
+DETECTED = 1 / SAMPLING.rate  # [s] to which a takeoff is detected: a run begins so much later, surely in flight
 STEPS = 4  # [-] of the simulation in one of its periods
 BANDWIDTH = 60.0  # [rad/s] of its feedback in the air
 HOLDS = 2.0  # [-] least stiffness, in weights times heights of the robot
@@ -59,7 +60,7 @@ class Followed:
 def followed(clip: Clip, flight: ClipFlight, flat: bool) -> Followed:
     """Prepare a clip at the controller's rate to be followed from a flight's takeoff on; feet are soles or balls."""
     assert clip.velocities is not None
-    first = int(np.ceil(flight.begin * RATE))
+    first = int(np.ceil((flight.begin + DETECTED) * RATE))
     last = min(int((flight.end + AFTER) * RATE) + 2, clip.frames - 1)
     q = clip.configurations[first : last + 1]
     v = clip.velocities[first : last + 1]
@@ -79,7 +80,7 @@ def followed(clip: Clip, flight: ClipFlight, flat: bool) -> Followed:
             forces, *_ = np.linalg.lstsq(of_feet[:, :6].T, needed[:6], rcond=None)
             needed -= of_feet.T @ forces
         torques[k] = needed[6:]
-    return Followed(q, v, torques, flight.end - flight.begin)
+    return Followed(q, v, torques, flight.end - first / RATE)
 
 
 def world(robot: fp.Robot, clip: Clip, reduced: ReducedModel, sample: Sample) -> MujocoRobot:

@@ -72,7 +72,9 @@ class RepairedMotion:
             of_clip = clip.curve.velocities(np.array([at]))
             change = velocity_difference(own, (of_clip[0][0], of_clip[1][0], of_clip[2][0]), pace, attitude)
             instant = self.begins[number] + local
-            seams.append(Seam(instant=instant, sign=sign, span=min(RAMP, 0.5 * free), change=change))
+            clearances = clip.scene.foot_clearances(np.array([at]))[0]
+            span = min(RAMP, 0.5 * free)
+            seams.append(Seam(instant=instant, sign=sign, span=span, clearances=clearances, change=change))
         return seams
 
     def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:

@@ -24,7 +24,8 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
-LOOSE = 0.05  # [m] over the ground, from where on they are not
+LOOSE = 0.05  # [m] over the ground, from where on they are not; less where a flight begins or ends lower
+LEAST_FADE = 1e-3  # [m] from the one to the other
 SOLE = 0.01  # [m/rad] that an attitude counts relative to a position: with fewer than six joints the position wins
 
 
@@ -37,12 +38,14 @@ class Seam:
     instant : s, of the repaired clip
     sign : 1 where the stance follows, -1 where it is before
     span : s
+    clearances : (F,) m, of the clip's feet there
     change : (6 + J,) of the base in the world, m/s and rad/s, and of the joints: the flight's less the clip's
     """
 
     instant: float
     sign: float
     span: float
+    clearances: Array
     change: Array
 
     def moved(self, times: Array) -> Array:
@@ -51,6 +54,12 @@ class Seam:
         inside = (passed > 0) & (passed < self.span)
         shape = np.where(inside, passed * (1.0 - passed / max(self.span, 1e-9)) ** 3, 0.0)
         return self.sign * shape[:, None] * self.change
+
+    def loose(self, times: Array) -> Array:
+        """From which heights (K, F), m, on feet are free at times (K,), s: at the flight they are, so that no speed jumps."""
+        passed = self.sign * (times - self.instant)
+        own = np.clip(self.clearances, FIXED + LEAST_FADE, LOOSE)
+        return np.where(((passed >= 0) & (passed < self.span))[:, None], own, LOOSE)
 
 
 def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Sequence[Seam]) -> Array:
@@ -70,17 +79,28 @@ def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Se
     turned = Rotation.from_rotvec(moved[:, 3:BASE]) * Rotation.from_matrix(curve.attitudes(clip_times))
     bases = curve.base_positions(clip_times) + moved[:, :3]
     configurations = np.concatenate((bases, turned.as_quat(), positions + moved[:, BASE:]), axis=1)
+    loose = np.full((len(times), len(clip.scene.foot_bodies)), LOOSE)
+    for seam in seams:
+        loose = np.minimum(loose, seam.loose(times))
     is_moved = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
     if len(is_moved):
-        configurations[is_moved] = _with_feet_fixed(clip, configurations[is_moved], clip_times[is_moved])
+        configurations[is_moved] = _with_feet_fixed(
+            clip, configurations[is_moved], clip_times[is_moved], loose[is_moved]
+        )
     return configurations
 
 
-def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array) -> Array:
-    """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them."""
+def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array, loose: Array) -> Array:
+    """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them.
+
+    Parameters
+    ----------
+    loose : (K, F) m over the ground, from where on feet are free
+    """
     scene = clip.scene
     bent = configurations.copy()
-    shares = np.clip((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - FIXED), 0.0, 1.0)
+    fade = np.clip((loose - scene.foot_clearances(clip_times)) / (loose - FIXED), 0.0, 1.0)
+    shares = fade**2 * (3.0 - 2.0 * fade)  # with no rate at either end
     chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
     for foot, chain in enumerate(chains):
         others = set[int]().union(*chains[:foot], *chains[foot + 1 :])
