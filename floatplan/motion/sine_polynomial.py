@@ -135,7 +135,7 @@ class SinePolynomials:
         Free polynomials of the joint that has most.
     free_indices : int array
         Which entries of a flattened z (n, width) the joints have; the others stay zero.
-    given_boundary : (n, g)
+    fixed_boundary : (n, g)
         The conditions (13) that are given.
     """
 
@@ -148,7 +148,7 @@ class SinePolynomials:
     form: Form = field(init=False)
     width: int = field(init=False)
     free_indices: IntArray = field(init=False)
-    given_boundary: Array = field(init=False)
+    fixed_boundary: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Derive what every motion of the class needs."""
@@ -158,18 +158,18 @@ class SinePolynomials:
             form=form,
             width=width,
             free_indices=np.flatnonzero(np.arange(width) < np.array(self.free)[:, None]),
-            given_boundary=self.boundary[:, basis(form).given] if self.free_ends else self.boundary,
+            fixed_boundary=self.boundary[:, basis(form).given] if self.free_ends else self.boundary,
         )
 
     @property
-    def no_free_part(self) -> Array:
+    def nominal_coefficients(self) -> Array:
         """Free coefficients (n, width) of the plain Hermite motion: zeros."""
         return np.zeros((len(self.free), self.width))
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
         value, first, second = values
-        coefficients = np.concatenate((self.given_boundary, z), axis=1).T
+        coefficients = np.concatenate((self.fixed_boundary, z), axis=1).T
         p, p_rate = value @ coefficients, first @ coefficients
         sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
         per_second = 1 / self.duration

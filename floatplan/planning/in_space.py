@@ -35,7 +35,7 @@ TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
 DEGREES = (9, 11)  # [-] of twists, of robots with few joints, and without momentum
 DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
-WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
+SHARE_OF_FIXED = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
 OF_ONE = 0.5  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
 LEAST_BY_VARIABLES = ("coefficients", "clip")  # objectives that are the norm of the variables x
 OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
@@ -66,24 +66,24 @@ class SpatialSearch(Search):
         """
         if self.spec.momentum.axes.size:
             return self._tried(1.0)
-        result = self._tried(WITH_GIVEN)
+        result = self._tried(SHARE_OF_FIXED)
         if result.holding or result.interrupted or self.impossible:
             return result
         problem = self.spec.problem
         freed = replace(problem, flight=replace(problem.flight, angular_momentum="free"))
         try:
-            other = SpatialSearch(freed, replace(self.options, starts=1))._tried(1 - WITH_GIVEN)
+            other = SpatialSearch(freed, replace(self.options, starts=1))._tried(1 - SHARE_OF_FIXED)
         except (InputError, KeyboardInterrupt):
             return result
         x = other.best.x
-        return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
+        return replace(result, other_momentum=other.best.variables.angular_momentum(x) if other.best.holds else None)
 
     def _tried(self, share: float) -> SearchResult:
         """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
         options = self.options
         results: list[AttemptResult] = []
         expired = expiry(options.budget and share * options.budget)
-        began = self.work.done
+        work_before = self.work.done
         most_work = share * Allowance.of(options).left
         work_of_one = OF_ONE * share * Allowance.of(SearchOptions()).left
         solved = 0
@@ -91,7 +91,7 @@ class SpatialSearch(Search):
         interrupted = False
 
         def stop() -> bool:
-            return expired() or self.work.done - began > most_work
+            return expired() or self.work.done - work_before > most_work
 
         try:
             for result in islice(self._in_turns(stop, work_of_one), MOST_STARTS):
@@ -139,8 +139,8 @@ class SpatialSearch(Search):
         is_left = True
         while is_left:
             is_left = False
-            for drawn in lifted:
-                for start in islice(drawn, TURNS):
+            for motions in lifted:
+                for start in islice(motions, TURNS):
                     is_left = True
                     yield self._follow_lifted(start, stop, most_work) if start else None
 
@@ -168,7 +168,7 @@ class SpatialSearch(Search):
             status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
             result = self._judged(final or motion, status)
         result.work = self.work.done - before
-        return result if np.isfinite(result.missed).all() else None
+        return result if np.isfinite(result.residual).all() else None
 
     def _within_limits(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Follow a closed motion with limits and objective; where h leaves its box by that, with h at the edge of it.
@@ -182,15 +182,15 @@ class SpatialSearch(Search):
         if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
             return result
         h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
-        given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
-        fixed = LiftedFlight(self.spec, given, self.work)
+        fixed_variables = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
+        fixed = LiftedFlight(self.spec, fixed_variables, self.work)
         try:
             nearest = close(fixed.fly(motion.cells, motion.x[:free], motion.borders))
         except IntegrationError:
             return replace(result, violation=np.inf)
         if not (nearest.is_closed() and nearest.makes_right_turns):
             return self._judged(nearest, "infeasible")
-        return self.follow(Start(given, nearest.x, at_once=True), stop, until - self.work.done)
+        return self.follow(Start(fixed_variables, nearest.x, at_once=True), stop, until - self.work.done)
 
     def _judged(self, motion: LiftedMotion, status: str) -> AttemptResult:
         return self.judge(Start(motion.lifted.variables, motion.x), status)

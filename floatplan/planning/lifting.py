@@ -43,7 +43,7 @@ CLOSED = 1e-7  # [rad] gaps below which a motion is closed
 CLOSED_FINELY = 1e-11  # [rad] the same of a plan
 STEPS = 30  # [-] most of them
 LONGEST_STEP = 0.7  # [rad] of p, root mean square over all joints together
-LARGEST_TURN = 0.6  # [rad] of a border
+LARGEST_ROTATION = 0.6  # [rad] of a border
 SHORTEST = 1e-3  # [-] of a step, below which it is given up
 SHORTER = 0.4  # [-] a step that does not serve
 GAIN = 0.25  # [-] of what a whole step would gain that is asked for
@@ -126,7 +126,7 @@ class LiftedFlight:
             makes_right_turns=bool(lifted.pointer.is_right_way),
         )
 
-    def flown(self, cells: Cells, x: Array) -> Turning:
+    def turning(self, cells: Cells, x: Array) -> Turning:
         """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies)
         flight, h = self.flight, self.variables.angular_momentum(x)
@@ -219,7 +219,7 @@ def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) ->
         before = _size(change, turns)
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
         length = min(
-            1.0, 2 * length, LONGEST_STEP / max(float(np.linalg.norm(change)), ROUNDING), LARGEST_TURN / farthest
+            1.0, 2 * length, LONGEST_STEP / max(float(np.linalg.norm(change)), ROUNDING), LARGEST_ROTATION / farthest
         )
         other = None
         while length >= SHORTEST:
@@ -252,7 +252,7 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
         if length <= DESCENDED * motion.size:
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
-        share = min(1.0, radius / length, LARGEST_TURN / farthest)
+        share = min(1.0, radius / length, LARGEST_ROTATION / farthest)
         try:
             other = close(motion.moved(*motion.step(motion.gaps, share * downhill)), most_steps=CORRECTIONS)
         except IntegrationError:
@@ -284,7 +284,7 @@ def refined(motion: LiftedMotion) -> LiftedMotion | None:
             motion = close(motion.lifted.fly(fine, motion.x, borders), CLOSED_FINELY)
             if not motion.is_closed(CLOSED_FINELY):
                 return None
-            finer = motion.lifted.flown(cells(2 * count, FINE_STAGES), motion.x).ends[-1]
+            finer = motion.lifted.turning(cells(2 * count, FINE_STAGES), motion.x).ends[-1]
         except IntegrationError:
             return None
         if np.linalg.norm(logarithm((finer @ motion.ends[-1].T)[None])) < EXACT:
@@ -301,7 +301,7 @@ class Bump:
     ramp: float = 0.4
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Bump:
+    def sampled(cls, rng: np.random.Generator) -> Bump:
         """Draw one."""
         return cls(rng.uniform(0, 0.35), rng.uniform(0.65, 1), rng.uniform(0.2, 0.5))
 
@@ -330,13 +330,13 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     if axes is None:
         before, last = flight.initial_attitude[None], flight.initial_attitude
         if angular_momentum.any():
-            flown = lifted.flown(cells(CELLS, STAGES), x)
-            before, last = flown.at(s), flown.ends[-1]
-        missed = logarithm((flight.final_attitude @ last.T)[None])
-        return np.asarray(exponential(steady[:, None] * missed) @ before)
+            turning = lifted.turning(cells(CELLS, STAGES), x)
+            before, last = turning.at(s), turning.ends[-1]
+        residual = logarithm((flight.final_attitude @ last.T)[None])
+        return np.asarray(exponential(steady[:, None] * residual) @ before)
     first, second, third = np.eye(3)[["xyz".index(letter) for letter in axes]]
     polynomials = lifted.variables.polynomials
-    start = polynomials.motion(polynomials.no_free_part, basis(polynomials.form).values(np.zeros(1)))
+    start = polynomials.motion(polynomials.nominal_coefficients, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]
     across, along = (first @ inertia @ first + second @ inertia @ second) / 2, third @ inertia @ third
     fine = np.linspace(0, 1, FINENESS)
@@ -357,9 +357,9 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
 def nearby(lifted: LiftedFlight, x: Array) -> LiftedMotion:
     """Lift the motion x, whose error at landing is taken away evenly; errors as of :func:`turn`."""
     grid, s = cells(CELLS, STAGES), np.arange(CELLS) / CELLS
-    flown = lifted.flown(grid, x)
-    missed = logarithm((lifted.flight.final_attitude @ flown.ends[-1].T)[None])
-    return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * missed) @ flown.borders))
+    turning = lifted.turning(grid, x)
+    residual = logarithm((lifted.flight.final_attitude @ turning.ends[-1].T)[None])
+    return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * residual) @ turning.borders))
 
 
 def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
@@ -380,7 +380,7 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
             yield None
         if not x.size:
             return
-        bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
+        bump, z = Bump.sampled(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
         z[:, 2:] *= 0.15
         y = rng.uniform(-0.5, 0.5, momentum.axes.shape[1])
 
@@ -388,5 +388,5 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
 def wrong_way(result: AttemptResult) -> str:
     """What is wrong with the way to the goal, its turns or its tilt; empty for nothing."""
     lifted = LiftedFlight(result.spec, result.variables)
-    way = lifted.flown(cells(*LEVELS[result.level]), result.x).way
+    way = lifted.turning(cells(*LEVELS[result.level]), result.x).way
     return wrong_turns(lifted.flight.reorientation, way)

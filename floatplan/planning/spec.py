@@ -26,17 +26,17 @@ class FlightSpec:
     Attributes
     ----------
     problem : Problem
-    given_momentum : MomentumSet, optional
+    fixed_momentum : MomentumSet, optional
         The angular momenta h to choose from; left out, those of the problem.
     """
 
     problem: Problem
-    given_momentum: MomentumSet | None = None
+    fixed_momentum: MomentumSet | None = None
 
     @cached_property
     def momentum(self) -> MomentumSet:
         """The angular momenta h to choose from."""
-        return self.given_momentum or self.flight.momentum_set
+        return self.fixed_momentum or self.flight.momentum_set
 
     @cached_property
     def flight(self) -> FlightDynamics:
@@ -97,7 +97,7 @@ spec_of = lru_cache(maxsize=8)(FlightSpec)  # that of a problem is made once: se
 
 
 @lru_cache(maxsize=8)
-def plain_start(spec: FlightSpec, degrees: tuple[int, ...]) -> Start:
+def nominal_start(spec: FlightSpec, degrees: tuple[int, ...]) -> Start:
     """Return the motion with no free part, of such degrees."""
     variables = decision_variables(spec.problem, degrees, None, spec.momentum)
-    return Start(variables, variables.plain_motion, at_once=True)
+    return Start(variables, variables.nominal_motion, at_once=True)

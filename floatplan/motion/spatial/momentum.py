@@ -40,7 +40,7 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
         return MomentumSet(read_only(suggested), read_only(np.empty((3, 0))))
     size = float(np.linalg.norm(suggested))
     if size == 0.0:
-        reach = ALONG * np.trace(_PlainMotion(problem).mean_inertia_B) / 3 / problem.flight.duration
+        reach = ALONG * np.trace(_NominalMotion(problem).mean_inertia_B) / 3 / problem.flight.duration
         return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
     beside = np.linalg.svd(along[None])[2][1:]
@@ -54,7 +54,7 @@ def suggested_momentum(problem: Problem) -> Array:
     Where the goal's angles have turns about the third axis too, those are left to the joints; where they have them
     alone, h is along that.
     """
-    plain = _PlainMotion(problem)
+    plain = _NominalMotion(problem)
     goal = plain.reorientation.goal
     change = plain.reorientation.change
     if np.abs(change).max() < SHORT:
@@ -72,7 +72,7 @@ def suggested_momentum(problem: Problem) -> Array:
     return found if np.linalg.norm(found - h) <= ALONG * np.linalg.norm(h) else h
 
 
-class _PlainMotion:
+class _NominalMotion:
     """The motion with no free part, or the recorded one of the objective "clip", as it turns the base for any h.
 
     ``mean_inertia_B`` (3, 3) is the mean over the flight in the base's axes, kg m^2; ``mean_inertia_W`` the same in the
@@ -101,7 +101,7 @@ class _PlainMotion:
         if problem.reference is None:
             polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
             values = basis(polynomials.form).values(self.cells.s)
-            joints = polynomials.motion(polynomials.no_free_part, values)
+            joints = polynomials.motion(polynomials.nominal_coefficients, values)
             positions, velocities = joints.positions, joints.velocities
         else:
             positions = reference_at(problem.reference, self.cells.s)

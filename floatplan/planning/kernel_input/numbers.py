@@ -1,6 +1,6 @@
-"""Problems that the kernel plans together, and what they differ in as arrays: of a family without making its problems.
+"""Problems that the kernel plans in a batch, and arrays of what they differ in, without making a family's problems.
 
-Plain ones have no inequalities. Others have obstacles, clearances or limits, of the same kinds in all of them.
+Some have no inequalities. Others have obstacles, clearances or limits, of the same kinds in all of them.
 """
 
 from __future__ import annotations
@@ -40,28 +40,27 @@ OF_LIMITS = ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope
 NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
 
 
-def goes_together(problem: Problem) -> bool:
-    """Whether problems that differ from this one in numbers are planned together, plain or not."""
+def is_batchable(problem: Problem) -> bool:
+    """Whether problems that differ from this one in numbers are planned in batches, with inequalities or without."""
     always = all(obstacle.window is None and can_write(obstacle) for obstacle in problem.obstacles)
     steers = max(problem.degrees, default=0) >= CONDITIONS
     return problem.is_plain or (problem.is_standard and steers and not problem.ground and always)
 
 
-def is_plain_family(family: Family) -> bool:
-    """Whether all problems of a family are plain, with the same joint ranges and degrees."""
-    return family.base.is_plain and all(_is_plain(path, family.base.robot) for path in family.arrays)
+def is_unconstrained_family(family: Family) -> bool:
+    """Whether all problems of a family have no inequalities, and the same joint ranges and degrees."""
+    return family.base.is_plain and all(_is_unconstrained(path, family.base.robot) for path in family.arrays)
 
 
-def is_together(family: Family) -> bool:
-    """Whether the problems of a family, of which there are some, are planned together, plain or not."""
+def is_batchable_family(family: Family) -> bool:
+    """Whether the problems of a family, of which there are some, are planned in batches."""
     if not len(family):
         return False
     base = family.base
-    others = {path: array[:1] for path, array in family.arrays.items() if not _is_plain(path, base.robot)}
-    known = (path.split(".")[:2] for path in others)
+    others = {path: array[:1] for path, array in family.arrays.items() if not _is_unconstrained(path, base.robot)}
+    heads = (path.split(".")[:2] for path in others)
     if not (
-        goes_together(base)
-        and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in known)
+        is_batchable(base) and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in heads)
     ):
         return False
     first = _limits_of_family(base, others)
@@ -73,12 +72,12 @@ def _finite(of: Problem) -> list[list[bool]]:
     return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in of.limited]
 
 
-def _is_plain(path: str, robot: Robot) -> bool:
-    return path in BALLISTIC or _place(path, robot) is not None
+def _is_unconstrained(path: str, robot: Robot) -> bool:
+    return path in BALLISTIC or _target(path, robot) is not None
 
 
-def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
-    """End (or ""), quantity and joint (None for all) that a path is about; None where it is about something else."""
+def _target(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
+    """End (or ""), quantity and joint (None for all) that a path sets; None where it sets something else."""
     match path.split("."):
         case ["flight", "duration" | "angular_momentum" as name]:
             return "", name, None
@@ -123,8 +122,10 @@ class Numbers:
             values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
         limits = like
         if len(problems) > 1:
-            of_joints = {row.key: np.array([each.joint_limits[row.key] for each in problems]) for row in JOINT_LIMITS}
-            others = {name: np.array([getattr(each, name) for each in problems]) for name in OF_LIMITS}
+            of_joints = {}
+            for row in JOINT_LIMITS:
+                of_joints[row.key] = np.array([problem.joint_limits[row.key] for problem in problems])
+            others = {name: np.array([getattr(problem, name) for problem in problems]) for name in OF_LIMITS}
             limits = _limited(like, joint_limits=of_joints, **others)
         return cls(like, values, sound, [problem.obstacles for problem in problems], limits)
 
@@ -138,13 +139,13 @@ class Numbers:
             del values["angular_momentum"]  # it follows from what is varied
         sound = np.ones(len(rows), dtype=np.bool_)
         for path, array in varied.items():
-            if place := _place(path, base.robot):
-                end, name, joint = place
+            if target := _target(path, base.robot):
+                end, name, joint = target
                 if not end:
                     values[name] = array
                 elif joint is None:
-                    target = values[name][:, ENDS.index(end)]
-                    target[...] = array if target.ndim == 1 else array[:, None]
+                    at_end = values[name][:, ENDS.index(end)]
+                    at_end[...] = array if at_end.ndim == 1 else array[:, None]
                 else:
                     values[name][:, ENDS.index(end), joint] = array
             elif path in BALLISTIC:
@@ -165,7 +166,7 @@ class Numbers:
         margin, positions = NEAR_EDGE * (high - low), self.values["positions"]
         good = [_within(name, array) for name, array in self.values.items()]
         good += [self.sound, positions > low + margin, positions < high - margin]
-        return np.asarray(~np.all([each.all(axis=tuple(range(1, each.ndim))) for each in good], axis=0))
+        return np.asarray(~np.all([rows.all(axis=tuple(range(1, rows.ndim))) for rows in good], axis=0))
 
     def angular_momentum(self) -> Array:
         """The h (N,) of each, kg m^2/s."""
@@ -190,7 +191,9 @@ class Numbers:
 
     def obstacle_numbers(self) -> Array:
         """Of the obstacles (N, k), as the kernel has them."""
-        return np.array([[number for each in own for number in obstacle_numbers(each)] for own in self.obstacles])
+        return np.array(
+            [[number for obstacle in own for number in obstacle_numbers(obstacle)] for own in self.obstacles]
+        )
 
 
 def _obstacles_of_family(
@@ -240,5 +243,5 @@ def key(problem: Problem) -> tuple[Any, ...]:
     if not problem.has_inequalities:
         return of_motion
     limits = str(_finite(problem)), problem.limits.orientation_rate
-    kinds = tuple((type(each), len(each.pieces)) for each in problem.obstacles)
+    kinds = tuple((type(obstacle), len(obstacle.pieces)) for obstacle in problem.obstacles)
     return *of_motion, *limits, kinds, problem.self_clearances, problem.takeoff.frame, problem.landing.frame
