@@ -31,8 +31,9 @@ class Motions:
         free = tuple(degree + 1 - CONDITIONS for degree in degrees)
         self.polynomials = SinePolynomials(centre, amplitude, T, np.transpose(conditions), free)
         self.size = sum(free)
-        table = len(free), self.polynomials.width
-        self.by_z = np.eye(np.prod(table))[:, self.polynomials.free_indices].reshape(*table, self.size)
+        n = len(free)
+        width = self.polynomials.width
+        self.by_z = np.eye(n * width)[:, self.polynomials.free_indices].reshape(n, width, self.size)
 
     def coefficients(self, z: Array) -> Array:
         """The free coefficients (n, width) of each joint's p, with zeros where its degree is lower."""

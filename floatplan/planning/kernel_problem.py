@@ -275,7 +275,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
     polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
     form = polynomials.form
     series = basis(form).series
-    fixed = basis(form).given
+    fixed = basis(form).fixed
     columns = [fixed.index(condition) if condition in fixed else -1 for condition in range(CONDITIONS)]
     coefficient_map = None
     if of_coefficients and following is not None:

@@ -186,7 +186,7 @@ def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[N
 
 
 def _plan_unconstrained(plans: Plans, indices: IntArray, options: SearchOptions, jobs: int) -> list[int]:
-    """Plan problems without inequalities in chunks; returned are those with doubtful numbers, for a Problem to check."""
+    """Plan problems without inequalities in chunks; returned are those with doubtful numbers, for a Problem."""
     like, problems = _like(plans.problems, int(indices[0])), plans.problems
 
     def solve(chunk: IntArray) -> tuple[BoolArray, Batch | None]:

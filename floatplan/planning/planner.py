@@ -153,7 +153,7 @@ def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
     variables = decision_variables(spec.problem, degrees, branches, spec.momentum)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
-    z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).given) :]
+    z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).fixed) :]
     return Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
 
 

@@ -265,7 +265,7 @@ def whitened(
 def scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array, Array]:
     """The scaling (N, m, m), the offsets' maps (N, m, g) and the unit (N,) of each duration, s."""
     powers = powers_map(form, np.array(durations))
-    given = len(basis(form).given)
+    given = len(basis(form).fixed)
     by_boundary = powers[..., :given]
     orthogonal, triangular = np.linalg.qr(powers[..., given:])  # of a joint with all of the form's coefficients
     inverse = np.linalg.inv(triangular)

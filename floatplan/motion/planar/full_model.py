@@ -175,10 +175,10 @@ class FlightCoordinates(Coordinates):
         state, tree = self.state, self.dynamics.robot.tree
         rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
         rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
-        swing = (1j * tree.turn * rates * rotations) @ tree.point_weights(np.array([0]), np.array([0j]))[0]
+        velocity = (1j * tree.turn * rates * rotations) @ tree.point_weights(np.array([0]), np.array([0j]))[0]
         values = state.velocities @ self.dynamics.robot.selection.T
         values[:, :2], values[:, 2] = state.com_velocity, state.orientation_rate
-        values[:, :2] += np.stack((swing.real, swing.imag), axis=1)
+        values[:, :2] += np.stack((velocity.real, velocity.imag), axis=1)
         return read_only(values)
 
     @cached_property
@@ -366,7 +366,7 @@ class FreeFlyer:
         self.model = model = robot.free_flyer()
         joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
         self.nq, self.nv = int(model.nq), int(model.nv)
-        self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
+        self.in_q, self.in_v = (np.array([getattr(joint, at) for joint in joints], int) for at in ("idx_q", "idx_v"))
         self.continuous = np.flatnonzero([joint.nq == 2 for joint in joints])
 
     def configurations(self, motion: FullMotion) -> Array:

@@ -48,7 +48,7 @@ class IntegrationError(FloatplanError, ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """C cells of equal length, each with the same S Gauss stages.
+    """C cells of equal length, with the same S Gauss stages.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Cells:
 
 @lru_cache(maxsize=16)
 def cells(count: int, stages: int) -> Cells:
-    """Return so many cells with so many stages each."""
+    """Return so many cells with so many stages."""
     gauss = gauss_legendre(stages)
     s = (np.arange(count)[:, None] + gauss.nodes).ravel() / count
     return Cells(count, stages, gauss, read_only(s), read_only(gauss.integrals(gauss.nodes)))
@@ -149,12 +149,12 @@ def attitudes_at(cells: Cells, duration: float, borders: Array, spun: Iterable[A
     return np.asarray(attitudes)
 
 
-def _ask(what: str, cells: Cells, duration: float, **given: Any) -> None:
-    """Have the kernel write what is asked; IntegrationError where it cannot."""
+def _ask(what: str, cells: Cells, duration: float, **members: Any) -> None:
+    """Have the kernel write what it is called for; IntegrationError where it cannot."""
     compiled = kernel()
     counts = {"cells": cells.count, "stages": cells.stages, "duration": duration, **TOLERANCES}
     rules = {"integrals": doubles(cells.integrals), "weights": doubles(cells.gauss.weights)}
-    struct = Struct("Turning", **(NOTHING | counts | rules | given))
+    struct = Struct("Turning", **(NOTHING | counts | rules | members))
     failed = compiled.turn(struct.pointer, enumeration("Asked")[what], compiled.instructions)
     if failed == OUT_OF_MEMORY:
         raise MemoryError

@@ -29,7 +29,7 @@ from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
 FINER = (16, 32, 64, 128)  # [-] cells
-STAGES = 10  # [-] of each
+STAGES = 10  # [-] of a cell
 RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -67,17 +67,17 @@ class SpatialMotion:
     def _quaternions(self) -> Array:
         """Quaternions (C + 1, 4) x, y, z, w at the borders of the cells, of signs that go on in time."""
         borders = np.concatenate((self.turning.borders, self.turning.ends[-1:]))
-        found = quaternions_of(borders)
-        turned = np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1.0, 1.0))
-        found[1:] *= turned[:, None]
-        return found
+        quaternions = quaternions_of(borders)
+        turned = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0))
+        quaternions[1:] *= turned[:, None]
+        return quaternions
 
     def quaternions(self, attitudes: Array, instants: Array) -> Array:
         """Quaternions (N, 4) x, y, z, w of attitudes at times (N,) s, continuous in time."""
-        found = quaternions_of(attitudes)
+        quaternions = quaternions_of(attitudes)
         nearest = np.rint(instants / self.problem.flight.duration * self.turning.cells.count).astype(np.int64)
-        same = (found * self._quaternions[nearest]).sum(axis=1) < 0
-        return np.where(same[:, None], -found, found)
+        same = (quaternions * self._quaternions[nearest]).sum(axis=1) < 0
+        return np.where(same[:, None], -quaternions, quaternions)
 
     def state(self, instants: Array) -> FlightState:
         """State at times (N,) s within the flight: quaternions (N, 4), and rates in the base's axes."""
@@ -134,7 +134,7 @@ class SpatialMotion:
         return shapes_in_space(self.problem.robot).place(self.bodies(instants))
 
     def posture(self, state: JointState, time: float) -> BodyPoses:
-        """Where they are in a given posture, the centre of mass where it is at a time, s."""
+        """Where they are in a posture, the centre of mass where it is at a time, s."""
         return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
 
     def orientation(self, times: Array) -> Array:
@@ -162,26 +162,26 @@ class SpatialMotion:
 
     @property
     def missed(self) -> float:
-        """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
+        """By how much the attitude at landing misses the goal, rad; a whole rotation too many or too few counts."""
         reorientation = self.problem.reorientation
         assert reorientation is not None, "the robot flies in space"
         missed = float(np.linalg.norm(logarithm(reorientation.goal.matrix.T[None] @ self.turning.ends[-1:])))
         return math.inf if wrong_way(reorientation, self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
-        """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
-        found = unwrapped_angles(axes, self.turning.way)
-        asked = required(self.problem.initial.attitude).angles_about(axes)
-        found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
-        return found
+        """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those requested at takeoff."""
+        angles = unwrapped_angles(axes, self.turning.way)
+        requested = required(self.problem.initial.attitude).angles_about(axes)
+        angles[:, [0, 2]] += (2 * np.pi * np.rint((requested - angles[0]) / (2 * np.pi)))[[0, 2]]
+        return angles
 
     def angles_at(self, axes: str, instants: Array) -> Array:
         """The same (N, 3), rad, at times (N,) s."""
-        known, found = self.angles(axes), unwrapped_angles(axes, self.attitudes(instants))
+        angles_at_stages, angles = self.angles(axes), unwrapped_angles(axes, self.attitudes(instants))
         stages = np.concatenate(([0.0], self.turning.cells.s, [1.0])) * self.problem.flight.duration
-        near = np.stack([np.interp(instants, stages, column) for column in known.T], axis=1)
-        found[:, [0, 2]] += (2 * np.pi * np.rint((near - found) / (2 * np.pi)))[:, [0, 2]]
-        return found
+        near = np.stack([np.interp(instants, stages, column) for column in angles_at_stages.T], axis=1)
+        angles[:, [0, 2]] += (2 * np.pi * np.rint((near - angles) / (2 * np.pi)))[:, [0, 2]]
+        return angles
 
 
 class SpatialFullMotion(FullMotion):
@@ -216,12 +216,12 @@ class SpatialFullMotion(FullMotion):
 
     @cached_property
     def torques(self) -> Array:
-        """Torques (N, J), N m: each joint's own, also where several are coupled; a locked joint's holds it."""
+        """Torques (N, J), N m: every joint's own, also where several are coupled; a locked joint's holds it."""
         return read_only(self.motion.forces(self.state)[:, BASE:])
 
     @property
     def base_position(self) -> Array:
-        """Place (N, 3) of the root link's origin in the world, m."""
+        """Position (N, 3) of the root link's origin in the world, m."""
         return self.state.base_position
 
     @property
