@@ -30,16 +30,8 @@ from floatplan.tables import ORIENTATION
 
 INFEASIBLE, FEASIBLE, OPTIMAL = enumeration("Status")
 STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-MOMENTUM_FRACTIONS = (
-    -1.0,
-    1.0,
-    -0.5,
-    0.5,
-    -0.25,
-    0.25,
-    -0.75,
-    0.75,
-)  # of the reach of h from its middle: nominal starts
+# Of the reach of h from its middle: nominal starts.
+MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
 SAMPLING_LEVEL = 2  # of grids, where they are measured
 SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, cyclically

@@ -28,19 +28,28 @@ LOG = logging.getLogger(__name__)
 Stop: TypeAlias = Callable[[], bool]
 DEFAULT_WORK = 6e7  # [instants of one body] of a search whose budget is left out: 1 to 2 s
 MOST_ATTEMPTS = 10**6  # [-] at all degrees
-ATTEMPTS_FOR_THE_IMPOSSIBLE = 2  # [-] where no motion can meet the problem
-ATTEMPTS_BEFORE_RAISING = 4  # [-] the same where the degree may be raised
-RAISED = 2  # [-] nearest motions of one degree that are starts at the next
-DEGREE_STEP = 2  # [-]
-HIGHEST_AUTOMATIC_DEGREE = 13  # [-]
-STARTS_OF_FREE_MOMENTUM = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free, unless the best solutions agree before
-AGREEING = 2  # [-] easy solutions that are the same motion, where h is free: with no other it is taken for the best
-AGREEING_BEST = 3  # [-] of the best among others
-AGREEMENT = 1e-5  # [-] relative difference of their objectives
-FEW = 5  # [-] starts at a degree, of which one comes near wherever one of at most 16 holds
-FAR = 1.0  # [-] of a row's scale, or [rad]: a larger violation is not near
 ANNOUNCED_EVERY = 1.0  # [s] words about the progress
-STARTS_AFTER_THE_FIRST = 1  # [-] with constraints: tried after one that is solved but not optimal
+
+
+@dataclass(frozen=True)
+class SearchRules:
+    """When a search ends, and what it tries."""
+
+    starts_of_the_impossible: int = 2  # [-] where no motion can meet the problem
+    starts_before_raising: int = 4  # [-] at a degree, where the degree may be raised
+    raised: int = 2  # [-] nearest motions of one degree that are starts at the next
+    degree_step: int = 2  # [-]
+    highest_degree: int = 13  # [-] that is raised to
+    starts_of_free_momentum: int = 1 + 2 * len(MOMENTUM_FRACTIONS)  # [-] where h is free and solutions do not agree
+    agreeing: int = 2  # [-] easy solutions that are the same motion, where h is free: with no other it is the best
+    agreeing_best: int = 3  # [-] of the best among others
+    agreement: float = 1e-5  # [-] relative difference of their objectives
+    few: int = 5  # [-] starts at a degree, of which one comes near wherever one of at most 16 holds
+    far: float = 1.0  # [-] of a row's scale, or [rad]: a larger violation is not near
+    starts_after_the_first: int = 1  # [-] with constraints: tried after one that is solved but not optimal
+
+
+RULES = SearchRules()
 
 
 class Search:
@@ -100,7 +109,7 @@ class Search:
                     options.progress(f"{tried}, degree {max(result.variables.degrees)}")
                 if self._are_enough(results) or expired():
                     break
-                tried_enough = not options.near_miss or len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE
+                tried_enough = not options.near_miss or len(results) >= RULES.starts_of_the_impossible
                 if tried_enough and not results[0].holds and self.impossible:
                     if options.near_miss:
                         break
@@ -133,7 +142,7 @@ class Search:
         own = self.spec.problem.degrees
         stages = [own]
         if self.spec.problem.raises_degree:
-            rising = range(own[0] + DEGREE_STEP, HIGHEST_AUTOMATIC_DEGREE + 1, DEGREE_STEP)
+            rising = range(own[0] + RULES.degree_step, RULES.highest_degree + 1, RULES.degree_step)
             stages += [(degree,) * len(own) for degree in rising]
         for degrees in stages:
             nearest = _nearest(tried) if tried else []
@@ -141,7 +150,7 @@ class Search:
             raised[:1] = [replace(start, at_once=True) for start in raised[:1]]
             tried = []
             number = 0
-            last = min(ATTEMPTS if degrees == stages[-1] else ATTEMPTS_BEFORE_RAISING, most_starts)
+            last = min(ATTEMPTS if degrees == stages[-1] else RULES.starts_before_raising, most_starts)
             while number < last:
                 numbers = range(number, min(number + self._how_many(tried), last))
                 result = self.follow_numbered(degrees, raised, numbers, expired, allowance.left, not options.near_miss)
@@ -165,13 +174,13 @@ class Search:
         its end be raised to the next degree. Else as many as are left before the search may be given up.
         """
         options = self.options
-        first = ATTEMPTS_FOR_THE_IMPOSSIBLE if options.near_miss else 1
+        first = RULES.starts_of_the_impossible if options.near_miss else 1
         all_matter = len(tried) < first or any(result.holds for result in tried)
         if all_matter or self.spec.problem.raises_degree:
             return 1
         most = ATTEMPTS
         if options.attempts:
-            most = min(options.attempts, FEW if count_starts(tried) < FEW else ATTEMPTS)
+            most = min(options.attempts, RULES.few if count_starts(tried) < RULES.few else ATTEMPTS)
         return most - count_starts(tried)
 
     def _are_enough(self, results: list[AttemptResult]) -> bool:
@@ -186,16 +195,16 @@ class Search:
         if constrained and self.spec.momentum.axes.size:
             # Every h may have a best motion of its own: several must lead to the same, or h has been tried throughout.
             values = np.sort([result.objective_value for result in solved])
-            agreeing = int((values - values[0] <= AGREEMENT * values).sum())
+            agreeing = int((values - values[0] <= RULES.agreement * values).sum())
             all_agree = agreeing == len(values) and sum(are_easy) == len(solved)
-            enough = AGREEING if all_agree else AGREEING_BEST
-            return agreeing >= enough or count_starts(results) >= STARTS_OF_FREE_MOMENTUM
+            enough = RULES.agreeing if all_agree else RULES.agreeing_best
+            return agreeing >= enough or count_starts(results) >= RULES.starts_of_free_momentum
         if are_easy[0] or len(solved) >= SETTINGS.wanted_after_failure:
             return True
         if not constrained:
             return False
         after_the_first = len(results) - results.index(solved[0])
-        return any(result.is_optimal for result in results) or after_the_first > STARTS_AFTER_THE_FIRST
+        return any(result.is_optimal for result in results) or after_the_first > RULES.starts_after_the_first
 
     def _untried(self) -> AttemptResult:
         """Return the nominal motion as it is."""
@@ -299,7 +308,7 @@ class Search:
 def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
     """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
     nearest, starts = min(result.violation for result in tried), count_starts(tried)
-    return nearest > 0 and (starts == most or (starts >= FEW and nearest > FAR))
+    return nearest > 0 and (starts == most or (starts >= RULES.few and nearest > RULES.far))
 
 
 def _nearest(results: list[AttemptResult]) -> list[AttemptResult]:
@@ -309,7 +318,7 @@ def _nearest(results: list[AttemptResult]) -> list[AttemptResult]:
         value = result.objective_value
         if all(abs(value - other.objective_value) > EXCHANGE.same * abs(value) for other in distinct):
             distinct.append(result)
-    return distinct[:RAISED]
+    return distinct[: RULES.raised]
 
 
 @dataclass
