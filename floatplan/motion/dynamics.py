@@ -144,7 +144,8 @@ class FlightState(Outlined):
         """Return the same N instants, one dimension, with N - 1 others between them."""
         arrays = {name: np.empty((2 * len(values) - 1, *values.shape[1:])) for name, values in vars(self).items()}
         for name, values in arrays.items():
-            values[::2], values[1::2] = getattr(self, name), getattr(between, name)
+            values[::2] = getattr(self, name)
+            values[1::2] = getattr(between, name)
         return FlightState(**{name: read_only(values) for name, values in arrays.items()})
 
 

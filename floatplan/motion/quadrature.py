@@ -142,10 +142,13 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     """
     count = len(values)
     grid, to_grid, slopes = _search(count)
-    coefficients, fine = coefficient_map(count) @ values, to_grid @ values
+    coefficients = coefficient_map(count) @ values
+    fine = to_grid @ values
     row, column = lowest_of_neighbours(fine)
-    s, values_there = grid[row], fine[row, column]
-    low, high = grid[np.maximum(row - 1, 0)], grid[np.minimum(row + 1, len(grid) - 1)]
+    s = grid[row]
+    values_there = fine[row, column]
+    low = grid[np.maximum(row - 1, 0)]
+    high = grid[np.minimum(row + 1, len(grid) - 1)]
     first = slopes @ coefficients
     series = np.stack((first, slopes @ first))[:, :, column]
     refined = s.copy()
@@ -172,7 +175,8 @@ def extremes(values: Array) -> tuple[Array, Array, Array, Array]:
     order = np.lexsort((value, column))
     which, first = np.unique(column[order], return_index=True)
     least, where = np.full((2, 2 * r), np.nan)
-    least[which], where[which] = value[order][first], s[order][first]
+    least[which] = value[order][first]
+    where[which] = s[order][first]
     return least[:r], where[:r], -least[r:], where[r:]
 
 

@@ -170,8 +170,10 @@ class SinePolynomials:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
         value, first, second = values
         coefficients = np.concatenate((self.fixed_boundary, z), axis=1).T
-        p, p_rate = value @ coefficients, first @ coefficients
-        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        p = value @ coefficients
+        p_rate = first @ coefficients
+        sine = self.amplitude * np.sin(p)
+        cosine = self.amplitude * np.cos(p)
         per_second = 1 / self.duration
         return JointMotion(
             positions=self.centre + sine,
@@ -264,5 +266,6 @@ class WrittenMotion:
         """Positions, velocities, accelerations (N, n) at times (N,)."""
         polynomials = chebyshev.chebvander(2 * times / self.duration - 1, len(self.chebyshev[0]) - 1)
         p, rate, curvature = (polynomials[:, : len(series)] @ series for series in self.chebyshev)
-        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        sine = self.amplitude * np.sin(p)
+        cosine = self.amplitude * np.cos(p)
         return self.centre + sine, cosine * rate, cosine * curvature - sine * rate**2

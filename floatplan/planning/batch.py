@@ -64,10 +64,13 @@ class NominalMotions:
     @classmethod
     def of(cls, numbers: Numbers) -> NominalMotions:
         """Return the motions of problems that differ in these numbers."""
-        values, like = numbers.values, numbers.like
+        values = numbers.values
+        like = numbers.like
         low, high = like.position_limits.T
-        duration, orientation = values["duration"], values["orientation"]
-        count, n = len(duration), len(low)
+        duration = values["duration"]
+        orientation = values["orientation"]
+        count = len(duration)
+        n = len(low)
         p, rate, curvature = boundary_arguments(
             values["positions"],
             values["velocities"],

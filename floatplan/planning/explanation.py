@@ -56,7 +56,8 @@ def _near_miss(result: SearchResult) -> list[str]:
 
     All of it is said: of each limit that the motion exceeds, by how much, so that with these it is a plan.
     """
-    best, residual = result.best, _residual(result)
+    best = result.best
+    residual = _residual(result)
     if not best.violation < NEARLY:
         return []
     wishes = [f"the goal's orientation {_numbers(residual, '+.6g')} rad further"] if residual.any() else []
@@ -101,7 +102,9 @@ def _more_freedom(problem: Problem) -> list[str]:
 def _nearest(result: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
     spec = result.spec
-    best, residual, sentences = result.best, _residual(result), []
+    best = result.best
+    residual = _residual(result)
+    sentences = []
     tried = result.counts["starts"]
     if not tried:
         return []
@@ -113,7 +116,8 @@ def _nearest(result: SearchResult) -> list[str]:
         sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
     if best.worst.least < 0:
         number, row, value, s = best.worst.lowest
-        block, time = spec.constraints[number], s * spec.problem.flight.duration
+        block = spec.constraints[number]
+        time = s * spec.problem.flight.duration
         amount = f"{-value * block.scale[row]:.4g} {block.unit}"
         violated = f"{block.labels[row]} is violated by {amount}"
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")

@@ -55,7 +55,8 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
 
     Twists, few joints, and turns without momentum need higher ones.
     """
-    n, h = len(problem.robot.joints), problem.flight.angular_momentum
+    n = len(problem.robot.joints)
+    h = problem.flight.angular_momentum
     if not problem.raises_degree:
         return [problem.degrees]
     demanding = (

@@ -185,9 +185,12 @@ class KernelProblem:
 
     def result(self, spec: FlightSpec) -> AttemptResult:
         """Return the best of the starts of the last call."""
-        search, table = self.search.pointer, self.table
+        search = self.search.pointer
+        table = self.table
         count = search.minima.found
-        row, s, least = self.minima[0][:count], self.minima[1][:count], self.minima[2][:count]
+        row = self.minima[0][:count]
+        s = self.minima[1][:count]
+        least = self.minima[2][:count]
         # Without rows, the coefficients of what is no plan are of another x.
         knows_coefficients = self.coefficients is not None and (search.rows > 0 or search.violation <= 0)
         return AttemptResult(
@@ -264,7 +267,9 @@ def powers_of_basis(width: int) -> Struct:
 @lru_cache(maxsize=64)
 def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficients: bool) -> Struct:
     """The class of motions of the variables; where h moves conditions (13), with the map to (17) on request."""
-    polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
+    polynomials = variables.polynomials
+    momentum = variables.momentum
+    following = variables.following
     form = polynomials.form
     series = basis(form).series
     fixed = basis(form).fixed

@@ -95,7 +95,8 @@ class LiftedFlight:
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies, entries=3 * cells.count * len(x))
-        count, size = cells.count, len(x)
+        count = cells.count
+        size = len(x)
         ends = np.empty((count, 3, 3))
         gaps = np.empty((count, 3))
         carried = np.empty((count, 3, count, 3))
@@ -141,7 +142,8 @@ class LiftedFlight:
     def turning(self, cells: Cells, x: Array) -> Turning:
         """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies)
-        flight, h = self.flight, self.variables.angular_momentum(x)
+        flight = self.flight
+        h = self.variables.angular_momentum(x)
         polynomials = self.variables.polynomials
         motion = polynomials.motion(self.variables.free_coefficients(x), basis(polynomials.form).values(cells.s))
         inertia, joint_map = flight.dynamics.momentum_maps(motion.positions)
@@ -201,9 +203,11 @@ class LiftedMotion:
         closing = -(self.carried.reshape(3 * count, 3 * count) @ gaps.ravel()).reshape(count, 3)
         jacobian = self.turns[-1]
         along = np.full_like(self.x, along) if isinstance(along, float) else along.copy()
-        movable, free = np.ones(len(self.x), bool), self.lifted.variables.coefficients
+        movable = np.ones(len(self.x), bool)
+        free = self.lifted.variables.coefficients
         for _ in range(self.lifted.variables.momentum.axes.shape[1] + 1):
-            columns, change = jacobian[:, movable], along.copy()
+            columns = jacobian[:, movable]
+            change = along.copy()
             missing = closing[-1] + jacobian @ along
             change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=LIFTING.rounding)[0]
             beyond = movable & (np.abs(self.x + change) > 1 + LIFTING.rounding)
@@ -247,7 +251,8 @@ def close(motion: LiftedMotion, gap: float = LIFTING.closed, most_steps: int = L
                 and _size(*motion.step(other.gaps)) <= (1 - LIFTING.required_gain * length) ** 2 * before
             ):
                 break
-            other, length = None, LIFTING.shorter * length
+            other = None
+            length = LIFTING.shorter * length
         if other is None:
             break
         motion = other
@@ -278,7 +283,8 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
         except IntegrationError:
             other = motion
         if other.is_closed() and other.size < motion.size * (1 - LIFTING.least_gain) and other.makes_right_turns:
-            motion, radius = other, 2 * min(radius, share * length)
+            motion = other
+            radius = 2 * min(radius, share * length)
         else:
             radius = LIFTING.shorter * min(radius, share * length)
             if radius < LIFTING.shortest_step:
@@ -344,21 +350,25 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     posture is taken for a symmetric top: with the momentum h along the first axis, a tilt by beta makes it twist at
     ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
     """
-    flight, angular_momentum = lifted.flight, lifted.variables.angular_momentum(x)
+    flight = lifted.flight
+    angular_momentum = lifted.variables.angular_momentum(x)
     steady = s if angular_momentum.any() else _smoothstep(s)
     axes = flight.reorientation.goal.axes
     if axes is None:
-        before, last = flight.initial_attitude[None], flight.initial_attitude
+        before = flight.initial_attitude[None]
+        last = flight.initial_attitude
         if angular_momentum.any():
             turning = lifted.turning(cells(LIFTING.cells, LIFTING.stages), x)
-            before, last = turning.at(s), turning.ends[-1]
+            before = turning.at(s)
+            last = turning.ends[-1]
         residual = logarithm((flight.final_attitude @ last.T)[None])
         return np.asarray(exponential(steady[:, None] * residual) @ before)
     first, second, third = np.eye(3)[["xyz".index(letter) for letter in axes]]
     polynomials = lifted.variables.polynomials
     start = polynomials.motion(polynomials.nominal_coefficients, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]
-    across, along = (first @ inertia @ first + second @ inertia @ second) / 2, third @ inertia @ third
+    across = (first @ inertia @ first + second @ inertia @ second) / 2
+    along = third @ inertia @ third
     fine = np.linspace(0, 1, LIFTING.bump_instants)
     height = bump.at(fine)
     area = np.concatenate(([0.0], np.cumsum(height[1:] + height[:-1]) / 2 / (LIFTING.bump_instants - 1)))
@@ -376,7 +386,8 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
 
 def nearby(lifted: LiftedFlight, x: Array) -> LiftedMotion:
     """Lift the motion x, whose error at landing is taken away evenly; errors as of :func:`turn`."""
-    grid, s = cells(LIFTING.cells, LIFTING.stages), np.arange(LIFTING.cells) / LIFTING.cells
+    grid = cells(LIFTING.cells, LIFTING.stages)
+    s = np.arange(LIFTING.cells) / LIFTING.cells
     turning = lifted.turning(grid, x)
     residual = logarithm((lifted.flight.final_attitude @ turning.ends[-1].T)[None])
     return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * residual) @ turning.borders))

@@ -101,7 +101,8 @@ def plan_many(
     options = SearchOptions(seed=seed, starts=starts, attempts=attempts, near_miss=False)
     jobs = JOBS(jobs, "jobs")
     problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
-    search, prove = flag(search, "search"), flag(prove, "prove")
+    search = flag(search, "search")
+    prove = flag(prove, "prove")
     return plan_batches(problems, options, lambda index: seed, search, prove, jobs)
 
 
@@ -187,7 +188,8 @@ def _numbers(problems: Sequence[Problem] | Family, indices: IntArray) -> tuple[N
 
 def _plan_unconstrained(plans: Plans, indices: IntArray, options: SearchOptions, jobs: int) -> list[int]:
     """Plan problems without inequalities in chunks; returned are those with doubtful numbers, for a Problem."""
-    like, problems = _like(plans.problems, int(indices[0])), plans.problems
+    like = _like(plans.problems, int(indices[0]))
+    problems = plans.problems
 
     def solve(chunk: IntArray) -> tuple[BoolArray, Batch | None]:
         numbers, good = _numbers(problems, chunk)

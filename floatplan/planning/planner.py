@@ -123,7 +123,8 @@ def search_for(problem: Problem, options: SearchOptions, near: Plan | None = Non
 @one_thread
 def _searched(search: Search, near: Plan | None, started: float) -> SearchResult:
     """Search for what the kernel has not solved in one call; its sums are long enough for several threads of BLAS."""
-    spec, budget = search.spec, search.options.budget
+    spec = search.spec
+    budget = search.options.budget
     if spec.problem.ground and not spec.momentum.axes.size:
         refuse(spec.flight.motion_into_ground(spec.momentum.centre))
     if near and spec.problem.has_inequalities:
@@ -143,7 +144,8 @@ def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
 
     It has the same branches of the arcsine, and the same free coefficients.
     """
-    degrees, powers = spec.problem.degrees, np.arange(near.coefficients.shape[1])
+    degrees = spec.problem.degrees
+    powers = np.arange(near.coefficients.shape[1])
     if spec.problem.raises_degree:
         degrees = (max(powers[-1].item(), *degrees),) * len(degrees)
     if powers[-1] > max(degrees):

@@ -99,7 +99,8 @@ def alternatives(searched: SearchedPlan) -> Iterator[SearchedPlan]:
 
 def _other_solutions(searched: SearchedPlan) -> tuple[AttemptResult, ...]:
     """Solutions worse than the best, of starts of one call of the kernel: now one by one."""
-    solver, best = searched.plan.solver, searched.best
+    solver = searched.plan.solver
+    best = searched.best
     if not best.is_exhaustive or solver["solved"] < 2:
         return ()
     options = SearchOptions(solver["seed"], solver["solved"])
@@ -113,7 +114,8 @@ def polished(searched: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
 
     The plan answers the problem that it answered before.
     """
-    plan, best = searched.plan, searched.best
+    plan = searched.plan
+    best = searched.best
     search = Search(tighter, SearchOptions(plan.solver["seed"]), FlightSpec(tighter, best.variables.momentum))
     result = search.follow(Start(best.variables, best.x, at_once=True))
     if not result.holds:
@@ -164,7 +166,8 @@ def tightened(problem: Problem, missing: Shortfalls, rotation: float) -> Problem
     def less(kind: Kind, names: Sequence[str], values: Array) -> dict[str, float]:
         return {name: value - more(kind, name) for name, value in zip(names, values, strict=True)}
 
-    robot, limits = problem.robot, problem.limits
+    robot = problem.robot
+    limits = problem.limits
     torque: Any = less("torque", robot.motors, problem.motor_torque_limits)
     if not np.isfinite(problem.motor_torque_limits).any():
         torque = list(less("generalized_torque", robot.joints, problem.torque_limits).values())

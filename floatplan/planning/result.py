@@ -125,13 +125,15 @@ class AttemptResult:
         if self.branch is None:
             return self.start_variables
         branches = np.stack((np.zeros_like(self.branch), self.branch))
-        degrees, momentum = self.start_variables.degrees, self.start_variables.momentum
+        degrees = self.start_variables.degrees
+        momentum = self.start_variables.momentum
         return decision_variables(self.spec.problem, degrees, branches, momentum)
 
     @property
     def motion(self) -> tuple[SinePolynomials, Array, Array]:
         """Where it ended: a class of motions, their free coefficients z (n, width), and h (e,), kg m^2/s."""
-        variables, x = self.variables, self.x
+        variables = self.variables
+        x = self.x
         h = variables.angular_momentum(x)
         return variables.motion_class(h), variables.free_coefficients(x), h
 

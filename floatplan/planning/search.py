@@ -307,7 +307,8 @@ class Search:
 
 def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:
     """Whether so many starts at a degree, of which none holds, are enough; few are where none has come near a plan."""
-    nearest, starts = min(result.violation for result in tried), count_starts(tried)
+    nearest = min(result.violation for result in tried)
+    starts = count_starts(tried)
     return nearest > 0 and (starts == most or (starts >= RULES.few and nearest > RULES.far))
 
 
@@ -345,7 +346,8 @@ class Allowance:
         self.left -= result.work
         self.is_used_up = self.left < 0
         if result.holds and not self.is_used_up:
-            self.left, self.reserve = self.left + self.reserve, 0.0
+            self.left = self.left + self.reserve
+            self.reserve = 0.0
         return is_first or not self.is_used_up
 
 

@@ -62,8 +62,10 @@ class FlightSpec:
             window = max(low / duration, 0.0), min(high / duration, 1.0)  # as far as the flight lasts
             labels = [f"clearance of {link} to {name}" for link in flight.links_measured(obstacle)]
             blocks.append(clearance(obstacle, obstacle.margin, labels, "the obstacle covers the {end} posture", window))
+        links = np.array(flight.links if problem.self_clearances else ())
         for pair in problem.self_clearances:
-            first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
+            first = tuple(np.flatnonzero(links == pair.links[0]).tolist())
+            second = tuple(np.flatnonzero(links == pair.links[1]).tolist())
             labels = [f"clearance of {pair.links[0]} to {pair.links[1]}"] * (len(first) * len(second))
             blocks.append(clearance((first, second), pair.margin, labels, "it follows from the {end}'s positions"))
         blocks += [limit(shares, flight) for shares in problem.limit_shares]

@@ -117,7 +117,8 @@ class DecisionVariables:
     def free_coefficients(self, x: Array) -> Array:
         """Free coefficients z (n, width); zero where a joint has fewer."""
         free = self.offset + self.scaling @ x[: self.coefficients]
-        joints, width = len(self.polynomials.free), self.polynomials.width
+        joints = len(self.polynomials.free)
+        width = self.polynomials.width
         if len(free) < joints * width:
             z = np.zeros(joints * width)
             z[self.polynomials.free_indices] = free

@@ -61,6 +61,8 @@ def test_a_family(kind, weak, monkeypatch):
 
 
 def _plain(value):
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
     return vars(value) if is_dataclass(value) else value
 
 

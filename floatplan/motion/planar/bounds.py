@@ -19,7 +19,8 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION, RELATIVE
 
-PATH_INSTANTS, FEW_INSTANTS = 2001, 51  # [-] of the flight
+PATH_INSTANTS = 2001  # [-] of the flight
+FEW_INSTANTS = 51  # [-] the same where few are enough
 POINTS_PER_SHAPE = 9  # [-] of a link's shape: candidates for the point that stays nearest to the centre of mass
 
 
@@ -31,14 +32,16 @@ def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
     sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
     for index, obstacle in enumerate(problem.obstacles):
         if isinstance(obstacle, Bar) or not (path_is_clear or _stays_out(problem, obstacle)):
-            point, (times, path, _) = central_point(problem), _path_from(problem, obstacle, PATH_INSTANTS)
+            point = central_point(problem)
+            (times, path, _) = _path_from(problem, obstacle, PATH_INSTANTS)
             sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
     return sentences
 
 
 def _path_from(problem: Problem, obstacle: Obstacle, instants: int) -> tuple[Array, ComplexArray, ComplexArray]:
     """Instants (K,) s, and the path of the centre of mass, m, and its velocity, m/s, as seen from an obstacle."""
-    times, fall = np.linspace(0, problem.flight.duration, instants), problem.path
+    times = np.linspace(0, problem.flight.duration, instants)
+    fall = problem.path
     com = complex(*fall.position0) + complex(*fall.velocity0) * times - fall.gravity / 2 * 1j * times**2
     velocity = complex(*fall.velocity0) - fall.gravity * 1j * times - complex(*obstacle.velocity)
     return times, np.asarray(com - complex(*obstacle.velocity) * times), np.asarray(velocity, np.complex128)
@@ -77,7 +80,8 @@ class CentralPoint(NamedTuple):
 
 def central_point(problem: Problem) -> CentralPoint:
     """A point's position from the centre of mass is a sum of rotated vectors; the sum of their lengths is its reach."""
-    tree, weights = problem.robot.tree, _central_weights(problem.robot)
+    tree = problem.robot.tree
+    weights = _central_weights(problem.robot)
     states = (problem.initial, problem.final)
     angles = (tree.absolute_angles(np.array(state.orientation), state.positions) for state in states)
     return CentralPoint(
@@ -94,7 +98,8 @@ def central_reach(robot: Robot) -> float:
 @lru_cache(maxsize=16)
 def _central_weights(robot: Robot) -> ComplexArray:
     """Weights (m,) of that point."""
-    shapes, count = robot.shapes, POINTS_PER_SHAPE
+    shapes = robot.shapes
+    count = POINTS_PER_SHAPE
     bodies = np.repeat([shape.body for shape in shapes], count)
     fraction = np.tile(np.linspace(0, 1, count), len(shapes))
     starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
@@ -114,7 +119,8 @@ def _mean_rates(problem: Problem) -> Iterator[str]:
                 f"Joint {name} moves by {goal - start:+.4g} rad in {duration:.4g} s: that needs {mean:.4g} rad/s on"
                 f" average, more than its velocity limit of {limit:.4g} rad/s."
             )
-    rate, change = problem.limits.orientation_rate, problem.final.orientation - problem.initial.orientation
+    rate = problem.limits.orientation_rate
+    change = problem.final.orientation - problem.initial.orientation
     if rate is not None and abs(change) / duration > rate * (1 + RELATIVE):
         yield (
             f"The orientation changes by {change:+.4g} rad in {duration:.4g} s: that needs {abs(change) / duration:.4g}"
@@ -127,7 +133,8 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     if not np.isfinite(problem.velocity_limits).any():
         return
     momentum = problem.angular_momentum
-    takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
+    takeoff = (problem.initial, problem.takeoff.frame)
+    landing = (problem.final, problem.landing.frame)
     for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
             equations = equations_at(problem.robot, *at_end(problem, end))
@@ -147,8 +154,10 @@ def _turning(problem: Problem) -> Iterator[str]:
     low, high = problem.inertia_extremes
     by_joints = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
     momentum = problem.angular_momentum
-    duration, change = problem.flight.duration, problem.final.orientation - problem.initial.orientation
-    least, most = momentum - by_joints, momentum + by_joints
+    duration = problem.flight.duration
+    change = problem.final.orientation - problem.initial.orientation
+    least = momentum - by_joints
+    most = momentum + by_joints
     slowest = duration * least / (high[0] if least > 0 else low[0])
     fastest = duration * most / (low[0] if most > 0 else high[0])
     if not slowest - ORIENTATION <= change <= fastest + ORIENTATION:
@@ -186,7 +195,8 @@ def _barred(index: int, obstacle: Obstacle, path: ComplexArray, point: CentralPo
     crossing = position[np.abs(position.imag) <= point.reach + step]
     if sides[0] * sides[1] >= 0 or not crossing.size:
         return
-    low, high = crossing.real.min() - point.reach - step, crossing.real.max() + point.reach + step
+    low = crossing.real.min() - point.reach - step
+    high = crossing.real.max() + point.reach + step
     if low >= 0 and high <= abs(along):
         yield (
             f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture: it is {abs(along):.3g} m long,"

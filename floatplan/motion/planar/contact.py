@@ -133,7 +133,8 @@ class Contact(Outlined):
     @cached_property
     def verdict(self) -> str:
         """Whether the frame can be at rest, at what share of which limit, for a person."""
-        solution, verb = self.found, VERBS[self.end]
+        solution = self.found
+        verb = VERBS[self.end]
         if solution is None:
             return (
                 f"No frame stands on the ground at {self.end}: {self.frame} is the base link, which flies freely;"
@@ -271,7 +272,8 @@ def _contact(source: Problem | str | Path, end: End, angular_momentum: float | N
 
 def _rates_of_points(problem: Problem, end: End, momentum: float) -> list[tuple[ContactRates, Frame]]:
     """Rates with which a point is at rest that the foot may stand on at an end, of all of these, the frame first."""
-    robot, limits = problem.robot, rate_limits(problem)
+    robot = problem.robot
+    limits = rate_limits(problem)
     frame, orientation, positions, com_velocity = at_end(problem, end)
     points = [frame] if problem.jump is None else [frame, *lowest_points(problem, end)]
     equations = [equations_at(robot, point, orientation, positions, com_velocity) for point in points]
@@ -284,7 +286,8 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
 
     A stance stands on one of them, or on the frame: which of them rests is its own business.
     """
-    robot, tree = problem.robot, problem.robot.tree
+    robot = problem.robot
+    tree = problem.robot.tree
     frame, orientation, positions, _ = at_end(problem, end)
     try:
         link = robot.contact_link(frame.link)

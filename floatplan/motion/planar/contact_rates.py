@@ -168,7 +168,8 @@ def shared_momentum(problem: Problem) -> float | None:
     def larger(momentum: float) -> tuple[float, End]:
         return max((contact_rates(problem, end, momentum).size, end) for end in ends)
 
-    first, last = best["takeoff"].angular_momentum, best["landing"].angular_momentum
+    first = best["takeoff"].angular_momentum
+    last = best["landing"].angular_momentum
     if larger(first)[1] == "takeoff":
         return first
     for _ in range(HALVINGS):
@@ -180,15 +181,18 @@ def shared_momentum(problem: Problem) -> float | None:
 def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_momentum: float | None) -> ContactRates:
     """Return the rates that satisfy equations, see :func:`contact_rates`; ``limits`` (n,) rad/s."""
     scale = row_sizes(equations.matrix)
-    columns, target = equations.matrix / scale[:, None], equations.target(angular_momentum or 0.0) / scale
+    columns = equations.matrix / scale[:, None]
+    target = equations.target(angular_momentum or 0.0) / scale
     free = 1
     if angular_momentum is None:
-        columns, free = np.column_stack((np.array([-1.0, 0.0, 0.0]) / scale, columns)), 2
+        columns = np.column_stack((np.array([-1.0, 0.0, 0.0]) / scale, columns))
+        free = 2
     unlimited = 1 / np.abs(robot.motor_ratios).max(axis=0)  # of the fastest motor, 1 rad/s
     limited = np.isfinite(limits)
     costless = np.full(free, np.inf)
     least = least_rates(columns, target, np.concatenate((costless, limits)))
-    values, ratio = least.values, least.ratio
+    values = least.values
+    ratio = least.ratio
     if not limited.all() and np.isfinite(ratio):
         chosen = np.concatenate((costless > 0, ~limited))
         remainder = target - columns[:, ~chosen] @ values[~chosen]
@@ -252,11 +256,15 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
     """
     limited = np.isfinite(limits)
     reach = columns * np.where(limited, limits, 0.0)
-    values, influence, ratio = np.zeros(len(limits)), np.zeros(len(limits)), 0.0
+    values = np.zeros(len(limits))
+    influence = np.zeros(len(limits))
+    ratio = 0.0
     costless = columns[:, ~limited]
     lengths = np.linalg.norm(costless, axis=0)
     left, singular, _ = np.linalg.svd(costless / np.where(lengths > 0, lengths, 1.0))
-    basis, open_, remainder = left[:, int((singular > SAME).sum()) :], limited, target
+    basis = left[:, int((singular > SAME).sum()) :]
+    open_ = limited
+    remainder = target
     for stage in range(basis.shape[1]):
         direction = _steepest(basis, reach * open_, remainder)
         normal = basis @ direction
@@ -266,10 +274,12 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
         is_met = abs(required) <= NOTHING * np.linalg.norm(target)
         share = 0.0 if is_met else required / strength if strength else np.inf
         if stage == 0:
-            ratio, influence = abs(share), np.abs(pulls) / (strength or 1.0)
+            ratio = abs(share)
+            influence = np.abs(pulls) / (strength or 1.0)
         acting = pulls != 0
         values[acting] += share * np.sign(pulls[acting]) * limits[acting]
-        open_, remainder = open_ & ~acting, target - columns[:, limited] @ values[limited]
+        open_ = open_ & ~acting
+        remainder = target - columns[:, limited] @ values[limited]
         if stage + 1 < basis.shape[1]:  # from the plane to the line across
             basis = basis @ np.array([[-direction[1]], [direction[0]]])
     values[~limited] = np.linalg.pinv(costless, rcond=SAME) @ remainder
@@ -286,7 +296,8 @@ def _steepest(basis: Array, reach: Array, target: Array) -> Array:
     """The unit vector y (d,), d of 1 or 2, in a basis (3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
     if basis.shape[1] == 1:
         return np.ones(1)
-    across, along = basis.T @ reach, basis.T @ target
+    across = basis.T @ reach
+    along = basis.T @ target
     candidates = np.column_stack(((-across[1], across[0]), along))
     lengths = np.linalg.norm(candidates, axis=0)
     candidates = candidates[:, lengths > 0] / lengths[lengths > 0]
@@ -340,7 +351,8 @@ def reachable(problem: Problem, end: End, angular_momentum: float) -> Reachable:
 def _half_planes(matrix: Array, scale: Array, limits: Array) -> tuple[Array, Array]:
     """Normals y (K, 3) and reach (K,): x is reached where ``|y . x| <= reach`` for all, infinite reach left out."""
     scaled = matrix / scale[:, None]
-    base, joints = scaled[:, 0] / np.linalg.norm(scaled[:, 0]), scaled[:, 1:]
+    base = scaled[:, 0] / np.linalg.norm(scaled[:, 0])
+    joints = scaled[:, 1:]
     lengths = np.linalg.norm(joints, axis=0)
     directions = joints[:, lengths > 0] / lengths[lengths > 0]
     across = np.cross(base, directions.T)
@@ -356,13 +368,15 @@ def _half_planes(matrix: Array, scale: Array, limits: Array) -> tuple[Array, Arr
 
 def _interval(normals: Array, reach: Array, required: Array, direction: Array) -> Interval | None:
     """Of ``required + t direction`` the interval within all half-planes, as values along the direction."""
-    slopes, offsets = normals @ direction, normals @ required
+    slopes = normals @ direction
+    offsets = normals @ required
     sizes = np.linalg.norm(normals, axis=1)
     across = np.abs(slopes) <= NOTHING * sizes
     if (np.abs(offsets[across]) > reach[across] + NOTHING * sizes[across] * np.linalg.norm(required)).any():
         return None
     ends = np.sort((np.array([[-1.0], [1.0]]) * reach[~across] - offsets[~across]) / slopes[~across], axis=0)
-    low, high = ends[0].max(initial=-math.inf), ends[1].min(initial=math.inf)
+    low = ends[0].max(initial=-math.inf)
+    high = ends[1].min(initial=math.inf)
     here = float(required @ direction)
     return (here + float(low), here + float(high)) if low <= high else None
 

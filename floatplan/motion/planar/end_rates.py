@@ -131,7 +131,8 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
     if not problem.ground:
         return []
     rates = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
-    start, goal = replace(problem.initial, velocities=rates[0]), replace(problem.final, velocities=rates[1])
+    start = replace(problem.initial, velocities=rates[0])
+    goal = replace(problem.final, velocities=rates[1])
     errors = []
     for name, state, instant, sign, direction in (
         ("start", start, 0.0, 1.0, "down into the ground at takeoff"),
@@ -153,15 +154,18 @@ def _slowest_contact(
     problem: Problem, state: JointState, instant: float, sign: float, angular_momentum: float
 ) -> tuple[str, float]:
     """Of the points on the ground the one that is slowest upwards, or downwards for sign -1: its link, m/s."""
-    robot, path = problem.robot, problem.path
-    tree, shapes = robot.tree, problem.ground_shapes
+    robot = problem.robot
+    path = problem.path
+    tree = robot.tree
+    shapes = problem.ground_shapes
     rate = tree_dynamics(tree).base_rate(state.positions[None], state.velocities[None], angular_momentum)[0]
     rotations = tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions))
     swings = 1j * tree.turn * (rate + tree.turns @ state.velocities) * rotations
     bodies = np.array([shape.body for shape in shapes])
     com_height = path.positions(np.array([instant]))[0, 1]
     com_velocity = path.velocities(np.array([instant]))[0, 1]
-    slowest, radius = ("", np.inf), np.array([shape.radius for shape in shapes])
+    slowest = ("", np.inf)
+    radius = np.array([shape.radius for shape in shapes])
     for end in ("start", "end"):
         weights = tree.point_weights(bodies, np.array([getattr(shape, end) for shape in shapes]))
         height = com_height + (weights @ rotations).imag - radius - problem.ground_plane.point[1]

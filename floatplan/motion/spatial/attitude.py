@@ -124,7 +124,8 @@ class Turning:
 
         A turn zeta at a cell's beginning becomes ``transition zeta + sum_j weight_j g_j`` at its end.
         """
-        transitions, weights = np.empty_like(self.borders), np.empty_like(self.attitudes)
+        transitions = np.empty_like(self.borders)
+        weights = np.empty_like(self.attitudes)
         _ask(
             "transitions",
             self.cells,
@@ -182,11 +183,15 @@ def turn(
     IntegrationError
         The motion is too wild for the cells.
     """
-    count, stages = len(inertia), cells.stages
+    count = len(inertia)
+    stages = cells.stages
     begins = np.empty((cells.count, 3, 3))
     begins[: 1 if borders.ndim == 2 else None] = borders
-    ends, inverse, attitudes = np.empty_like(begins), np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    rates, spun = np.empty((count, 3)), np.empty((2, cells.count, stages, 4))
+    ends = np.empty_like(begins)
+    inverse = np.empty((count, 3, 3))
+    attitudes = np.empty((count, 3, 3))
+    rates = np.empty((count, 3))
+    spun = np.empty((2, cells.count, stages, 4))
     _ask(
         "attitudes",
         cells,

@@ -51,7 +51,8 @@ class SpatialDynamics:
     @cached_property
     def tree(self) -> Struct:
         """The bodies as the kernel sees them."""
-        model, data = self.model, self.model.createData()
+        model = self.model
+        data = self.model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
         moved = range(2, model.njoints)
         motions = [np.ravel(data.joints[joint].S) for joint in moved]
@@ -87,7 +88,8 @@ class SpatialDynamics:
     def full_velocities(self, velocities: Array, rates: Array) -> Array:
         """Velocities (K, 6 + J) from planned ones (K, n) and the base's rates (K, 3), its origin at rest."""
         full = np.zeros((len(velocities), self.model.nv))
-        full[:, ANGULAR], full[:, BASE:] = rates, velocities @ self.selection.T
+        full[:, ANGULAR] = rates
+        full[:, BASE:] = velocities @ self.selection.T
         return full
 
     def computed(self, *state: Array, **shapes: tuple[int, ...]) -> dict[str, Array]:
@@ -110,7 +112,8 @@ class SpatialDynamics:
 
     def momentum_maps(self, positions: Array) -> tuple[Array, Array]:
         """I (K, 3, 3) and A (K, 3, n), kg m^2: angular momentum by the base's and by the joints' rates."""
-        still, joints = np.zeros_like(positions), len(self.selection)
+        still = np.zeros_like(positions)
+        joints = len(self.selection)
         results = self.computed(positions, still, inertia=(3, 3), joint_map=(3, joints))
         return results["inertia"], results["joint_map"] @ self.selection
 

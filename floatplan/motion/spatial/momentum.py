@@ -20,7 +20,8 @@ from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm,
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import reference_at
 
-ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it and across
+ALONG = 0.4  # [-] of a free h from the suggested one: along it
+ACROSS = 0.15  # [-] the same across it
 STEPS = 12  # [-] of Newton's method
 LONGEST = 0.5  # [-] of |h|, a step of Newton's method
 ENOUGH = 1e-10  # [rad]
@@ -87,7 +88,9 @@ class _NominalMotion:
         self.final_attitude = self.reorientation.goal.matrix
         self.cells = cells(*LEVELS[LEVEL])
         low, high = problem.position_limits.T
-        centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration
+        centre = (low + high) / 2
+        amplitude = (high - low) / 2
+        duration = problem.flight.duration
         branch = np.zeros(len(centre), np.int64)
         ends = [
             (p, duration * rate, duration**2 * curvature)
@@ -102,7 +105,8 @@ class _NominalMotion:
             polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
             values = basis(polynomials.form).values(self.cells.s)
             joints = polynomials.motion(polynomials.nominal_coefficients, values)
-            positions, velocities = joints.positions, joints.velocities
+            positions = joints.positions
+            velocities = joints.velocities
         else:
             positions = reference_at(problem.reference, self.cells.s)
             velocities = reference_at(problem.reference, self.cells.s, 1) / duration
@@ -135,13 +139,15 @@ class _NominalMotion:
 
     def reaching(self, h: Array) -> Array:
         """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""
-        best, least = h, math.inf
+        best = h
+        least = math.inf
         try:
             for _ in range(STEPS):
                 residual, slope = self.residual(h)
                 miss = float(np.linalg.norm(residual))
                 if miss < least:
-                    best, least = h, miss
+                    best = h
+                    least = miss
                 if miss < ENOUGH:
                     break
                 step = -np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
@@ -153,7 +159,8 @@ class _NominalMotion:
 
     def turning(self, axis: Array, change: Array, axes: str, which: int) -> Array:
         """The h along an axis (3,) of the world with which one of the angles about axes has its change (3,), rad."""
-        low, of_low = 0.0, 0.0
+        low = 0.0
+        of_low = 0.0
         angle = float(change[which])
         high = angle / self.duration * float(axis @ self.mean_inertia_W @ axis)
         try:

@@ -38,7 +38,10 @@ class SpatialMotion:
     """A motion of joints as written, with an angular momentum (3,), kg m^2/s, and the base's, which follows."""
 
     def __init__(self, problem: Problem, joints: WrittenMotion, angular_momentum: Array, path: Ballistics) -> None:
-        self.problem, self.joints, self.angular_momentum, self.path = problem, joints, angular_momentum, path
+        self.problem = problem
+        self.joints = joints
+        self.angular_momentum = angular_momentum
+        self.path = path
         self.dynamics = spatial_dynamics(problem.robot)
 
     @cached_property
@@ -47,7 +50,8 @@ class SpatialMotion:
         """How the base turns, in as many cells as that needs."""
         before = None
         for count in FINER:
-            fine, duration = cells(count, STAGES), self.problem.flight.duration
+            fine = cells(count, STAGES)
+            duration = self.problem.flight.duration
             positions, velocities, _ = self.joints.at(fine.s * duration)
             inertia, joint_map = self.dynamics.momentum_maps(positions)
             relative = np.einsum("kan,kn->ka", joint_map, velocities)
@@ -112,7 +116,8 @@ class SpatialMotion:
 
     def _com(self, positions: Array) -> Array:
         """Centre of mass (N, 3) in the base's axes, m."""
-        model, data = self.dynamics.model, self.dynamics.data
+        model = self.dynamics.model
+        data = self.dynamics.data
         return np.array([pin.centerOfMass(model, data, q) for q in self.dynamics.configurations(positions)])
 
     def full_motion(self, state: FlightState) -> FullMotion:
@@ -126,7 +131,8 @@ class SpatialMotion:
 
     def bodies(self, instants: Array) -> BodyPoses:
         """Where the bodies are at times (N,) s."""
-        joints, com = self.joints.at(instants)[0], self.path.positions(instants)
+        joints = self.joints.at(instants)[0]
+        com = self.path.positions(instants)
         return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
 
     def segments(self, instants: Array, hulls: bool = False) -> SpatialSegments:
@@ -148,7 +154,8 @@ class SpatialMotion:
 
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
-        poses, solids = self.bodies(instants), self.problem.robot.solids
+        poses = self.bodies(instants)
+        solids = self.problem.robot.solids
         heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
         return heights - self.problem.ground_plane.point[-1], tuple(solid.link for solid in solids)
 
@@ -177,7 +184,8 @@ class SpatialMotion:
 
     def angles_at(self, axes: str, instants: Array) -> Array:
         """The same (N, 3), rad, at times (N,) s."""
-        angles_at_stages, angles = self.angles(axes), unwrapped_angles(axes, self.attitudes(instants))
+        angles_at_stages = self.angles(axes)
+        angles = unwrapped_angles(axes, self.attitudes(instants))
         stages = np.concatenate(([0.0], self.turning.cells.s, [1.0])) * self.problem.flight.duration
         near = np.stack([np.interp(instants, stages, column) for column in angles_at_stages.T], axis=1)
         angles[:, [0, 2]] += (2 * np.pi * np.rint((near - angles) / (2 * np.pi)))[:, [0, 2]]
@@ -246,7 +254,8 @@ class SpatialFullMotion(FullMotion):
     @cached_property
     def base_twist(self) -> Array:
         """Spatial velocity (N, 6) of the base in its own axes: of its origin, m/s, then angular, rad/s."""
-        model, data = self.robot.model, self.motion.dynamics.data
+        model = self.robot.model
+        data = self.motion.dynamics.data
         moving = self.motion.dynamics.full_velocities(self.state.velocities, self.state.orientation_rate)
         still = np.empty(
             (len(moving), 3)

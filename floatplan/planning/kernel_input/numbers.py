@@ -108,9 +108,11 @@ class Numbers:
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
         """Of problems as they are."""
-        like, states = problems[0], [state for problem in problems for state in (problem.initial, problem.final)]
-        arrays = {name: np.array([getattr(state, name) for state in states]) for name in OF_STATES}
-        values = {name: array.reshape(-1, 2, *array.shape[1:]) for name, array in arrays.items()}
+        like = problems[0]
+        values: dict[str, Array] = {}
+        for name in OF_STATES:
+            ends = [(getattr(problem.initial, name), getattr(problem.final, name)) for problem in problems]
+            values[name] = np.array(ends)
         values["duration"] = np.array([problem.flight.duration for problem in problems], dtype=np.float64)
         values["angular_momentum"] = np.array([problem.angular_momentum for problem in problems], dtype=np.float64)
         sound = np.ones(len(problems), dtype=np.bool_)
@@ -131,8 +133,9 @@ class Numbers:
 
     @classmethod
     def of_family(cls, family: Family, rows: IntArray) -> Numbers:
-        """Of some rows of a family that goes together; numbers may be bad, see :meth:`doubtful`."""
-        base, like = family.base, cls.of_problems([family.base])
+        """Of some rows of a family that is planned in batches; numbers may be bad, see :meth:`doubtful`."""
+        base = family.base
+        like = cls.of_problems([family.base])
         values = {name: np.repeat(array, len(rows), axis=0) for name, array in like.values.items()}
         varied = {path: array[rows].astype(np.float64) for path, array in family.arrays.items()}
         if isinstance(base.flight.angular_momentum, str):
@@ -163,13 +166,14 @@ class Numbers:
     def doubtful(self) -> BoolArray:
         """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
         low, high = self.like.position_limits.T
-        margin, positions = NEAR_EDGE * (high - low), self.values["positions"]
+        margin = NEAR_EDGE * (high - low)
+        positions = self.values["positions"]
         good = [_within(name, array) for name, array in self.values.items()]
         good += [self.sound, positions > low + margin, positions < high - margin]
         return np.asarray(~np.all([rows.all(axis=tuple(range(1, rows.ndim))) for rows in good], axis=0))
 
     def angular_momentum(self) -> Array:
-        """The h (N,) of each, kg m^2/s."""
+        """Their h (N,), kg m^2/s."""
         values = self.values
         if "angular_momentum" in values:
             return values["angular_momentum"]
@@ -178,9 +182,12 @@ class Numbers:
         return (low + high) / 2
 
     def paths(self) -> Array:
-        """Of the centre of mass (N, 5), as the kernel has it: place, velocity, gravity."""
-        like, values = self.like, self.values
-        orientation, positions, gravity = values["orientation"], values["positions"], values["gravity"]
+        """Of the centre of mass (N, 5), as the kernel has it: position, velocity, gravity."""
+        like = self.like
+        values = self.values
+        orientation = values["orientation"]
+        positions = values["positions"]
+        gravity = values["gravity"]
         foot, landing = (
             like.robot.tree.places_from_com(frame.weights, orientation[:, end], positions[:, end])
             for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
@@ -191,9 +198,13 @@ class Numbers:
 
     def obstacle_numbers(self) -> Array:
         """Of the obstacles (N, k), as the kernel has them."""
-        return np.array(
-            [[number for obstacle in own for number in obstacle_numbers(obstacle)] for own in self.obstacles]
-        )
+        rows = []
+        for own in self.obstacles:
+            numbers: list[float] = []
+            for obstacle in own:
+                numbers += obstacle_numbers(obstacle)
+            rows.append(numbers)
+        return np.array(rows)
 
 
 def _obstacles_of_family(
@@ -201,13 +212,13 @@ def _obstacles_of_family(
 ) -> Sequence[tuple[Obstacle, ...]]:
     """Obstacles of some rows; where they are wrong, rows are not ``sound``."""
     of_obstacles = {path: array.tolist() for path, array in varied.items() if path.startswith("obstacles.")}
-    found = [base.obstacles] * (len(sound) if base.obstacles else 0)
+    obstacles = [base.obstacles] * (len(sound) if base.obstacles else 0)
     for row in range(len(sound) if of_obstacles else 0):
         try:
-            found[row] = obstacles_with(base, tuple((path, values[row]) for path, values in of_obstacles.items()))
+            obstacles[row] = obstacles_with(base, tuple((path, values[row]) for path, values in of_obstacles.items()))
         except InputError:
             sound[row] = False
-    return found
+    return obstacles
 
 
 def _limited(like: Problem, **limits: Any) -> Problem:
@@ -218,7 +229,7 @@ def _limited(like: Problem, **limits: Any) -> Problem:
 
 
 def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | None:
-    """The base problem with the limits of some rows; None where they cannot be told together."""
+    """The base problem with the limits of some rows; None where one problem cannot hold them."""
     limits: dict[str, Any] = {"joint_limits": dict(base.joint_limits)}
     for key, row in MOTOR_LIMITS.items():
         about = {path: array for path, array in varied.items() if path.split(".")[:2] == ["limits", key]}

@@ -164,7 +164,8 @@ class KernelRows:
                 if isinstance(block, Shares):
                     kind = SHARE
                     own = [sums.weighted(weights) for weights in (block.used, block.also) if weights]
-                begin, count = sum(map(len, parts)), len(own[0])
+                begin = sum(map(len, parts))
+                count = len(own[0])
                 for i in range(count):
                     second = begin + count + i if len(own) > 1 else -1
                     written.append((kind, begin + i, second, 0.0, 1.0))
@@ -325,8 +326,11 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
 def opposite_rows(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:
     """Of each row an earlier one whose derivatives are the opposite; -1 where there is none."""
     rows_by_weights: dict[bytes, int] = {}
-    opposite_of, weights = [-1] * len(kind), sums[:, 1:]
-    own, opposite, size = (weights + 0.0).tobytes(), (0.0 - weights).tobytes(), weights.itemsize * weights.shape[1]
+    opposite_of = [-1] * len(kind)
+    weights = sums[:, 1:]
+    own = (weights + 0.0).tobytes()
+    opposite = (0.0 - weights).tobytes()
+    size = weights.itemsize * weights.shape[1]
     for row, begin in enumerate(first):
         if kind[row] == SUM:
             bits = slice(begin * size, (begin + 1) * size)
