@@ -375,6 +375,6 @@ def _plan(problem: fp.Problem, momentum: float) -> Plan:
         problem, problem.degrees, np.zeros((2, len(problem.robot.joints)), int), flight_of(problem).momentum_set
     )
     polynomials = variables.polynomials
-    z = np.zeros_like(polynomials.no_free_part)
+    z = np.zeros_like(polynomials.nominal_coefficients)
     answer: dict[str, Any] = {"status": "infeasible", "ok": False, "explanation": "", "solver": {}}
     return Plan.of_motion(problem, polynomials, z, np.array([momentum]), **answer)

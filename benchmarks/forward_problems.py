@@ -87,7 +87,7 @@ def draw(rng: np.random.Generator, joints: int, share: float = 0.0) -> Drawn:
     branches = np.zeros((2, joints), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
-    x = variables.variables(rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape), momentum)
+    x = variables.variables(rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.nominal_coefficients.shape), momentum)
     motion = _look(dynamics, variables, x)
     goal = fp.Posture(problem.final.orientation + motion.residual.item(), postures[1])
     problem = replace(problem, goal=goal)

@@ -12,7 +12,7 @@ import floatplan as fp
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct
 from floatplan.planning.kernel_problem import KernelProblem
-from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.spec import FlightSpec, nominal_start
 from floatplan.planning.variables import DecisionVariables, Start
 
 
@@ -36,7 +36,7 @@ class KernelProgram:
     @cached_property
     def of(self) -> DecisionVariables:
         """How x make a motion."""
-        return self.variables or plain_start(self._spec, self.problem.degrees).variables
+        return self.variables or nominal_start(self._spec, self.problem.degrees).variables
 
     def whole(self, x: np.ndarray, penalty: float = 0.0) -> dict[str, np.ndarray]:
         """Everything at x, by the kernel's names; values (rows, instants), slopes (rows, instants, size)."""
@@ -73,7 +73,7 @@ class KernelProgram:
             of.levels.pointer,
             of.settings.pointer,
             of.rules.pointer,
-            of.attempt.pointer,
+            of.search.pointer,
             at.pointer,
             kernel().instructions,
         )

@@ -66,7 +66,7 @@ class Slsqp:
     """SciPy's SLSQP on the reduced program."""
 
     def __init__(self, problem: fp.Problem, nodes: int = NODES, iterations: int = MOST_ITERATIONS) -> None:
-        self._variables = Search(problem).plain_start.variables
+        self._variables = Search(problem).nominal_start.variables
         self.program: FlightProgram | KernelProgram = KernelProgram(problem, NODE_COUNTS.index(nodes))
         self._iterations = iterations
         self._at: bytes = b""
@@ -84,13 +84,13 @@ class Slsqp:
         at, variables = self._evaluation, self._variables
         options: Any = {"maxiter": self._iterations, "ftol": 1e-9}
         rules: list[Any] = [{"type": "eq", "fun": lambda x: at(x).equality, "jac": lambda x: at(x).equality_jacobian}]
-        if len(at(variables.plain_motion).inequality):
+        if len(at(variables.nominal_motion).inequality):
             rules.append(
                 {"type": "ineq", "fun": lambda x: at(x).inequality, "jac": lambda x: at(x).inequality_jacobian}
             )
         found = minimize(  # type: ignore[call-overload]  # its stubs know no Jacobian of a constraint
             lambda x: at(x).objective,
-            variables.plain_motion,
+            variables.nominal_motion,
             jac=lambda x: at(x).gradient,
             method="SLSQP",
             constraints=rules,
@@ -198,7 +198,7 @@ class Ipopt:
         self._low: list[np.ndarray] = []
         self._high: list[np.ndarray] = []
         polynomials = self._reduced.variables.polynomials
-        self._guess = polynomials.powers_of_seconds(polynomials.no_free_part)
+        self._guess = polynomials.powers_of_seconds(polynomials.nominal_coefficients)
         self._b = ca.MX.sym("b", *self._guess.shape)
         self._state()
         self._ends()

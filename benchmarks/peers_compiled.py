@@ -174,7 +174,7 @@ class CompiledSqp:
 
     def _bind(self, solver: ca.Function) -> None:
         """Hand the solver pointers to its inputs and outputs, once: what CasADi's own call costs is not C's."""
-        size, start = self._program.variables.size, self._program.variables.plain_motion
+        size, start = self._program.variables.size, self._program.variables.nominal_motion
         inputs = {
             "x0": start,
             "lbx": np.full(size, -np.inf),

@@ -238,7 +238,7 @@ def objective(problem: Problem, flight: Any, variables: DecisionVariables, sampl
     name = problem.motion.objective
     if name == "coefficients":
         return objective_term(name, variables)
-    x = variables.plain_motion
+    x = variables.nominal_motion
     value = objective_term(name, variables).value(trajectory(flight, variables, sampling, x), x)
     return objective_term(name, variables, max(value, EXCHANGE.least_scale))
 

@@ -309,7 +309,7 @@ class Sampling:
     @property
     def given(self) -> int:
         """Number g of columns of the basis that belong to given conditions."""
-        return len(basis(self.form).given)
+        return len(basis(self.form).fixed)
 
 
 @lru_cache(maxsize=64)
@@ -483,8 +483,10 @@ def values_of(block: Constraint, motion: Trajectory) -> Array:
         sums = sum(QUANTITIES[name].values(motion) @ weights.T for name, weights in rows.weights.items())
         return np.asarray(rows.constant + sums)
     between, flown = rows.between, motion.flown
-    distances = flown.obstacle_distances(between) if isinstance(between, Obstacle) else flown.pair_distances(*between)
-    return (distances - rows.least) / rows.scale
+    if isinstance(between, Obstacle):
+        return (flown.obstacle_distances(between) - rows.least) / rows.scale
+    first, second = map(tuple, between)
+    return (flown.pair_distances(first, second) - rows.least) / rows.scale
 
 
 def jacobian_of(block: Constraint, motion: Trajectory) -> Array:
@@ -494,8 +496,10 @@ def jacobian_of(block: Constraint, motion: Trajectory) -> Array:
         sums = sum(weights @ motion.quantity_jacobian(name) for name, weights in rows.weights.items())
         return np.asarray(sums)
     between, flown = rows.between, motion.differentiable
-    partials = flown.obstacle_partials(between) if isinstance(between, Obstacle) else flown.pair_partials(*between)
-    return motion.jacobian(partials) / rows.scale
+    if isinstance(between, Obstacle):
+        return motion.jacobian(flown.obstacle_partials(between)) / rows.scale
+    first, second = map(tuple, between)
+    return motion.jacobian(flown.pair_partials(first, second)) / rows.scale
 
 
 def nodes_of(level: int, form: Form) -> Sampling:

@@ -104,7 +104,7 @@ def _turn(asked: Path, folder: Path, family: fp.Family) -> _Turn:
     They take turns of about a second, so that a machine which changes its speed changes it for both.
     """
     clock = time.process_time
-    timed = ((rows, ["planned_together"]), (rows, ["many_peaks"]), (maps, ["write_maps"]))
+    timed = ((rows, ["plan_batches"]), (rows, ["many_peaks"]), (maps, ["write_maps"]))
     with ExitStack() as stack:
         inside, peaks, drawn = (stack.enter_context(stopwatch(*each, clock)) for each in timed)
         alone = stack.enter_context(_alone(family))

@@ -126,7 +126,9 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
     branches = np.zeros((2, n), dtype=np.int64)
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     polynomials = variables.polynomials
-    z = polynomials.no_free_part + rng.uniform(0.05, 0.4) * rng.normal(size=polynomials.no_free_part.shape)
+    z = polynomials.nominal_coefficients + rng.uniform(0.05, 0.4) * rng.normal(
+        size=polynomials.nominal_coefficients.shape
+    )
 
     def flown(momentum: float) -> Problem:
         """The problem with this h given and the goal where the motion ends."""
@@ -143,7 +145,7 @@ def _flight(rng: np.random.Generator, robot: fp.Robot, name: str) -> tuple[Probl
         return None
     if kind != "given":
         solved = replace(solved, flight=replace(solved.flight, angular_momentum=kind))
-    drawn, plain = (_as_plan(solved, variables, free, momentum) for free in (z, polynomials.no_free_part))
+    drawn, plain = (_as_plan(solved, variables, free, momentum) for free in (z, polynomials.nominal_coefficients))
     return solved, drawn, plain
 
 

@@ -224,7 +224,7 @@ assert plan.ok and plan.certificate.proved
 assert plan.clearances(times).min() >= 0.02 - 1e-8
 
 ready = Search(asked)
-start = ready.plain_start
+start = ready.nominal_start
 nodes = nodes_of(4, start.variables.polynomials.form)
 of_kernel = KernelProgram(asked, 4).whole(start.x)["values"]
 (block,) = ready.spec.constraints

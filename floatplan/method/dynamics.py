@@ -49,8 +49,8 @@ class Dynamics:
         full, rates = self.coordinates(u, rate)
         accelerations = selection @ u[2 * self.n : 3 * self.n]
         M_base = pin.crba(self.model, self.data, full)[:BASE, :BASE]
-        pushed = pin.rnea(self.model, self.data, full, rates, accelerations)[:BASE]
-        accelerations[:BASE] = -np.linalg.solve(M_base, pushed)
+        forces = pin.rnea(self.model, self.data, full, rates, accelerations)  # of a base at rest
+        accelerations[:BASE] = -np.linalg.solve(M_base, forces[:BASE])
         by_full, by_rates, M = pin.computeRNEADerivatives(self.model, self.data, full, rates, accelerations)
         by_u = by_rates[:, [ORIENTATION]] @ rate_by_u
         by_u[:, : 3 * self.n] += np.hstack((by_full @ selection, by_rates @ selection, M @ selection))
@@ -68,12 +68,15 @@ class Dynamics:
         n = self.n
         by_u = np.eye(len(u))
         torques, torques_by_u = self.torques(u)
-        velocities = u[n : 2 * n], by_u[n : 2 * n]
-        accelerations = u[2 * n : 3 * n], by_u[2 * n : 3 * n]
-        of_joints = self.robot.selection.T @ torques, self.robot.selection.T @ torques_by_u
-        of_motors = self.robot.transmission.T @ torques, self.robot.transmission.T @ torques_by_u
-        values = velocities, accelerations, self.base_rate(u), of_joints, of_motors
-        return dict(zip(QUANTITIES, values, strict=True))
+        joints = self.robot.selection.T
+        motors = self.robot.transmission.T
+        return {
+            "velocities": (u[n : 2 * n], by_u[n : 2 * n]),
+            "accelerations": (u[2 * n : 3 * n], by_u[2 * n : 3 * n]),
+            "orientation_rate": self.base_rate(u),
+            "torques": (joints @ torques, joints @ torques_by_u),
+            "motor_torques": (motors @ torques, motors @ torques_by_u),
+        }
 
     def points(self, u: Array, weights: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Points (P,) seen from the CM, (6), (20): sums of the bodies' unit vectors, by weights (P, bodies)."""

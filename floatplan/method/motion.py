@@ -31,34 +31,34 @@ class Motions:
         free = tuple(degree + 1 - CONDITIONS for degree in degrees)
         self.polynomials = SinePolynomials(centre, amplitude, T, np.transpose(conditions), free)
         self.size = sum(free)
-        joint, power = np.divmod(self.polynomials.free_indices, self.polynomials.width)
-        self.by_z = np.zeros((len(free), CONDITIONS + self.polynomials.width, self.size))
-        self.by_z[joint, CONDITIONS + power, np.arange(self.size)] = 1
+        n = len(free)
+        width = self.polynomials.width
+        self.by_z = np.eye(n * width)[:, self.polynomials.free_indices].reshape(n, width, self.size)
 
     def coefficients(self, z: Array) -> Array:
-        """Of each joint's p (n, 6+width): its conditions (13), then its z, with zeros where its degree is lower."""
-        coefficients = self.by_z @ z
-        coefficients[:, :CONDITIONS] = self.polynomials.boundary
-        return np.asarray(coefficients)
+        """The free coefficients (n, width) of each joint's p, with zeros where its degree is lower."""
+        return np.asarray(self.by_z @ z)
 
     def b(self, z: Array) -> tuple[Array, Array]:
         """All b of (12), powers of seconds, whose norm is least in (17), and their derivatives by z."""
         powers = powers_map(self.polynomials.form, self.polynomials.duration)
-        b = (self.coefficients(z) @ powers.T).ravel()
-        return b, (powers @ self.by_z).reshape(len(b), self.size)
+        b = (np.hstack((self.polynomials.boundary, self.coefficients(z))) @ powers.T).ravel()
+        return b, (powers[:, CONDITIONS:] @ self.by_z).reshape(len(b), self.size)
 
     def at(self, s: Array, z: Array) -> tuple[Array, Array]:
         """q, q', q'' (N, 3n) of (12) at instants s (N,) of [0, 1], and their derivatives (N, 3n, m) by z."""
-        columns = [
-            column / self.polynomials.duration**k for k, column in enumerate(basis(self.polynomials.form).values(s))
-        ]
-        p, p1, p2 = (column @ self.coefficients(z).T for column in columns)
-        p_by_z, p1_by_z, p2_by_z = (np.tensordot(column, self.by_z, (1, 1)) for column in columns)
-        sine = self.polynomials.amplitude * np.sin(p)
-        cosine = self.polynomials.amplitude * np.cos(p)
-        motion = np.hstack((self.polynomials.centre + sine, cosine * p1, cosine * p2 - sine * p1**2))
-        q_by_z = cosine[..., None] * p_by_z
-        v_by_z = cosine[..., None] * p1_by_z - (sine * p1)[..., None] * p_by_z
-        a_by_z = cosine[..., None] * p2_by_z - (2 * sine * p1)[..., None] * p1_by_z
-        a_by_z -= (sine * p2 + cosine * p1**2)[..., None] * p_by_z
-        return motion, np.concatenate((q_by_z, v_by_z, a_by_z), axis=1)
+        columns = basis(self.polynomials.form).values(s)
+        motion = self.polynomials.motion(self.coefficients(z), columns)
+        p_by_z, p1_by_z, p2_by_z = (
+            np.tensordot(column[:, CONDITIONS:], self.by_z, (1, 1)) / self.polynomials.duration**order
+            for order, column in enumerate(columns)
+        )
+        p1 = (motion.p_rate / self.polynomials.duration)[..., None]
+        p2 = (motion.p_curvature / self.polynomials.duration**2)[..., None]
+        sine = motion.sine[..., None]
+        cosine = motion.cosine[..., None]
+        q_by_z = cosine * p_by_z
+        v_by_z = cosine * p1_by_z - sine * p1 * p_by_z
+        a_by_z = cosine * p2_by_z - 2 * sine * p1 * p1_by_z - (sine * p2 + cosine * p1**2) * p_by_z
+        joints = np.hstack((motion.positions, motion.velocities, motion.accelerations))
+        return joints, np.concatenate((q_by_z, v_by_z, a_by_z), axis=1)

@@ -14,7 +14,6 @@ from floatplan.errors import InputError
 from floatplan.method.dynamics import QUANTITIES
 from floatplan.method.program import Program
 from floatplan.method.sqp import FEASIBLE, Solution, minimise
-from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
@@ -28,7 +27,7 @@ GRID = np.linspace(0, 1, 401)  # instants at which they are looked at
 NEARLY = 1e-2  # [-] of rows' scales: with less on the grid they may be violated between its instants
 EXCHANGES = 20  # times that instants are added
 STARTS = 12  # in all, as many at each degree
-SPREAD = 0.2  # [rad] root mean square of each variable, by which each start is wilder than the one before
+SPREAD = 0.1  # [rad] root mean square of each variable, by which each start is wilder than the one before
 HIGHEST_DEGREE = 11  # to which "auto" rises, by 2 at a time
 
 
@@ -46,7 +45,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     Returns
     -------
     Plan
-        Of the first start that leads to one; else the nearest motion, and ``ok`` is False.
+        Of the first start, or else of the best one; where none leads to a plan the nearest motion, not ``ok``.
 
     Raises
     ------
@@ -56,32 +55,38 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     began = time.perf_counter()
     problem = as_problem(problem)
     refuse(problem)
-    tried = []
-    steps = 0
+    results = []
+    minima = 0
     for program, x in starts(problem, np.random.default_rng(SEED(seed, "seed"))):
         solution = solve(program, x)
         motion = Plan.of_motion(
             problem,
             program.motions.polynomials,
-            program.motions.coefficients(solution.x[: program.motions.size])[:, CONDITIONS:],
+            program.motions.coefficients(solution.x[: program.motions.size]),
             program.angular_momentum(solution.x),
             status="optimal" if solution.converged else "feasible",
             ok=True,
             explanation="Every constraint holds at all times.",
             solver={},
         )
-        violation = max(motion.whole.missed, solution.violation)  # (14) by the plan's own dynamics
-        tried.append((violation, motion))
-        steps += solution.steps
-        if violation <= ORIENTATION and solution.converged:
+        violation = max(motion.whole.missed, solution.violation, ORIENTATION)  # (14) by the plan's own dynamics
+        results.append((violation, motion.objective_value, solution.steps, motion))
+        minima += int(violation == ORIENTATION and solution.converged)
+        if minima and len(results) == 1:
             break
-    violation, nearest = min(tried, key=lambda one: max(one[0], ORIENTATION))
-    ok = violation <= ORIENTATION
-    seconds = time.perf_counter() - began
-    solver = {"starts": len(tried), "solved": int(ok), "iterations": steps, "seed": seed, "seconds": seconds}
-    if ok:
+    violation, _, _, nearest = min(results, key=lambda result: result[:2])
+    solver = {
+        "starts": len(results),
+        "solved": minima,
+        "iterations": sum(steps for _, _, steps, _ in results),
+        "seed": seed,
+        "seconds": time.perf_counter() - began,
+    }
+    if violation == ORIENTATION:
         return replace(nearest, solver=solver)
-    reason = f"The nearest motion of {len(tried)} starts violates a constraint by {violation:.3g} rad or of its scale."
+    reason = (
+        f"The nearest motion of {len(results)} starts violates a constraint by {violation:.3g} rad or of its scale."
+    )
     return replace(nearest, ok=False, status="infeasible", explanation=reason, solver=solver)
 
 
@@ -108,31 +113,29 @@ def refuse(problem: Problem) -> None:
 
 
 def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program, Array]]:
-    """Yield a program and its x: quintics (13) first, then random motions, on other branches too; degrees by (16)."""
-    lowest = max(problem.degrees)
-    rises = range(0, max(HIGHEST_DEGREE - lowest, 0) + 1, 2) if problem.raises_degree else [0]
+    """Yield a program and its x: quintics (13) first, then random motions on random branches; degrees by (16)."""
+    rises = range(0, HIGHEST_DEGREE - max(problem.degrees) + 1, 2) if problem.raises_degree else [0]
     for rise in rises:
+        degrees = [degree + rise for degree in problem.degrees]
         for number in range(STARTS // len(rises)):
-            branch = np.zeros(len(problem.degrees), dtype=np.int64)
-            branch[rng.integers(len(branch))] = rng.choice([-1, 1]) if number % 2 else 0
-            program = Program(problem, [degree + rise for degree in problem.degrees], branch)
+            branch = rng.choice([-1, 0, 0, 1] if number else [0], len(degrees))
+            program = Program(problem, degrees, branch)
             yield program, SPREAD * number * rng.normal(size=program.size)
 
 
 def solve(program: Program, x: Array) -> Solution:
-    """Solve a program from x without inequalities; where some are violated, at instants and where they still are."""
-    solution = minimise(program, x, np.zeros(0))
-    violation, added = violated(program, solution.x)
-    instants = INSTANTS
-    for _ in range(EXCHANGES if len(added) else 0):  # from x again: past an obstacle there are several ways
-        following = minimise(program, x, instants)
-        solution = following._replace(steps=solution.steps + following.steps)
+    """Solve a program from x, with inequalities at instants of the flight, and at those where they still fail."""
+    instants = INSTANTS if program.problem.has_inequalities else np.zeros(0)
+    steps = 0
+    for _ in range(EXCHANGES):
+        solution = minimise(program, x, instants)
+        steps += solution.steps
         violation, added = violated(program, solution.x)
         if not len(added) or solution.violation > ORIENTATION:
             break
         instants = np.union1d(instants, added)
         x = solution.x
-    return solution._replace(violation=max(solution.violation, violation))
+    return solution._replace(violation=max(solution.violation, violation), steps=steps)
 
 
 def violated(program: Program, x: Array) -> tuple[float, Array]:

@@ -15,6 +15,7 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
 QUADRATURE = gauss_legendre(96)  # of (14) and (18): exact to 1e-12 rad but for motions that nobody wants
+NODES = len(QUADRATURE.nodes)
 LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a limit
 EPSILON = 2e-7  # [-] of these, the paper's: with so much left at its instants a plan holds between them too
 
@@ -46,25 +47,23 @@ class Program:
         self.motions = Motions(problem, degrees, branch)
         self.dynamics = Dynamics(problem.robot)
         self.flight = planar_flight(problem)  # the path of the CM (2), (3), (6), the momenta (7) to (10)
-        self.size = self.motions.size + self.flight.momentum_set.axes.shape[1]
-        self.limits = [(name, used) for shares in problem.limit_shares for name, used in shares.used.items()]
+        self.momenta = self.flight.momentum_set
+        self.size = self.motions.size + self.momenta.axes.shape[1]
 
     def angular_momentum(self, x: Array) -> Array:
         """The h (1,), kg m^2/s."""
-        momenta = self.flight.momentum_set
-        return np.asarray(momenta.centre + momenta.axes @ x[self.motions.size :])
+        return np.asarray(self.momenta.centre + self.momenta.axes @ x[self.motions.size :])
 
     def states(self, x: Array, s: Array) -> tuple[Array, Array]:
         """States u (N, 3n+2) at the nodes, then at s, and their derivatives (N, 3n+2, m) by x; theta_0 by (18)."""
         instants = np.concatenate((QUADRATURE.nodes, s))
         joints, joints_by_z = self.motions.at(instants, x[: self.motions.size])
-        u = np.zeros((len(instants), joints.shape[1] + 2))
+        u = np.pad(joints, ((0, 0), (0, 2)))
         u_by_x = np.zeros((*u.shape, self.size))
-        u[:, :-2] = joints
         u_by_x[:, :-2, : self.motions.size] = joints_by_z
         u[:, -2] = self.angular_momentum(x)
-        u_by_x[:, -2, self.motions.size :] = self.flight.momentum_set.axes
-        rates = [self.dynamics.base_rate(state) for state in u[: len(QUADRATURE.nodes)]]
+        u_by_x[:, -2, self.motions.size :] = self.momenta.axes
+        rates = [self.dynamics.base_rate(state) for state in u[:NODES]]
         integrals = self.problem.flight.duration * QUADRATURE.integrals(instants)
         u[:, -1] = self.problem.initial.orientation + integrals @ [rate[0] for rate, _ in rates]
         u_by_x[:, -1] = integrals @ [rate_by_u[0] @ u_by_x[k] for k, (_, rate_by_u) in enumerate(rates)]
@@ -76,15 +75,14 @@ class Program:
         The others are the inequalities at one of the instants (N,) of [0, 1] after the other.
         """
         u, u_by_x = self.states(x, np.append(instants, 1.0))
-        nodes = len(QUADRATURE.nodes)
         missed = u[-1:, -1] - self.problem.final.orientation
         rows = [missed, -missed]
         rows_by_x = [u_by_x[-1:, -1], -u_by_x[-1:, -1]]
-        for k, s in enumerate(instants, nodes):
+        for k, s in enumerate(instants, NODES):
             values, by_u = self.rows(s, u[k])
             rows.append(values - EPSILON)
             rows_by_x.append(by_u @ u_by_x[k])
-        residuals, J = self.residuals(x, u[:nodes], u_by_x[:nodes])
+        residuals, J = self.residuals(x, u[:NODES], u_by_x[:NODES])
         objective = float(residuals @ residuals) / 2
         return Evaluation(objective, J.T @ residuals, J.T @ J, np.concatenate(rows), np.concatenate(rows_by_x))
 
@@ -97,12 +95,14 @@ class Program:
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
             b, b_by_z = self.motions.b(x[: self.motions.size])
-            return b, np.pad(b_by_z, ((0, 0), (0, self.flight.momentum_set.axes.shape[1])))
-        weights = np.sqrt(2 * self.problem.flight.duration * QUADRATURE.weights)
-        at_nodes = [self.dynamics.quantities(state)[quantity] for state in u]
-        residuals = [weight * values for weight, (values, _) in zip(weights, at_nodes, strict=True)]
-        by_x = [weights[k] * by_u @ u_by_x[k] for k, (_, by_u) in enumerate(at_nodes)]
-        return np.concatenate(residuals), np.concatenate(by_x)
+            return b, np.pad(b_by_z, ((0, 0), (0, self.size - self.motions.size)))
+        values = []
+        by_x = []
+        for k, weight in enumerate(np.sqrt(2 * self.problem.flight.duration * QUADRATURE.weights)):
+            value, by_u = self.dynamics.quantities(u[k])[quantity]
+            values.append(weight * value)
+            by_x.append(weight * by_u @ u_by_x[k])
+        return np.concatenate(values), np.concatenate(by_x)
 
     def rows(self, s: float, u: Array) -> tuple[Array, Array]:
         """Inequalities (r,) at an instant s of [0, 1] and their derivatives by u.
@@ -110,17 +110,19 @@ class Program:
         They are the shares of limits that are left, with either sign, and clearances (23), in LENGTH_SCALE.
         """
         rows = [(np.zeros(0), np.zeros((0, len(u))))]
-        quantities = self.dynamics.quantities(u) if self.limits else {}
-        for name, weights in self.limits:
-            values, by_u = quantities[name]
-            rows += [(1 - weights @ values, -weights @ by_u), (1 + weights @ values, weights @ by_u)]
+        quantities = self.dynamics.quantities(u) if self.problem.limit_shares else {}
+        for shares in self.problem.limit_shares:
+            for name, weights in shares.used.items():
+                values, by_u = quantities[name]
+                rows += [(1 - weights @ values, -weights @ by_u), (1 + weights @ values, weights @ by_u)]
         if self.problem.obstacles:
             time = s * self.problem.flight.duration
-            points, points_by_u = self.dynamics.points(u, np.concatenate(self.flight.link_shapes.weights))
+            shapes = self.flight.link_shapes
+            points, points_by_u = self.dynamics.points(u, np.concatenate(shapes.weights))
             points = points + complex(*self.problem.path.positions(np.array([time]))[0])
             for obstacle in self.problem.obstacles:
                 seen = points - complex(*obstacle.velocity) * time
-                distances, by_u = obstacle_distances(obstacle, seen, points_by_u, self.flight.link_shapes.radius)
+                distances, by_u = obstacle_distances(obstacle, seen, points_by_u, shapes.radius)
                 rows.append(((distances - obstacle.margin) / LENGTH_SCALE, by_u / LENGTH_SCALE))
         return np.concatenate([values for values, _ in rows]), np.concatenate([by_u for _, by_u in rows])
 

@@ -28,7 +28,7 @@ RatesAtEnds: TypeAlias = Callable[[Array], Array]  # the joints' rates (2, n), r
 class MomentumSet:
     """The angular momenta that a search may choose: ``h = centre + axes @ y``, with the H numbers y about -1 to 1.
 
-    ``centre`` (e,), ``axes`` (e, H), kg m^2/s; H = 0 where h is given: then ``axes.size`` is 0.
+    ``centre`` (e,), ``axes`` (e, H), kg m^2/s; H = 0 where h is fixed: then ``axes.size`` is 0.
     """
 
     centre: Array
@@ -36,7 +36,7 @@ class MomentumSet:
 
 
 class FlightDynamics(Hashable, Protocol):
-    """What a problem fixes of every motion, and what is known of it without a search; hashed as an object."""
+    """What a problem fixes of every motion, and what follows from that without a search; hashed as an object."""
 
     @property
     def problem(self) -> Problem:
@@ -67,7 +67,7 @@ class FlightDynamics(Hashable, Protocol):
         """The angular momenta that the problem leaves to choose."""
 
     def end_rates(self, momentum: MomentumSet) -> RatesAtEnds:
-        """The joints' rates at both ends: as given, or those with which a frame is at rest.
+        """The joints' rates at both ends: as fixed, or those with which a frame is at rest.
 
         Raises
         ------
@@ -76,15 +76,15 @@ class FlightDynamics(Hashable, Protocol):
         """
 
     def motion_into_ground(self, angular_momentum: Array) -> Sequence[InputError]:
-        """What on the ground moves down at takeoff, or up at landing, for h (e,) kg m^2/s, as far as that is known."""
+        """What on the ground moves down at takeoff, or up at landing, for h (e,) kg m^2/s, as far as that is proved."""
 
     def difficulties(self) -> list[str]:
-        """Return sentences about what makes the problem hard, as far as it is known."""
+        """Return sentences about what makes the problem hard, as far as it is proved."""
 
     def impossibilities(self, path_is_clear: bool = False) -> list[str]:
-        """Return sentences about why no motion whatever meets the problem, as far as that is known.
+        """Return sentences about why no motion whatever meets the problem, as far as that is proved.
 
-        It may be known already that the centre of mass is never too deep in an obstacle.
+        It may be proved already that the centre of mass is never too deep in an obstacle.
         """
 
     def whole_motion(self, joints: WrittenMotion, angular_momentum: Any, path: Ballistics) -> WholeMotion:
@@ -112,7 +112,7 @@ class FlightState(Outlined):
     positions, velocities, accelerations, torques : (..., n) rad, rad/s, rad/s^2, N m
         Torques are generalised: a leader's is the sum over its group, by ratio.
     motor_torques : (..., m) N m
-        Each motor's own, in the order of ``robot.motors``.
+        Every motor's own, in the order of ``robot.motors``.
     com_position, com_velocity : (..., 2) m, m/s; horizontal, vertical
     base_position : (..., 2) m
         Origin of the base link.
@@ -144,7 +144,8 @@ class FlightState(Outlined):
         """Return the same N instants, one dimension, with N - 1 others between them."""
         arrays = {name: np.empty((2 * len(values) - 1, *values.shape[1:])) for name, values in vars(self).items()}
         for name, values in arrays.items():
-            values[::2], values[1::2] = getattr(self, name), getattr(between, name)
+            values[::2] = getattr(self, name)
+            values[1::2] = getattr(between, name)
         return FlightState(**{name: read_only(values) for name, values in arrays.items()})
 
 
@@ -223,5 +224,5 @@ class Peaks(Outlined):
 
     @property
     def velocity_instant(self) -> Array:
-        """When they are reached (n,), s."""
+        """At which instants (n,), s."""
         return self.joint_instants["velocity"]

@@ -19,8 +19,8 @@ NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
 FINENESS = 8  # points of the search grid per node
 NEWTON_STEPS = 4
 GRID = 257  # instants of the first look for the least value of a function that is not smooth
-AT_ONCE = 32  # candidates: the function gives all its columns for each
-CLOSER_LOOKS = 4  # times that the look at each candidate narrows, 8-fold each
+AT_ONCE = 32  # candidates: the function gives all its columns for every one
+CLOSER_LOOKS = 4  # times that the look at a candidate narrows, 8-fold
 LOOKED_AT = 17  # instants about a candidate at each of them
 LOWEST = 8  # candidates
 
@@ -80,17 +80,17 @@ def gauss_legendre(count: int) -> GaussLegendre:
 def chebyshev_values(x: Array, degree: int) -> Array:
     """Chebyshev polynomials T_0, ..., T_degree at x: (len(x), degree+1).
 
-    By ``T_(m+k) = 2 T_m T_k - T_(m-k)``, which doubles their number at each step.
+    By ``T_(m+k) = 2 T_m T_k - T_(m-k)``, which doubles their number step by step.
     """
     values = np.ones((degree + 1, len(x)))
     values[1:2] = x
-    known = 1
-    while known < degree:
-        more = min(known, degree - known)
-        new = values[known + 1 : known + more + 1]
-        np.multiply(values[1 : more + 1], 2 * values[known], out=new)
-        new -= values[known - more : known][::-1]
-        known += more
+    count = 1
+    while count < degree:
+        more = min(count, degree - count)
+        new = values[count + 1 : count + more + 1]
+        np.multiply(values[1 : more + 1], 2 * values[count], out=new)
+        new -= values[count - more : count][::-1]
+        count += more
     return values.T
 
 
@@ -142,10 +142,13 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     """
     count = len(values)
     grid, to_grid, slopes = _search(count)
-    coefficients, fine = coefficient_map(count) @ values, to_grid @ values
+    coefficients = coefficient_map(count) @ values
+    fine = to_grid @ values
     row, column = lowest_of_neighbours(fine)
-    s, found = grid[row], fine[row, column]
-    low, high = grid[np.maximum(row - 1, 0)], grid[np.minimum(row + 1, len(grid) - 1)]
+    s = grid[row]
+    values_there = fine[row, column]
+    low = grid[np.maximum(row - 1, 0)]
+    high = grid[np.minimum(row + 1, len(grid) - 1)]
     first = slopes @ coefficients
     series = np.stack((first, slopes @ first))[:, :, column]
     refined = s.copy()
@@ -154,8 +157,8 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
         safe = np.where(curvature > 0, curvature, 1.0)
         refined = np.clip(np.where(curvature > 0, refined - slope / safe, refined), low, high)
     value = np.einsum("lk,kl->l", chebyshev_values(2 * refined - 1, count - 1), coefficients[:, column])
-    better = value < found
-    return column, np.where(better, refined, s), np.where(better, value, found)
+    better = value < values_there
+    return column, np.where(better, refined, s), np.where(better, value, values_there)
 
 
 def largest_magnitudes(values: Array) -> tuple[Array, Array]:
@@ -170,9 +173,10 @@ def extremes(values: Array) -> tuple[Array, Array, Array, Array]:
     r = values.shape[1]
     column, s, value = local_minima(np.concatenate((values, -values), axis=1))
     order = np.lexsort((value, column))
-    known, first = np.unique(column[order], return_index=True)
+    which, first = np.unique(column[order], return_index=True)
     least, where = np.full((2, 2 * r), np.nan)
-    least[known], where[known] = value[order][first], s[order][first]
+    least[which] = value[order][first]
+    where[which] = s[order][first]
     return least[:r], where[:r], -least[r:], where[r:]
 
 
@@ -182,12 +186,12 @@ def least_by_grids(values: Callable[[Array], Array], duration: float, instants: 
     ``instants`` are looked at too: where the function may jump. Infinite where it is infinite throughout.
     """
     grid = distinct(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
-    found = values(grid)
-    lowest, _ = lowest_of_neighbours(found[:, None])
-    lowest = lowest[np.argsort(found[lowest])[:LOWEST]]
+    values_there = values(grid)
+    lowest, _ = lowest_of_neighbours(values_there[:, None])
+    lowest = lowest[np.argsort(values_there[lowest])[:LOWEST]]
     column = np.zeros(len(lowest), dtype=np.int64)
     span = duration / (GRID - 1)
-    when, least = narrowed(lambda t: values(t)[:, None], column, grid[lowest], found[lowest], span, duration)
+    when, least = narrowed(lambda t: values(t)[:, None], column, grid[lowest], values_there[lowest], span, duration)
     if not lowest.size:
         return np.inf, 0.0
     best = int(np.argmin(least))
@@ -206,13 +210,13 @@ def narrowed(
 ) -> tuple[Array, Array]:
     """Narrow down local minima ``least`` (L,) at ``where`` (L,), in [0, last], of ``column`` (L,) of a function.
 
-    The function gives (N, r) at (N,); ``span`` is how far the first look goes to both sides, each next one 8 times
-    closer. Returned are where the minima are, and their values.
+    The function gives (N, r) at (N,); ``span`` is how far the first look goes to both sides, the next ones 8 times
+    closer each. Returned are where the minima are, and their values.
     """
     if len(where) > AT_ONCE:
-        parts = [slice(first, first + AT_ONCE) for first in range(0, len(where), AT_ONCE)]
-        found = [narrowed(values, column[part], where[part], least[part], span, last) for part in parts]
-        where, least = map(np.concatenate, zip(*found, strict=True))
+        chunks = [slice(first, first + AT_ONCE) for first in range(0, len(where), AT_ONCE)]
+        minima = [narrowed(values, column[chunk], where[chunk], least[chunk], span, last) for chunk in chunks]
+        where, least = map(np.concatenate, zip(*minima, strict=True))
         return where, least
     chosen = np.arange(len(where))
     for _ in range(CLOSER_LOOKS if len(where) else 0):

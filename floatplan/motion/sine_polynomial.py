@@ -45,25 +45,25 @@ class Form(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """The polynomials of s whose combination is p: the Hermite ones of given conditions, then the free ones.
+    """The polynomials of s whose combination is p: the Hermite ones of fixed conditions, then the free ones.
 
     Attributes
     ----------
-    given : the conditions (13) that are given
+    fixed : the conditions (13) that are not free
     bubbles : number of free polynomials that vanish at both ends with two derivatives
     powers : (k+1, 6+m)
         Coefficients in powers of s, column by column.
     series : (3, k+1, 6+m)
-        Each column and its first two derivatives by s, in Chebyshev polynomials of 2 s - 1.
+        The columns and their first two derivatives by s, in Chebyshev polynomials of 2 s - 1.
     """
 
-    given: tuple[int, ...]
+    fixed: tuple[int, ...]
     bubbles: int
     powers: Array
     series: Array
 
     def values(self, s: Array) -> tuple[Array, Array, Array]:
-        """Each column and its first two derivatives by s at the instants s: three arrays (len(s), 6+m)."""
+        """The columns and their first two derivatives by s at the instants s: three arrays (len(s), 6+m)."""
         value, first, second = self.series
         polynomials = chebyshev_values(2 * s - 1, len(value) - 1)
         return polynomials @ value, polynomials[:, :-1] @ first[:-1], polynomials[:, :-2] @ second[:-2]
@@ -73,17 +73,17 @@ class Basis:
 def basis(form: Form) -> Basis:
     """Return the basis of a form: p has degree ``5 + bubbles``."""
     bubbles = form.width - len(form.free_ends)
-    given = tuple(condition for condition in range(CONDITIONS) if condition not in form.free_ends)
+    fixed = tuple(condition for condition in range(CONDITIONS) if condition not in form.free_ends)
     columns = exact.basis_columns(bubbles)
     if form.free_ends:
         ends = columns[:, form.free_ends] / Fraction(END_LENGTH)
-        columns = np.concatenate((columns[:, given], ends, columns[:, CONDITIONS:]), axis=1)
-    value = np.asarray(exact.chebyshev_map(len(columns)) @ columns, dtype=np.float64)  # each number rounded once
+        columns = np.concatenate((columns[:, fixed], ends, columns[:, CONDITIONS:]), axis=1)
+    value = np.asarray(exact.chebyshev_map(len(columns)) @ columns, dtype=np.float64)  # numbers rounded once
     series = np.zeros((3, *value.shape))
     series[0] = value
     series[1, :-1] = chebyshev.chebder(value, 1, scl=2)
     series[2, :-2] = chebyshev.chebder(value, 2, scl=2)
-    return Basis(given, bubbles, read_only(columns), read_only(series))
+    return Basis(fixed, bubbles, read_only(columns), read_only(series))
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per evaluation
@@ -112,8 +112,8 @@ class JointMotion:
     @cached_property
     def accelerations(self) -> Array:
         """Joint accelerations (N, n) rad/s^2."""
-        swing = self.sine * self.p_rate
-        return np.asarray(self.per_second**2 * (self.cosine * self.p_curvature - swing * self.p_rate))
+        sine_rate = self.sine * self.p_rate
+        return np.asarray(self.per_second**2 * (self.cosine * self.p_curvature - sine_rate * self.p_rate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,8 +135,8 @@ class SinePolynomials:
         Free polynomials of the joint that has most.
     free_indices : int array
         Which entries of a flattened z (n, width) the joints have; the others stay zero.
-    given_boundary : (n, g)
-        The conditions (13) that are given.
+    fixed_boundary : (n, g)
+        The conditions (13) that are not free.
     """
 
     centre: Array
@@ -148,7 +148,7 @@ class SinePolynomials:
     form: Form = field(init=False)
     width: int = field(init=False)
     free_indices: IntArray = field(init=False)
-    given_boundary: Array = field(init=False)
+    fixed_boundary: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Derive what every motion of the class needs."""
@@ -158,20 +158,22 @@ class SinePolynomials:
             form=form,
             width=width,
             free_indices=np.flatnonzero(np.arange(width) < np.array(self.free)[:, None]),
-            given_boundary=self.boundary[:, basis(form).given] if self.free_ends else self.boundary,
+            fixed_boundary=self.boundary[:, basis(form).fixed] if self.free_ends else self.boundary,
         )
 
     @property
-    def no_free_part(self) -> Array:
-        """Free coefficients (n, width) of the plain Hermite motion: zeros."""
+    def nominal_coefficients(self) -> Array:
+        """Free coefficients (n, width) of the nominal, Hermite motion: zeros."""
         return np.zeros((len(self.free), self.width))
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""
         value, first, second = values
-        coefficients = np.concatenate((self.given_boundary, z), axis=1).T
-        p, p_rate = value @ coefficients, first @ coefficients
-        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        coefficients = np.concatenate((self.fixed_boundary, z), axis=1).T
+        p = value @ coefficients
+        p_rate = first @ coefficients
+        sine = self.amplitude * np.sin(p)
+        cosine = self.amplitude * np.cos(p)
         per_second = 1 / self.duration
         return JointMotion(
             positions=self.centre + sine,
@@ -195,7 +197,7 @@ class SinePolynomials:
 
 
 def powers_map(form: Form, duration: float | Array) -> Array:
-    """Matrices (.., k+1, g+width) from a joint's given conditions and free coefficients to its b, powers of seconds."""
+    """Matrices (.., k+1, g+width) from a joint's fixed conditions and free coefficients to its b, powers of seconds."""
     powers = basis(form).powers
     return np.asarray(powers / (np.array(duration)[..., None] ** np.arange(len(powers)))[..., None])
 
@@ -228,7 +230,7 @@ def boundary_arguments(
 
 
 def free_part(coefficients: Array, duration: float) -> float:
-    """Root mean square of p's free part, rad, over time and all joints together, from b (n, k+1), powers of seconds."""
+    """Root mean square of p's free polynomials, rad, over time and all joints, from b (n, k+1), powers of seconds."""
     powers = coefficients * duration ** np.arange(coefficients.shape[1])
     form = Form(coefficients.shape[1] - CONDITIONS)
     free = np.linalg.solve(basis(form).powers, powers.T)[CONDITIONS:]
@@ -263,6 +265,7 @@ class WrittenMotion:
     def at(self, times: Array) -> tuple[Array, Array, Array]:
         """Positions, velocities, accelerations (N, n) at times (N,)."""
         polynomials = chebyshev.chebvander(2 * times / self.duration - 1, len(self.chebyshev[0]) - 1)
-        p, rate, curvature = (polynomials[:, : len(part)] @ part for part in self.chebyshev)
-        sine, cosine = self.amplitude * np.sin(p), self.amplitude * np.cos(p)
+        p, rate, curvature = (polynomials[:, : len(series)] @ series for series in self.chebyshev)
+        sine = self.amplitude * np.sin(p)
+        cosine = self.amplitude * np.cos(p)
         return self.centre + sine, cosine * rate, cosine * curvature - sine * rate**2

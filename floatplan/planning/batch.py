@@ -32,7 +32,7 @@ from floatplan.problem.problem import Problem, shares_of_limits
 
 
 @dataclass(frozen=True, eq=False)
-class PlainMotions:
+class NominalMotions:
     """Motions of N problems with no free part, the arcsine on its first branch, as the variables of a search.
 
     Attributes
@@ -62,12 +62,15 @@ class PlainMotions:
     x: Array
 
     @classmethod
-    def of(cls, numbers: Numbers) -> PlainMotions:
+    def of(cls, numbers: Numbers) -> NominalMotions:
         """Return the motions of problems that differ in these numbers."""
-        values, like = numbers.values, numbers.like
+        values = numbers.values
+        like = numbers.like
         low, high = like.position_limits.T
-        duration, orientation = values["duration"], values["orientation"]
-        count, n = len(duration), len(low)
+        duration = values["duration"]
+        orientation = values["orientation"]
+        count = len(duration)
+        n = len(low)
         p, rate, curvature = boundary_arguments(
             values["positions"],
             values["velocities"],
@@ -140,9 +143,9 @@ class Batch:
     """
 
     template: KernelProblem
-    motions: PlainMotions
-    attempts: StructArray
-    draws: StructArray
+    motions: NominalMotions
+    searches: StructArray
+    sampling: StructArray
     classes: StructArray
     constraints: Struct | StructArray
     x: Array
@@ -151,14 +154,14 @@ class Batch:
     minima: tuple[IntArray, Array, Array]
 
     @classmethod
-    def of(cls, template: KernelProblem, motions: PlainMotions, constraints: Struct | StructArray) -> Batch:
+    def of(cls, template: KernelProblem, motions: NominalMotions, constraints: Struct | StructArray) -> Batch:
         """Copy the structs of one problem for those of the motions, with rows of their own."""
         count, n = motions.boundary.shape[:2]
         x = motions.x.copy()
         branch = np.zeros((count, n), np.int64)
         coefficients = np.empty((count, n, CONDITIONS + max(motions.free)))
-        attempts = StructArray([template.attempt], count)
-        attempts.give(plain=motions.x, x=x, coefficients=coefficients)
+        searches = StructArray([template.search], count)
+        searches.give(plain=motions.x, x=x, coefficients=coefficients)
         classes = StructArray([template.motions], count)
         classes.give(
             duration=motions.duration,
@@ -168,11 +171,11 @@ class Batch:
             offset=motions.offset,
             scaling=motions.scaling,
         )
-        draws = StructArray([template.draws], count)
-        draws.give(branch=branch, offset_map=motions.offset_map)
+        sampling = StructArray([template.sampling], count)
+        sampling.give(branch=branch, offset_map=motions.offset_map)
         most = len(template.minima[0])
         minima = np.empty((count, most), np.int64), np.empty((count, most)), np.empty((count, most))
-        return cls(template, motions, attempts, draws, classes, constraints, x, branch, coefficients, minima)
+        return cls(template, motions, searches, sampling, classes, constraints, x, branch, coefficients, minima)
 
     def problem(self, row: int) -> KernelProblem:
         """One of the problems, whose structs and arrays are those of the batch."""
@@ -182,8 +185,8 @@ class Batch:
             start=self.motions.start(row),
             constraints=StructRow(self.constraints.pointer + row, self.constraints),
             motions=StructRow(self.classes.pointer + row, self.classes),
-            attempt=StructRow(self.attempts.pointer + row, self.attempts),
-            draws=StructRow(self.draws.pointer + row, self.draws),
+            search=StructRow(self.searches.pointer + row, self.searches),
+            sampling=StructRow(self.sampling.pointer + row, self.sampling),
             x=self.x[row],
             branch=self.branch[row],
             coefficients=self.coefficients[row],
@@ -196,8 +199,8 @@ class Batch:
             self.template,
             constraints=self.constraints,
             motions=self.classes,
-            attempt=self.attempts,
-            draws=self.draws,
+            search=self.searches,
+            sampling=self.sampling,
         )
         whole.call(len(self.x))
 
@@ -210,31 +213,31 @@ class Batch:
     @property
     def status(self) -> IntArray:
         """INFEASIBLE, FEASIBLE or OPTIMAL (N,)."""
-        numbers = self.attempts.numbers
+        numbers = self.searches.numbers
         return np.where(numbers["violation"] <= 0, numbers["status"], INFEASIBLE)
 
     @property
     def residual(self) -> Array:
         """By how much (N,) each misses the goal, rad; infinite where the nodes do not resolve the motion."""
-        numbers = self.attempts.numbers
+        numbers = self.searches.numbers
         return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
 
     def answer(self, row: int) -> PlanEntry | None:
         """Where the best start of one of them led; None where that is no plan."""
-        attempt = self.attempts.pointer[row]
-        if not attempt.violation <= 0:  # which may be no number
+        search = self.searches.pointer[row]
+        if not search.violation <= 0:  # which may be no number
             return None
         b = self.coefficients[row]
         return PlanEntry(
-            status=STATUS[attempt.status],
-            objective=attempt.objective if attempt.wanted else float(np.linalg.norm(b)),
+            status=STATUS[search.status],
+            objective=search.objective if search.wanted else float(np.linalg.norm(b)),
             angular_momentum=float(self.motions.momentum[row]),
-            residual=abs(attempt.missed[0]),
+            residual=abs(search.missed[0]),
             coefficients=b,
-            evaluations=attempt.evaluations,
-            iterations=attempt.iterations,
-            starts=attempt.started,
-            solved=attempt.solved,
+            evaluations=search.evaluations,
+            iterations=search.iterations,
+            starts=search.started,
+            solved=search.solved,
             message=ALL_HOLDS if self.template.rows.rows else "",
         )
 
@@ -246,7 +249,7 @@ class Batch:
     def search(self, row: int, problem: Problem, options: SearchOptions) -> Search:
         """A search of one of the problems, whose first attempt is done."""
         own = self.problem(row)
-        return Search(problem, options, FlightSpec(problem, own.start.variables.momentum), followed=own)
+        return Search(problem, options, FlightSpec(problem, own.start.variables.momentum), batched=own)
 
 
 @dataclass(frozen=True)
@@ -260,26 +263,26 @@ class _Kind:
 @lru_cache(maxsize=32)
 def _template(kind: _Kind) -> KernelProblem:
     """Return one of the problems of a kind for the kernel: any of them serves all."""
-    motions = PlainMotions.of(Numbers.of_problems([kind.problem]))
+    motions = NominalMotions.of(Numbers.of_problems([kind.problem]))
     return KernelProblem.of(FlightSpec(kind.problem), motions.start(0))
 
 
 def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: int) -> Batch:
     """Follow starts of problems without inequalities, which ``problem`` is one of, until so many of each are solved."""
     template = _template(_Kind(key(problem), problem))
-    motions = PlainMotions.of(numbers)
+    motions = NominalMotions.of(numbers)
     count = len(motions.x)
     struct = template.rows.struct
     batch = Batch.of(template, motions, struct if count == 1 else StructArray([struct], count))
-    batch.attempts.give(count=min(MOST_STARTS + wanted - 1, ATTEMPTS), wanted=wanted, most_work=np.inf)
-    batch.draws.give(seed=seed)
+    batch.searches.give(count=min(MOST_STARTS + wanted - 1, ATTEMPTS), wanted=wanted, most_work=np.inf)
+    batch.sampling.give(seed=seed)
     batch.follow()
     return batch
 
 
 def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
     """Follow the plain motions of problems with inequalities, which that of ``spec`` is one of; each as if alone."""
-    motions = PlainMotions.of(numbers)
+    motions = NominalMotions.of(numbers)
     count = len(motions.x)
     template = KernelProblem.of(spec, motions.start(0))
     constraints = StructArray([spec.rows.struct], count)
@@ -291,7 +294,7 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
     minima = StructArray([template.minima_struct], count)
     number, s, least = batch.minima
     minima.give(row=number, s=s, least=least)
-    batch.attempts.give(
+    batch.searches.give(
         count=1,
         most_work=most_work,
         thickness=thickness,
@@ -305,13 +308,13 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
 def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str, Array]:
     """What of the rows each problem has for itself: obstacles, the margins to them, limits."""
     rows = spec.rows
-    found: dict[str, Array] = {}
+    members: dict[str, Array] = {}
     if numbers.obstacles:
-        margins = np.array([[each.margin for each in own] for own in numbers.obstacles])
+        margins = np.array([[obstacle.margin for obstacle in own] for own in numbers.obstacles])
         least = np.tile(rows.least, (count, 1))
         of_obstacles = np.diff(rows.block_first)[: margins.shape[1]]
         least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
-        found = {"obstacles": doubles(numbers.obstacle_numbers()), "least": least}
+        members = {"obstacles": doubles(numbers.obstacle_numbers()), "least": least}
     if numbers.limits and numbers.limits is not numbers.like:
         sums = [np.empty((count, 0, rows.sums.terms))]
         for shares in shares_of_limits(numbers.limits):
@@ -319,5 +322,5 @@ def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str,
             assert isinstance(of_limit, SumRows), "limits are of sums"
             own = rows.sums.rows(of_limit)
             sums.append(np.broadcast_to(own, (count, *own.shape[-2:])))
-        found["sums"] = doubles(np.concatenate(sums, axis=1))
-    return found
+        members["sums"] = doubles(np.concatenate(sums, axis=1))
+    return members

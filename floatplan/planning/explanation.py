@@ -19,48 +19,49 @@ INTERRUPTED = "The search was interrupted before it found a plan; there may be o
 NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
-def explain(found: SearchResult) -> str:
+def explain(result: SearchResult) -> str:
     """Say, in sentences for a person, why what a search found is no plan."""
-    problem = found.spec.problem
-    reasons = found.impossible
-    interrupted = [INTERRUPTED] if found.interrupted and not reasons else []
-    flight = found.spec.flight
-    sentences = [*interrupted, *reasons, *flight.difficulties(), *_nearest(found)]
-    momentum = found.best.start_variables.angular_momentum(found.best.x)
+    problem = result.spec.problem
+    reasons = result.impossible
+    interrupted = [INTERRUPTED] if result.interrupted and not reasons else []
+    flight = result.spec.flight
+    sentences = [*interrupted, *reasons, *flight.difficulties(), *_nearest(result)]
+    momentum = result.best.start_variables.angular_momentum(result.best.x)
     sentences += [
         f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in flight.motion_into_ground(momentum)
     ]
-    if found.interrupted:
+    if result.interrupted:
         return " ".join(sentences)
-    if found.ran_out_of_time and not found.ran_out_of_patience:
+    if result.ran_out_of_time and not result.ran_out_of_patience:
         sentences.append("The search ran out of time; a larger budget may help.")
-    if found.momentum_found is not None:
-        h = _numbers(found.momentum_found, ".6g")
+    if result.other_momentum is not None:
+        h = _numbers(result.other_momentum, ".6g")
         sentences.append(f"With flight.angular_momentum = [{h}] kg m^2/s a plan was found.")
-    elif not reasons and found.best.start_variables.coefficients:
-        sentences += _hardly_missed(found) or _more_freedom(problem)
+    elif not reasons and result.best.start_variables.coefficients:
+        sentences += _near_miss(result) or _more_freedom(problem)
     return " ".join(sentences)
 
 
 def _wrong_way(best: AttemptResult) -> str:
     """What is wrong with the way to the goal in space, its turns or its tilt; empty for nothing."""
-    if best.spec.problem.robot.in_plane or not np.isfinite(best.missed).all():
+    if best.spec.problem.robot.in_plane or not np.isfinite(best.residual).all():
         return ""
     from floatplan.planning.lifting import wrong_way  # here, since most problems do without
 
     return wrong_way(best)
 
 
-def _hardly_missed(found: SearchResult) -> list[str]:
+def _near_miss(result: SearchResult) -> list[str]:
     """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that.
 
     All of it is said: of each limit that the motion exceeds, by how much, so that with these it is a plan.
     """
-    best, missed = found.best, _missed_turn(found)
+    best = result.best
+    residual = _residual(result)
     if not best.violation < NEARLY:
         return []
-    wishes = [f"the goal's orientation {_numbers(missed, '+.6g')} rad further"] if missed.any() else []
-    for number, block in enumerate(found.spec.constraints):
+    wishes = [f"the goal's orientation {_numbers(residual, '+.6g')} rad further"] if residual.any() else []
+    for number, block in enumerate(result.spec.constraints):
         violated = np.flatnonzero((best.worst.block == number) & (best.worst.value < -block.tolerance))
         amounts: dict[str, float] = {}  # in the block's unit; a limit has a row for either sign
         for at in violated.tolist():
@@ -80,10 +81,10 @@ def _rounded_up(amount: float) -> str:
     return f"{amount + 0.05 * 10.0 ** math.floor(math.log10(amount)):.1e}"
 
 
-def _missed_turn(found: SearchResult) -> Array:
+def _residual(result: SearchResult) -> Array:
     """By how much (e,) the nearest motion misses the goal's orientation, rad; 0 within the tolerance."""
-    missed = found.best.missed
-    return np.where(np.abs(missed) <= ORIENTATION, 0.0, missed)
+    residual = result.best.residual
+    return np.where(np.abs(residual) <= ORIENTATION, 0.0, residual)
 
 
 def _numbers(values: Array, form: str) -> str:
@@ -98,22 +99,25 @@ def _more_freedom(problem: Problem) -> list[str]:
     return [f"More freedom may help: {' or '.join(freedom)}."] if freedom else []
 
 
-def _nearest(found: SearchResult) -> list[str]:
+def _nearest(result: SearchResult) -> list[str]:
     """What is least violated in the nearest motion, and what to try; nothing of one that no start was tried for."""
-    spec = found.spec
-    best, missed, sentences = found.best, _missed_turn(found), []
-    tried = found.counts["starts"]
+    spec = result.spec
+    best = result.best
+    residual = _residual(result)
+    sentences = []
+    tried = result.counts["starts"]
     if not tried:
         return []
     wrong = _wrong_way(best)
-    if missed.any():
-        off = f"The nearest motion found misses the goal's orientation by {_numbers(missed, '+.6g')} rad"
+    if residual.any():
+        off = f"The nearest motion found misses the goal's orientation by {_numbers(residual, '+.6g')} rad"
         sentences.append(f"{off}; {wrong}." if wrong else f"{off}.")
     elif wrong:
         sentences.append(f"The nearest motion found reaches the goal's orientation, but {wrong}.")
     if best.worst.least < 0:
         number, row, value, s = best.worst.lowest
-        block, time = spec.constraints[number], s * spec.problem.flight.duration
+        block = spec.constraints[number]
+        time = s * spec.problem.flight.duration
         amount = f"{-value * block.scale[row]:.4g} {block.unit}"
         violated = f"{block.labels[row]} is violated by {amount}"
         sentences.append(f"In the nearest motion found, {violated} at t = {time:.4f} s.")

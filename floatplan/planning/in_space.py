@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -19,8 +19,8 @@ from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import AttemptResult, SearchResult, summary
 from floatplan.planning.search import (
     ANNOUNCED_EVERY,
-    ATTEMPTS_FOR_THE_IMPOSSIBLE,
     MOST_ATTEMPTS,
+    RULES,
     Allowance,
     Search,
     expiry,
@@ -29,16 +29,25 @@ from floatplan.planning.variables import Start, decision_variables
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
-TURNS = 6  # [-] starts at one degree before the next takes its turn
-FEW_JOINTS = 6  # [-] that need a higher degree
-TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
-DEGREES = (9, 11)  # [-] of twists, of robots with few joints, and without momentum
-DEGREES_WITHOUT_TWIST = (7, 9)  # [-]
 MOST_STARTS = 300  # [-]
-WITH_GIVEN = 0.8  # [-] of budget or work, before it is tried whether another h than the given one leads to a plan
-OF_ONE = 0.5  # [-] of the usual work, that one start may do; also where a budget of seconds ends the search
 LEAST_BY_VARIABLES = ("coefficients", "clip")  # objectives that are the norm of the variables x
-OUTSIDE = 1e-6  # [-] of the box of h, that is rounding
+
+
+@dataclass(frozen=True)
+class SpatialRules:
+    """What a search in space tries."""
+
+    starts_in_a_row: int = 6  # [-] at one degree, before the next is tried
+    few_joints: int = 6  # [-] that need a higher degree
+    twist: float = np.pi / 2  # [rad] about the third axis, that needs a higher degree
+    degrees: tuple[int, ...] = (9, 11)  # [-] of twists, of robots with few joints, and without momentum
+    degrees_without_twist: tuple[int, ...] = (7, 9)  # [-]
+    share_of_fixed: float = 0.8  # [-] of budget or work, before another h than the fixed one is tried
+    share_of_one: float = 0.5  # [-] of the usual work, for one start; also where a budget of seconds ends the search
+    outside: float = 1e-6  # [-] of the box of h, that is rounding
+
+
+SPATIAL_RULES = SpatialRules()
 
 
 def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ...]]:
@@ -46,11 +55,16 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
 
     Twists, few joints, and turns without momentum need higher ones.
     """
-    n, h = len(problem.robot.joints), problem.flight.angular_momentum
+    n = len(problem.robot.joints)
+    h = problem.flight.angular_momentum
     if not problem.raises_degree:
         return [problem.degrees]
-    demanding = n <= FEW_JOINTS or abs(flight.reorientation.change[2]) > TWIST or not (isinstance(h, str) or np.any(h))
-    return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
+    demanding = (
+        n <= SPATIAL_RULES.few_joints
+        or abs(flight.reorientation.change[2]) > SPATIAL_RULES.twist
+        or not (isinstance(h, str) or np.any(h))
+    )
+    return [(degree,) * n for degree in (SPATIAL_RULES.degrees if demanding else SPATIAL_RULES.degrees_without_twist)]
 
 
 class SpatialSearch(Search):
@@ -66,32 +80,32 @@ class SpatialSearch(Search):
         """
         if self.spec.momentum.axes.size:
             return self._tried(1.0)
-        result = self._tried(WITH_GIVEN)
+        result = self._tried(SPATIAL_RULES.share_of_fixed)
         if result.holding or result.interrupted or self.impossible:
             return result
         problem = self.spec.problem
         freed = replace(problem, flight=replace(problem.flight, angular_momentum="free"))
         try:
-            other = SpatialSearch(freed, replace(self.options, starts=1))._tried(1 - WITH_GIVEN)
+            other = SpatialSearch(freed, replace(self.options, starts=1))._tried(1 - SPATIAL_RULES.share_of_fixed)
         except (InputError, KeyboardInterrupt):
             return result
         x = other.best.x
-        return replace(result, momentum_found=other.best.variables.angular_momentum(x) if other.best.holds else None)
+        return replace(result, other_momentum=other.best.variables.angular_momentum(x) if other.best.holds else None)
 
     def _tried(self, share: float) -> SearchResult:
         """Try starts until so many of them are solved, or a share of the budget, or of the usual work, is used up."""
         options = self.options
         results: list[AttemptResult] = []
         expired = expiry(options.budget and share * options.budget)
-        began = self.work.done
+        work_before = self.work.done
         most_work = share * Allowance.of(options).left
-        work_of_one = OF_ONE * share * Allowance.of(SearchOptions()).left
+        work_of_one = SPATIAL_RULES.share_of_one * share * Allowance.of(SearchOptions()).left
         solved = 0
         announced = time.monotonic()
         interrupted = False
 
         def stop() -> bool:
-            return expired() or self.work.done - began > most_work
+            return expired() or self.work.done - work_before > most_work
 
         try:
             for result in islice(self._in_turns(stop, work_of_one), MOST_STARTS):
@@ -102,7 +116,7 @@ class SpatialSearch(Search):
                         LOG.info("%s", summary(results))
                 if solved >= options.starts or stop():
                     break
-                if not solved and len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and self.impossible:
+                if not solved and len(results) >= RULES.starts_of_the_impossible and self.impossible:
                     break
                 if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                     announced = time.monotonic()
@@ -139,8 +153,8 @@ class SpatialSearch(Search):
         is_left = True
         while is_left:
             is_left = False
-            for drawn in lifted:
-                for start in islice(drawn, TURNS):
+            for motions in lifted:
+                for start in islice(motions, SPATIAL_RULES.starts_in_a_row):
                     is_left = True
                     yield self._follow_lifted(start, stop, most_work) if start else None
 
@@ -148,7 +162,9 @@ class SpatialSearch(Search):
         """Follow a motion that is nearly one to the goal; None where it cannot be integrated."""
         lifted = LiftedFlight(self.spec, start.variables, self.work)
         try:
-            return self._follow_lifted(nearby(lifted, start.x), stop, OF_ONE * Allowance.of(SearchOptions()).left)
+            return self._follow_lifted(
+                nearby(lifted, start.x), stop, SPATIAL_RULES.share_of_one * Allowance.of(SearchOptions()).left
+            )
         except IntegrationError:
             return None
 
@@ -168,7 +184,7 @@ class SpatialSearch(Search):
             status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
             result = self._judged(final or motion, status)
         result.work = self.work.done - before
-        return result if np.isfinite(result.missed).all() else None
+        return result if np.isfinite(result.residual).all() else None
 
     def _within_limits(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Follow a closed motion with limits and objective; where h leaves its box by that, with h at the edge of it.
@@ -179,18 +195,18 @@ class SpatialSearch(Search):
         free = variables.coefficients
         result = self.follow(Start(variables, motion.x, at_once=True), stop, until - self.work.done)
         chosen = result.x[free:]
-        if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + OUTSIDE:
+        if not result.holds or np.abs(chosen).max(initial=0.0) <= 1 + SPATIAL_RULES.outside:
             return result
         h = variables.angular_momentum(np.append(motion.x[:free], np.clip(chosen, -1, 1)))
-        given = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
-        fixed = LiftedFlight(self.spec, given, self.work)
+        fixed_variables = replace(variables, momentum=MomentumSet(h, np.empty((len(h), 0))))
+        fixed = LiftedFlight(self.spec, fixed_variables, self.work)
         try:
             nearest = close(fixed.fly(motion.cells, motion.x[:free], motion.borders))
         except IntegrationError:
             return replace(result, violation=np.inf)
         if not (nearest.is_closed() and nearest.makes_right_turns):
             return self._judged(nearest, "infeasible")
-        return self.follow(Start(given, nearest.x, at_once=True), stop, until - self.work.done)
+        return self.follow(Start(fixed_variables, nearest.x, at_once=True), stop, until - self.work.done)
 
     def _judged(self, motion: LiftedMotion, status: str) -> AttemptResult:
         return self.judge(Start(motion.lifted.variables, motion.x), status)

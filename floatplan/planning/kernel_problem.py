@@ -1,6 +1,6 @@
-"""A problem as the kernel takes it, for a class of motions: starts of it are followed to their ends by ``starts.hpp``.
+"""A problem as the kernel takes it, for a class of motions; ``starts.hpp`` solves it from many starts.
 
-What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows that are watched.
+What crosses: the nodes of all levels, the class of motions of the start's variables, and the rows of inequalities.
 """
 
 from __future__ import annotations
@@ -30,18 +30,19 @@ from floatplan.tables import ORIENTATION
 
 INFEASIBLE, FEASIBLE, OPTIMAL = enumeration("Status")
 STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
-MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)  # of the reach of h from its middle: plain starts
+# Of the reach of h from its middle: nominal starts.
+MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)
 MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
-LEVEL_OF_DRAWS = 2  # of grids, where they are measured
-SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, in turn
+SAMPLING_LEVEL = 2  # of grids, where they are measured
+SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, cyclically
 CHEAP = 192  # [-] bodies times nodes, below which the time of an evaluation hardly depends on them
-EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is, and not followed
+EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is
 AnyStruct: TypeAlias = Any  # a Struct, StructArray, or one of these: what has a pointer
 
 
 @dataclass(frozen=True, eq=False)
 class KernelProblem:
-    """A problem as the kernel takes it, for the class of motions of a start, which is number 0; others are drawn.
+    """A problem as the kernel takes it, for the class of motions of a start, which is number 0; others are random.
 
     Attributes
     ----------
@@ -49,14 +50,14 @@ class KernelProblem:
         With the kernel's functions.
     table : RowTable
     start : Start
-    constraints, motions, attempt, draws : structs of the problem
+    constraints, motions, search, sampling : structs of the problem
     levels, settings, rules, powers : structs that other problems share
     x, branch, coefficients : (size,), (n,), (n, k+1)
         Where the kernel writes the best motion, with b of (12); that is None where accelerations at an end are free.
     minima : three arrays (most,)
         Where it writes the local minima of rows: number of the row, s, and value; ``minima_struct`` points to them.
     end_values : (rows, 2)
-        Where it writes the values of rows at takeoff and landing, when it is asked about them.
+        Where it writes the values of rows at takeoff and landing, on request.
     """
 
     rows: KernelRows
@@ -64,8 +65,8 @@ class KernelProblem:
     start: Start
     constraints: AnyStruct
     motions: AnyStruct
-    attempt: AnyStruct
-    draws: AnyStruct
+    search: AnyStruct
+    sampling: AnyStruct
     levels: StructArray
     settings: Struct
     rules: Struct
@@ -104,11 +105,11 @@ class KernelProblem:
             s=minima[1],
             least=minima[2],
         )
-        # Where nothing is constrained, h is not tried first.
+        # Where nothing is constrained, other h are not tried first.
         fractions = MOMENTUM_FRACTIONS if spec.constraints else ()
-        draws = Struct(
+        sampling = Struct(
             "SamplingOptions",
-            level=LEVEL_OF_DRAWS,
+            level=SAMPLING_LEVEL,
             random=MOTIONS_PER_VARIABLE * variables.size,
             spreads=SPREADS,
             fractions=len(fractions),
@@ -116,8 +117,8 @@ class KernelProblem:
             offset_map=None if variables.offset_map is None else doubles(variables.offset_map),
             branch=branch,
         )
-        exchange = near_recorded(rows.exchange) if variables.has_reference else rows.exchange
-        settings, rules = _numbers_of_search(rows.settings, exchange, rows.node_counts, rows.bodies)
+        of_rows = near_recorded(rows.rules) if variables.has_reference else rows.rules
+        settings, rules = _numbers_of_search(rows.settings, of_rows, rows.node_counts, rows.bodies)
         of_coefficients = spec.problem.motion.objective == "coefficients"
         return cls(
             rows=rows,
@@ -125,8 +126,10 @@ class KernelProblem:
             start=start,
             constraints=rows.struct,
             motions=motions_struct(spec.problem, variables, of_coefficients),
-            attempt=_attempt(spec, table, start, minima_struct, end_values=end_values, x=x, coefficients=coefficients),
-            draws=draws,
+            search=_search_problem(
+                spec, table, start, minima_struct, end_values=end_values, x=x, coefficients=coefficients
+            ),
+            sampling=sampling,
             levels=rows.nodes(polynomials.form),
             settings=settings,
             rules=rules,
@@ -141,7 +144,7 @@ class KernelProblem:
 
     def call(self, count: int = 1) -> None:
         """Have the kernel follow starts as the structs say, of so many problems that lie one after the other."""
-        no_memory = self.rows.attempt(
+        no_memory = self.rows.follow_starts(
             *self.rows.flying(self.start.variables.momentum),
             self.constraints.pointer,
             self.motions.pointer,
@@ -149,8 +152,8 @@ class KernelProblem:
             self.settings.pointer,
             self.rules.pointer,
             self.powers.pointer,
-            self.attempt.pointer,
-            self.draws.pointer,
+            self.search.pointer,
+            self.sampling.pointer,
             count,
             kernel().instructions,
         )
@@ -165,51 +168,54 @@ class KernelProblem:
         numbers : of the starts
         most_work : instants of one body
             The first start ends when it has done it, of others those are left out that would do more.
-        seed : of the starts that are drawn
+        seed : of the random starts
         reach : m, of the point that stays nearest to the centre of mass
-            Above 0, it is asked first if start and goal, and the path of the centre of mass, leave a chance. Where
-            they do not, none is followed.
+            Above 0, start and goal, and the path of the centre of mass, are examined first. Where they leave no
+            chance, no start is followed.
         expired : whether there is no time left: the first start is judged as it is
         """
-        attempt = self.attempt.pointer
+        search = self.search.pointer
         self.x[:] = self.start.x
-        attempt.first = numbers.start
-        attempt.count = len(numbers)
-        attempt.wanted = 0
-        attempt.most_work = EXPIRED if expired else most_work
-        attempt.reach = reach
-        self.draws.pointer.seed = seed
+        search.first = numbers.start
+        search.count = len(numbers)
+        search.wanted = 0
+        search.most_work = EXPIRED if expired else most_work
+        search.reach = reach
+        self.sampling.pointer.seed = seed
         self.call()
 
     def result(self, spec: FlightSpec) -> AttemptResult:
-        """Return the best of the starts that were followed last."""
-        attempt, table = self.attempt.pointer, self.table
-        found = attempt.minima.found
-        row, s, least = self.minima[0][:found], self.minima[1][:found], self.minima[2][:found]
+        """Return the best of the starts of the last call."""
+        search = self.search.pointer
+        table = self.table
+        count = search.minima.found
+        row = self.minima[0][:count]
+        s = self.minima[1][:count]
+        least = self.minima[2][:count]
         # Without rows, the coefficients of what is no plan are of another x.
-        knows_coefficients = self.coefficients is not None and (attempt.rows > 0 or attempt.violation <= 0)
+        knows_coefficients = self.coefficients is not None and (search.rows > 0 or search.violation <= 0)
         return AttemptResult(
             spec=spec,
             start_variables=self.start.variables,
             x=self.x.copy(),
-            status=STATUS[attempt.status],
-            iterations=attempt.iterations,
-            evaluations=attempt.evaluations,
-            level=attempt.judged_level,
-            violation=attempt.violation,
+            status=STATUS[search.status],
+            iterations=search.iterations,
+            evaluations=search.evaluations,
+            level=search.judged_level,
+            violation=search.violation,
             worst=Worst(block=table.block[row], row=table.row[row], s=s.copy(), value=least.copy()),
-            missed=np.array(list(attempt.missed)[: len(self.start.variables.momentum.centre)]),
-            work=attempt.work,
-            starts=attempt.started,
-            solved=max(attempt.solved, 1),
+            residual=np.array(list(search.missed)[: len(self.start.variables.momentum.centre)]),
+            work=search.work,
+            starts=search.started,
+            solved=max(search.solved, 1),
             coefficients=self.coefficients.copy() if self.coefficients is not None and knows_coefficients else None,
-            integral=attempt.objective if attempt.objective_sums else None,
+            integral=search.objective if search.objective_sums else None,
             branch=self.branch.copy() if self.branch.any() else None,
         )
 
 
-def _attempt(spec: FlightSpec, table: RowTable, start: Start, minima: Struct, **written: Array | None) -> Struct:
-    """Return starts as the kernel follows them, with the arrays in which their ends are written."""
+def _search_problem(spec: FlightSpec, table: RowTable, start: Start, minima: Struct, **written: Array | None) -> Struct:
+    """Return the search from a start as the kernel takes it, with the arrays in which it writes its result."""
     rows = spec.rows
     chosen = start.variables.chosen_at_ends
     changes = [bool(chosen and chosen & block.depends_at_ends_on) for block in spec.constraints]
@@ -223,7 +229,7 @@ def _attempt(spec: FlightSpec, table: RowTable, start: Start, minima: Struct, **
         bodies=rows.bodies * rows.work_of_body,
         entries=sum(rows.differentiated),
         thickness=min((obstacle.thickness for obstacle in spec.problem.obstacles), default=np.inf),
-        plain=doubles(start.variables.plain_motion),
+        plain=doubles(start.variables.nominal_motion),
         low=doubles(table.low),
         high=doubles(table.high),
         tolerance=doubles(table.tolerance),
@@ -261,12 +267,14 @@ def powers_of_basis(width: int) -> Struct:
 
 @lru_cache(maxsize=64)
 def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficients: bool) -> Struct:
-    """The class of motions of the variables; where h moves conditions (13), with the map to (17) if that is wanted."""
-    polynomials, momentum, following = variables.polynomials, variables.momentum, variables.following
+    """The class of motions of the variables; where h moves conditions (13), with the map to (17) on request."""
+    polynomials = variables.polynomials
+    momentum = variables.momentum
+    following = variables.following
     form = polynomials.form
     series = basis(form).series
-    given = basis(form).given
-    columns = [given.index(condition) if condition in given else -1 for condition in range(CONDITIONS)]
+    fixed = basis(form).fixed
+    columns = [fixed.index(condition) if condition in fixed else -1 for condition in range(CONDITIONS)]
     coefficient_map = None
     if of_coefficients and following is not None:
         _, _, unit = scale(form, polynomials.free, (polynomials.duration,))
@@ -284,7 +292,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
         size=variables.size,
         axes=momentum.axes.shape[1],
         columns=series.shape[2],
-        given=len(given),
+        given=len(fixed),
         terms=series.shape[1],
         duration=polynomials.duration,
         orientation=orientation,
@@ -295,7 +303,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
         amplitude=doubles(polynomials.amplitude),
         first=integers(list(accumulate(polynomials.free, initial=0))),
         condition=integers(columns),
-        boundary=doubles(polynomials.given_boundary),
+        boundary=doubles(polynomials.fixed_boundary),
         offset=doubles(variables.offset),
         scaling=doubles(variables.scaling),
         series=doubles(series),

@@ -35,28 +35,40 @@ from floatplan.planning.result import AttemptResult, Work
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables
 
-CELLS, STAGES = 16, 5  # of the grid that is searched on
-FINE_STAGES, FINER = 8, (16, 32, 64)  # [-] of the cells that a plan is closed in
-EXACT = 1e-10  # [rad] by which twice as many cells may change the attitude at landing
-ROUNDING = 1e-12  # [-]
-CLOSED = 1e-7  # [rad] gaps below which a motion is closed
-CLOSED_FINELY = 1e-11  # [rad] the same of a plan
-STEPS = 30  # [-] most of them
-LONGEST_STEP = 0.7  # [rad] of p, root mean square over all joints together
-LARGEST_TURN = 0.6  # [rad] of a border
-SHORTEST = 1e-3  # [-] of a step, below which it is given up
-SHORTER = 0.4  # [-] a step that does not serve
-GAIN = 0.25  # [-] of what a whole step would gain that is asked for
-TURNS_WEIGH = 0.09  # [-] mean square turn of the borders beside the square change of the motion
-DESCENDED = 1e-3  # [-] of the motion: a projected gradient below it is none
-LEAST = 1e-2  # [-] the same, of a motion that is called optimal
-DESCENTS = 40  # [-] most steps of the descent
-TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first step of the descent
-CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
-LEAST_GAIN = 1e-3  # [-] of the size of the motion
-STEEPEST_START = 0.9  # [-] sine of the tilt of a path
-A_SOMERSAULT = np.pi / 2  # [rad] about the first axis: a twist beside less is made without tilt
-FINENESS = 401  # [-] instants by which a bump is integrated
+
+@dataclass(frozen=True)
+class LiftingSettings:
+    """Numbers of lifting, in the order of its steps."""
+
+    cells: int = 16  # [-] of the grid of a search
+    stages: int = 5  # [-] of one of them
+    fine_stages: int = 8  # [-] of the cells that a plan is closed in
+    fine_cells: tuple[int, ...] = (16, 32, 64)  # [-] how many of these
+    exact: float = 1e-10  # [rad] by which twice as many cells may change the attitude at landing
+    rounding: float = 1e-12  # [-]
+    steepest_start: float = 0.9  # [-] sine of the tilt of a path
+    somersault: float = np.pi / 2  # [rad] about the first axis: with less a twist is made without tilt
+    bump_instants: int = 401  # [-] by which a bump is integrated
+    # Closing the gaps.
+    closed: float = 1e-7  # [rad] gaps below which a motion is closed
+    closed_finely: float = 1e-11  # [rad] the same of a plan
+    closing_steps: int = 30  # [-] at most
+    longest_step: float = 0.7  # [rad] of p, root mean square over all joints
+    largest_rotation: float = 0.6  # [rad] of a border, in a step
+    shortest_step: float = 1e-3  # [-] below which closing is given up
+    shorter: float = 0.4  # [-] share of a step that does not serve, which is tried next
+    required_gain: float = 0.25  # [-] of what a whole step promises
+    rotation_weight: float = 0.09  # [-] of the borders' mean square rotation, against the square change of the motion
+    # Descending to a smaller motion.
+    descent_steps: int = 40  # [-] at most
+    first_radius: float = 0.5  # [rad] of p, root mean square over all joints
+    closing_steps_again: int = 5  # [-] at most, after a step of the descent
+    least_gain: float = 1e-3  # [-] of the size of the motion
+    no_gradient: float = 1e-3  # [-] of the size of the motion: a smaller projected gradient ends the descent
+    optimal_gradient: float = 1e-2  # [-] the same, of a motion that is called optimal
+
+
+LIFTING = LiftingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +95,8 @@ class LiftedFlight:
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies, entries=3 * cells.count * len(x))
-        count, size = cells.count, len(x)
+        count = cells.count
+        size = len(x)
         ends = np.empty((count, 3, 3))
         gaps = np.empty((count, 3))
         carried = np.empty((count, 3, count, 3))
@@ -126,10 +139,11 @@ class LiftedFlight:
             makes_right_turns=bool(lifted.pointer.is_right_way),
         )
 
-    def flown(self, cells: Cells, x: Array) -> Turning:
+    def turning(self, cells: Cells, x: Array) -> Turning:
         """How the base turns in the motion x, in cells without gaps; errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies)
-        flight, h = self.flight, self.variables.angular_momentum(x)
+        flight = self.flight
+        h = self.variables.angular_momentum(x)
         polynomials = self.variables.polynomials
         motion = polynomials.motion(self.variables.free_coefficients(x), basis(polynomials.form).values(cells.s))
         inertia, joint_map = flight.dynamics.momentum_maps(motion.positions)
@@ -171,7 +185,7 @@ class LiftedMotion:
         """Root mean square of p's free part, over time, joints together, rad."""
         return float(np.linalg.norm(self.x[: self.lifted.variables.coefficients]))
 
-    def is_closed(self, gap: float = CLOSED) -> bool:
+    def is_closed(self, gap: float = LIFTING.closed) -> bool:
         """Whether no gap is larger than so much, rad."""
         return float(np.einsum("ca,ca->c", self.gaps, self.gaps).max()) < gap * gap
 
@@ -189,12 +203,14 @@ class LiftedMotion:
         closing = -(self.carried.reshape(3 * count, 3 * count) @ gaps.ravel()).reshape(count, 3)
         jacobian = self.turns[-1]
         along = np.full_like(self.x, along) if isinstance(along, float) else along.copy()
-        movable, free = np.ones(len(self.x), bool), self.lifted.variables.coefficients
+        movable = np.ones(len(self.x), bool)
+        free = self.lifted.variables.coefficients
         for _ in range(self.lifted.variables.momentum.axes.shape[1] + 1):
-            columns, change = jacobian[:, movable], along.copy()
+            columns = jacobian[:, movable]
+            change = along.copy()
             missing = closing[-1] + jacobian @ along
-            change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=ROUNDING)[0]
-            beyond = movable & (np.abs(self.x + change) > 1 + ROUNDING)
+            change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=LIFTING.rounding)[0]
+            beyond = movable & (np.abs(self.x + change) > 1 + LIFTING.rounding)
             beyond[:free] = False
             if not beyond.any():
                 break
@@ -209,7 +225,7 @@ class LiftedMotion:
         return self.lifted.fly(self.cells, self.x + change, np.asarray(exponential(turns) @ self.borders))
 
 
-def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) -> LiftedMotion:
+def close(motion: LiftedMotion, gap: float = LIFTING.closed, most_steps: int = LIFTING.closing_steps) -> LiftedMotion:
     """Close the gaps of a motion; return where that ends, closed or not."""
     length = 1.0
     for _ in range(most_steps):
@@ -217,19 +233,26 @@ def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) ->
             break
         change, turns = motion.step(motion.gaps)
         before = _size(change, turns)
-        farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
+        farthest = max(float(np.linalg.norm(turns, axis=1).max()), LIFTING.rounding)
         length = min(
-            1.0, 2 * length, LONGEST_STEP / max(float(np.linalg.norm(change)), ROUNDING), LARGEST_TURN / farthest
+            1.0,
+            2 * length,
+            LIFTING.longest_step / max(float(np.linalg.norm(change)), LIFTING.rounding),
+            LIFTING.largest_rotation / farthest,
         )
         other = None
-        while length >= SHORTEST:
+        while length >= LIFTING.shortest_step:
             try:
                 other = motion.moved(length * change, length * turns)
             except IntegrationError:
                 other = None
-            if other is not None and _size(*motion.step(other.gaps)) <= (1 - GAIN * length) ** 2 * before:
+            if (
+                other is not None
+                and _size(*motion.step(other.gaps)) <= (1 - LIFTING.required_gain * length) ** 2 * before
+            ):
                 break
-            other, length = None, SHORTER * length
+            other = None
+            length = LIFTING.shorter * length
         if other is None:
             break
         motion = other
@@ -237,31 +260,34 @@ def close(motion: LiftedMotion, gap: float = CLOSED, most_steps: int = STEPS) ->
 
 
 def _size(change: Array, turns: Array) -> float:
-    return float(change @ change + TURNS_WEIGH * (turns * turns).sum() / len(turns))
+    return float(change @ change + LIFTING.rotation_weight * (turns * turns).sum() / len(turns))
 
 
 def descend(motion: LiftedMotion) -> LiftedMotion:
     """Make a closed motion's free part smaller, along closed motions with the same turns."""
-    radius = TRUST
+    radius = LIFTING.first_radius
     free = motion.lifted.variables.coefficients
-    for _ in range(DESCENTS):
+    for _ in range(LIFTING.descent_steps):
         downhill = np.zeros_like(motion.x)
         downhill[:free] = -motion.x[:free]
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= DESCENDED * motion.size:
+        if length <= LIFTING.no_gradient * motion.size:
             break
-        farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
-        share = min(1.0, radius / length, LARGEST_TURN / farthest)
+        farthest = max(float(np.linalg.norm(turns, axis=1).max()), LIFTING.rounding)
+        share = min(1.0, radius / length, LIFTING.largest_rotation / farthest)
         try:
-            other = close(motion.moved(*motion.step(motion.gaps, share * downhill)), most_steps=CORRECTIONS)
+            other = close(
+                motion.moved(*motion.step(motion.gaps, share * downhill)), most_steps=LIFTING.closing_steps_again
+            )
         except IntegrationError:
             other = motion
-        if other.is_closed() and other.size < motion.size * (1 - LEAST_GAIN) and other.makes_right_turns:
-            motion, radius = other, 2 * min(radius, share * length)
+        if other.is_closed() and other.size < motion.size * (1 - LIFTING.least_gain) and other.makes_right_turns:
+            motion = other
+            radius = 2 * min(radius, share * length)
         else:
-            radius = SHORTER * min(radius, share * length)
-            if radius < SHORTEST:
+            radius = LIFTING.shorter * min(radius, share * length)
+            if radius < LIFTING.shortest_step:
                 break
     return motion
 
@@ -272,22 +298,22 @@ def is_least(motion: LiftedMotion) -> bool:
     downhill = np.zeros_like(motion.x)
     downhill[:free] = -motion.x[:free]
     change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
-    return float(np.linalg.norm(change)) <= LEAST * max(motion.size, ROUNDING)
+    return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * max(motion.size, LIFTING.rounding)
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:
     """Close a motion in as many cells as its attitude at landing needs; None where none are enough."""
-    for count in FINER:
-        fine = cells(count, FINE_STAGES)
+    for count in LIFTING.fine_cells:
+        fine = cells(count, LIFTING.fine_stages)
         borders = motion.at(np.arange(count) / count)
         try:
-            motion = close(motion.lifted.fly(fine, motion.x, borders), CLOSED_FINELY)
-            if not motion.is_closed(CLOSED_FINELY):
+            motion = close(motion.lifted.fly(fine, motion.x, borders), LIFTING.closed_finely)
+            if not motion.is_closed(LIFTING.closed_finely):
                 return None
-            finer = motion.lifted.flown(cells(2 * count, FINE_STAGES), motion.x).ends[-1]
+            finer = motion.lifted.turning(cells(2 * count, LIFTING.fine_stages), motion.x).ends[-1]
         except IntegrationError:
             return None
-        if np.linalg.norm(logarithm((finer @ motion.ends[-1].T)[None])) < EXACT:
+        if np.linalg.norm(logarithm((finer @ motion.ends[-1].T)[None])) < LIFTING.exact:
             return motion
     return None
 
@@ -301,7 +327,7 @@ class Bump:
     ramp: float = 0.4
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Bump:
+    def sampled(cls, rng: np.random.Generator) -> Bump:
         """Draw one."""
         return cls(rng.uniform(0, 0.35), rng.uniform(0.65, 1), rng.uniform(0.2, 0.5))
 
@@ -324,29 +350,33 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     posture is taken for a symmetric top: with the momentum h along the first axis, a tilt by beta makes it twist at
     ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
     """
-    flight, angular_momentum = lifted.flight, lifted.variables.angular_momentum(x)
+    flight = lifted.flight
+    angular_momentum = lifted.variables.angular_momentum(x)
     steady = s if angular_momentum.any() else _smoothstep(s)
     axes = flight.reorientation.goal.axes
     if axes is None:
-        before, last = flight.initial_attitude[None], flight.initial_attitude
+        before = flight.initial_attitude[None]
+        last = flight.initial_attitude
         if angular_momentum.any():
-            flown = lifted.flown(cells(CELLS, STAGES), x)
-            before, last = flown.at(s), flown.ends[-1]
-        missed = logarithm((flight.final_attitude @ last.T)[None])
-        return np.asarray(exponential(steady[:, None] * missed) @ before)
+            turning = lifted.turning(cells(LIFTING.cells, LIFTING.stages), x)
+            before = turning.at(s)
+            last = turning.ends[-1]
+        residual = logarithm((flight.final_attitude @ last.T)[None])
+        return np.asarray(exponential(steady[:, None] * residual) @ before)
     first, second, third = np.eye(3)[["xyz".index(letter) for letter in axes]]
     polynomials = lifted.variables.polynomials
-    start = polynomials.motion(polynomials.no_free_part, basis(polynomials.form).values(np.zeros(1)))
+    start = polynomials.motion(polynomials.nominal_coefficients, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]
-    across, along = (first @ inertia @ first + second @ inertia @ second) / 2, third @ inertia @ third
-    fine = np.linspace(0, 1, FINENESS)
+    across = (first @ inertia @ first + second @ inertia @ second) / 2
+    along = third @ inertia @ third
+    fine = np.linspace(0, 1, LIFTING.bump_instants)
     height = bump.at(fine)
-    area = np.concatenate(([0.0], np.cumsum(height[1:] + height[:-1]) / 2 / (FINENESS - 1)))
+    area = np.concatenate(([0.0], np.cumsum(height[1:] + height[:-1]) / 2 / (LIFTING.bump_instants - 1)))
     twisting = float(angular_momentum @ first) * flight.duration * (1 / along - 1 / across) * area[-1]
     handed = float(first @ np.cross(second, third))
     change = flight.reorientation.change
-    tilts = twisting and abs(change[0]) > A_SOMERSAULT
-    sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if tilts else 0.0
+    tilts = twisting and abs(change[0]) > LIFTING.somersault
+    sine = np.clip(handed * change[2] / twisting, -LIFTING.steepest_start, LIFTING.steepest_start) if tilts else 0.0
     angles = np.empty((len(s), 3))
     angles[:, 0] = change[0] * steady
     angles[:, 1] = change[1] * steady + np.arcsin(sine * np.interp(s, fine, height))
@@ -356,22 +386,28 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
 
 def nearby(lifted: LiftedFlight, x: Array) -> LiftedMotion:
     """Lift the motion x, whose error at landing is taken away evenly; errors as of :func:`turn`."""
-    grid, s = cells(CELLS, STAGES), np.arange(CELLS) / CELLS
-    flown = lifted.flown(grid, x)
-    missed = logarithm((lifted.flight.final_attitude @ flown.ends[-1].T)[None])
-    return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * missed) @ flown.borders))
+    grid = cells(LIFTING.cells, LIFTING.stages)
+    s = np.arange(LIFTING.cells) / LIFTING.cells
+    turning = lifted.turning(grid, x)
+    residual = logarithm((lifted.flight.final_attitude @ turning.ends[-1].T)[None])
+    return lifted.fly(grid, x, np.asarray(exponential(s[:, None] * residual) @ turning.borders))
 
 
 def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
-    """Yield motions to close: the one with no free part, then random ones without end.
+    """Yield motions to close: the one without free coefficients, then random ones without end.
 
     None for one that cannot be integrated; where nothing is free, there is but one.
     """
-    rng, grid, momentum = np.random.default_rng(seed), cells(CELLS, STAGES), lifted.variables.momentum
+    rng = np.random.default_rng(seed)
+    grid = cells(LIFTING.cells, LIFTING.stages)
+    borders = np.arange(LIFTING.cells) / LIFTING.cells
     polynomials = lifted.variables.polynomials
-    joints, width = len(polynomials.free), polynomials.width
-    borders = np.arange(CELLS) / CELLS
-    bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.axes.shape[1])
+    joints = len(polynomials.free)
+    width = polynomials.width
+    axes = int(lifted.variables.momentum.axes.shape[1])
+    bump = Bump()
+    z = np.zeros((joints, width))
+    y = np.zeros(axes)
     while True:
         x = np.concatenate((z.ravel()[polynomials.free_indices], y))
         try:
@@ -380,13 +416,14 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
             yield None
         if not x.size:
             return
-        bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
+        bump = Bump.sampled(rng)
+        z = 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
         z[:, 2:] *= 0.15
-        y = rng.uniform(-0.5, 0.5, size=(momentum.axes.shape[1],))
+        y = rng.uniform(-0.5, 0.5, axes)
 
 
 def wrong_way(result: AttemptResult) -> str:
     """What is wrong with the way to the goal, its turns or its tilt; empty for nothing."""
     lifted = LiftedFlight(result.spec, result.variables)
-    way = lifted.flown(cells(*LEVELS[result.level]), result.x).way
+    way = lifted.turning(cells(*LEVELS[result.level]), result.x).way
     return wrong_turns(lifted.flight.reorientation, way)

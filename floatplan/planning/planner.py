@@ -56,11 +56,11 @@ def plan(
         budget ends them.
     budget : float, optional
         Seconds, by the clock, after which the search ends with the best motion so far; left out, so much work as takes
-        about 2 s at most, counted without a clock: the same problem and seed then have the same answer everywhere.
+        about 2 s at most, counted without a clock: the same problem and seed then have the same plan everywhere.
     progress : callable, optional
-        Told in a few words what the search is doing, about once a second.
+        Called with a few words on what the search is doing, about once a second.
     prove : bool
-        Whether to prove the plan too, at every instant: where the best motion found is not proved, it is corrected, or
+        Whether to prove the plan too, at every instant: where the best motion is not proved, it is corrected, or
         the next best is tried.
 
     Returns
@@ -76,19 +76,19 @@ def plan(
         The problem is none, or its file is wrong; a number is none, or out of its range; or what stands on the ground
         moves down at takeoff.
     """
-    found = planned(as_problem(problem), SearchOptions(seed, starts, budget, progress))
-    plan = found.plan
+    searched = planned(as_problem(problem), SearchOptions(seed, starts, budget, progress))
+    plan = searched.plan
     if flag(prove, "prove"):
         from floatplan.planning.repair import proved_plan  # here, because most plans do without
 
-        plan = proved_plan(found)
+        plan = proved_plan(searched)
     if plan.problem.jump:
         return plan.with_record(replace(plan.record, explanation=f"{plan.explanation} {ONLY_THE_FLIGHT}"))
     return plan
 
 
 def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan:
-    """Plan a flight and keep where the search ended.
+    """Plan a flight, and return where the search ended too.
 
     With limits or obstacles it begins with the motion of a plan ``near``, of the same robot, where there is one, and
     stays with that motion's kind, though a search might find a better one of another kind; it searches for another
@@ -99,31 +99,32 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
     InputError
         What stands on the ground moves down at takeoff, or up at landing.
     """
-    found = found_for(problem, options, near)
-    return found if isinstance(found, SearchedPlan) else searched_plan(found)
+    result = search_for(problem, options, near)
+    return result if isinstance(result, SearchedPlan) else searched_plan(result)
 
 
-def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | SearchResult:
-    """What :func:`planned` makes a plan of, where the answer in numbers may be enough; errors as above."""
-    began = time.perf_counter()
+def search_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | SearchResult:
+    """What :func:`planned` makes a plan of, where numbers may be enough; errors as above."""
+    started = time.perf_counter()
     search = None
     if problem.is_plain and not problem.raises_degree:
         batch = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
-        if answer := batch.answer(0):
-            plan = answer.plan(problem, options.seed, time.perf_counter() - began)
+        if solution := batch.answer(0):
+            plan = solution.plan(problem, options.seed, time.perf_counter() - started)
             LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
-            return SearchedPlan(plan, lambda: batch.result(0, problem), work=batch.attempts.pointer[0].work)
+            return SearchedPlan(plan, lambda: batch.result(0, problem), work=batch.searches.pointer[0].work)
         search = batch.search(0, problem, options)
     elif problem.robot.in_plane is None:
         search = SpatialSearch(problem, options)
-    result = _searched(search or Search(problem, options), near, began)
-    return replace(result, seconds=time.perf_counter() - began)
+    result = _searched(search or Search(problem, options), near, started)
+    return replace(result, seconds=time.perf_counter() - started)
 
 
 @one_thread
-def _searched(search: Search, near: Plan | None, began: float) -> SearchResult:
-    """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
-    spec, budget = search.spec, search.options.budget
+def _searched(search: Search, near: Plan | None, started: float) -> SearchResult:
+    """Search for what the kernel has not solved in one call; its sums are long enough for several threads of BLAS."""
+    spec = search.spec
+    budget = search.options.budget
     if spec.problem.ground and not spec.momentum.axes.size:
         refuse(spec.flight.motion_into_ground(spec.momentum.centre))
     if near and spec.problem.has_inequalities:
@@ -133,7 +134,7 @@ def _searched(search: Search, near: Plan | None, began: float) -> SearchResult:
         if result and result.holds:
             return SearchResult(spec, search.options.seed, [result])
     if near and budget is not None:
-        left = budget - (time.perf_counter() - began)
+        left = budget - (time.perf_counter() - started)
         search.options = replace(search.options, budget=max(left, SHARE * budget))
     return search.run()
 
@@ -143,7 +144,8 @@ def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
 
     It has the same branches of the arcsine, and the same free coefficients.
     """
-    degrees, powers = spec.problem.degrees, np.arange(near.coefficients.shape[1])
+    degrees = spec.problem.degrees
+    powers = np.arange(near.coefficients.shape[1])
     if spec.problem.raises_degree:
         degrees = (max(powers[-1].item(), *degrees),) * len(degrees)
     if powers[-1] > max(degrees):
@@ -153,11 +155,11 @@ def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
     variables = decision_variables(spec.problem, degrees, branches, spec.momentum)
     columns = basis(variables.polynomials.form).powers
     padded = np.pad(of_share, ((0, 0), (0, len(columns) - len(powers))))
-    z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).given) :]
+    z: Array = np.linalg.solve(columns, padded.T).T[:, len(basis(variables.polynomials.form).fixed) :]
     return Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
 
 
-def searched_answer(result: SearchResult) -> PlanEntry:
+def searched_numbers(result: SearchResult) -> PlanEntry:
     """Return what a search ended with, in numbers."""
     best = result.best
     counts: dict[str, Any] = result.counts
@@ -166,7 +168,7 @@ def searched_answer(result: SearchResult) -> PlanEntry:
         status=best.status if best.holds else unsolved,
         objective=best.objective_value if best.holds else np.nan,
         angular_momentum=float(best.start_variables.angular_momentum(best.x)[0]),
-        residual=float(np.linalg.norm(best.missed)),
+        residual=float(np.linalg.norm(best.residual)),
         coefficients=best.written,
         **counts,
         message=_explanation(result),
@@ -174,7 +176,7 @@ def searched_answer(result: SearchResult) -> PlanEntry:
 
 
 def _explanation(result: SearchResult) -> str:
-    """Say, in sentences for a person, what a search found."""
+    """Say, in sentences for a person, what came of a search."""
     if result.best.holds:
         return ALL_HOLDS if result.spec.constraints else GOAL_MET
     from floatplan.planning.explanation import explain  # here, since plans do without
@@ -200,5 +202,5 @@ def searched_plan(result: SearchResult) -> SearchedPlan:
         result=best,
         others=result.holding[1:],
         gave_up=result.ran_out_of_patience,
-        work=sum(attempt.work for attempt in result.results),
+        work=sum(tried.work for tried in result.results),
     )

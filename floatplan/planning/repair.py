@@ -1,7 +1,7 @@
 """Planning with proof: where a plan misses its proof by little, planner and certificate close the gap together.
 
-The search is given a problem that is tighter by the shortfall, begins where it ended, and the new motion is proved
-against the problem that was asked. The plan's record holds the latter alone.
+A search of a problem that is tighter by the shortfall begins where the first one ended, and the new motion is proved
+against the problem as it was. The plan's record holds the latter only.
 """
 
 import logging
@@ -40,8 +40,8 @@ Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
 
 
 @one_thread
-def proved_plan(found: SearchedPlan) -> Plan:
-    """Prove a plan that the search found, or the next best one, and return it with its certificate.
+def proved_plan(searched: SearchedPlan) -> Plan:
+    """Prove the plan of a search, or the next best one, and return it with its certificate.
 
     What is proved goes before what is undecided.
 
@@ -51,24 +51,26 @@ def proved_plan(found: SearchedPlan) -> Plan:
         Its ``certificate`` is None where no plan was found. ``ok`` is False where none was found, or the one found was
         refuted; a plan that the certificate cannot decide stays ``ok``; ``explanation`` says what is not proved.
     """
-    if not found.plan.ok:
-        return found.plan
-    plan, certificate = proved(found)
+    if not searched.plan.ok:
+        return searched.plan
+    plan, certificate = proved(searched)
     LOG.info("proof: %s, %d intervals of time", certificate.verdict, certificate.subintervals)
     if any(finding.kind == "robot" for finding in certificate.findings):
         return judged(plan, certificate)  # whatever it does, the certificate does not read what moves
-    for other in alternatives(found):  # a plan proved may have lost by being corrected: then these may be better still
+    for other in alternatives(
+        searched
+    ):  # a plan proved may have lost by being corrected: then these may be better still
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
         answers = (plan, certificate), proved(other)
-        plan, certificate = min(answers, key=lambda each: (VERDICTS.index(each[1].verdict), each[0].objective_value))
+        plan, certificate = min(answers, key=lambda one: (VERDICTS.index(one[1].verdict), one[0].objective_value))
     return judged(plan, certificate)
 
 
-def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
+def proved(searched: SearchedPlan) -> tuple[Plan, Certificate]:
     """Prove a plan, correcting it where little is missing; the best plan and its certificate."""
-    asked = tighter = found.plan.problem
-    plan, certificate = _claims_proved(found.plan, certify(found.plan))
+    requested = tighter = searched.plan.problem
+    plan, certificate = _claims_proved(searched.plan, certify(searched.plan))
     for _ in range(ROUNDS):
         if certificate.proved:
             break
@@ -76,39 +78,44 @@ def proved(found: SearchedPlan) -> tuple[Plan, Certificate]:
         corrected = None
         if missing is not None:
             LOG.info("proof: %s, tightened by the shortfalls of %d constraints", certificate.verdict, len(missing))
-            turn = asked.final.orientation - sum(certificate.orientation_end) / 2 if ORIENTATION in missing else 0.0
-            tighter = tightened(tighter, missing, turn)
-            corrected = polished(found, tighter)
+            rotation = 0.0
+            if ORIENTATION in missing:
+                rotation = requested.final.orientation - sum(certificate.orientation_end) / 2
+            tighter = tightened(tighter, missing, rotation)
+            corrected = polished(searched, tighter)
         if corrected is None:
             break
-        found = corrected
-        plan, certificate = _claims_proved(found.plan, certify(found.plan))
+        searched = corrected
+        plan, certificate = _claims_proved(searched.plan, certify(searched.plan))
     return plan, certificate
 
 
-def alternatives(found: SearchedPlan) -> Iterator[SearchedPlan]:
+def alternatives(searched: SearchedPlan) -> Iterator[SearchedPlan]:
     """Yield the plans that the other solutions would make."""
-    for result in found.others or _not_kept(found):
-        moved = found.plan.moving_as(*result.motion, result.coefficients)
+    for result in searched.others or _other_solutions(searched):
+        moved = searched.plan.moving_as(*result.motion, result.coefficients)
         yield SearchedPlan(replace(moved, status=result.status), result)
 
 
-def _not_kept(found: SearchedPlan) -> tuple[AttemptResult, ...]:
-    """Solutions worse than the best, of starts that the kernel has followed together: now one by one."""
-    solver, best = found.plan.solver, found.best
+def _other_solutions(searched: SearchedPlan) -> tuple[AttemptResult, ...]:
+    """Solutions worse than the best, of starts of one call of the kernel: now one by one."""
+    solver = searched.plan.solver
+    best = searched.best
     if not best.is_exhaustive or solver["solved"] < 2:
         return ()
     options = SearchOptions(solver["seed"], solver["solved"])
-    again = Search(found.plan.problem, options).run(solver["starts"])
-    return tuple(each for each in again.holding if each.objective_value > best.objective_value * (1 + EXCHANGE.same))
+    again = Search(searched.plan.problem, options).run(solver["starts"])
+    most = best.objective_value * (1 + EXCHANGE.same)
+    return tuple(result for result in again.holding if result.objective_value > most)
 
 
-def polished(found: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
-    """Follow the motion found to the nearest one that meets a tighter problem; None where that leads to none.
+def polished(searched: SearchedPlan, tighter: Problem) -> SearchedPlan | None:
+    """Search from the motion of a plan for the nearest one that meets a tighter problem; None where there is none.
 
     The plan answers the problem that it answered before.
     """
-    plan, best = found.plan, found.best
+    plan = searched.plan
+    best = searched.best
     search = Search(tighter, SearchOptions(plan.solver["seed"]), FlightSpec(tighter, best.variables.momentum))
     result = search.follow(Start(best.variables, best.x, at_once=True))
     if not result.holds:
@@ -124,12 +131,12 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
     record = plan.record.with_checks(certificate=certificate.to_dict())
     failed = [finding for finding in certificate.findings if finding.verdict == certificate.verdict]
     if certificate.proved:
-        said = "The flight is proved: all that is asked of it holds at all times."
-        return plan.with_record(replace(record, explanation=said))
-    said = "; ".join(_sentence(finding) for finding in failed)
+        sentence = "The flight is proved: all that is asked of it holds at all times."
+        return plan.with_record(replace(record, explanation=sentence))
+    sentence = "; ".join(_sentence(finding) for finding in failed)
     if certificate.verdict == "refuted":
-        return plan.with_record(replace(record, ok=False, status="infeasible", explanation=f"Refuted: {said}."))
-    return plan.with_record(replace(record, explanation=f"{plan.explanation} Not proved: {said}."))
+        return plan.with_record(replace(record, ok=False, status="infeasible", explanation=f"Refuted: {sentence}."))
+    return plan.with_record(replace(record, explanation=f"{plan.explanation} Not proved: {sentence}."))
 
 
 def shortfalls(certificate: Certificate) -> Shortfalls | None:
@@ -150,8 +157,8 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
     return missing or None
 
 
-def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
-    """Return the problem with limits and margins tighter by the shortfalls, and the goal turned by ``turn``, rad."""
+def tightened(problem: Problem, missing: Shortfalls, rotation: float) -> Problem:
+    """Return the problem with limits and margins tighter by the shortfalls, and the goal ``rotation``, rad, further."""
 
     def more(kind: Kind, *subject: str | int) -> float:
         return TIGHTENING * missing.get((kind, subject), 0.0)
@@ -159,7 +166,8 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     def less(kind: Kind, names: Sequence[str], values: Array) -> dict[str, float]:
         return {name: value - more(kind, name) for name, value in zip(names, values, strict=True)}
 
-    robot, limits = problem.robot, problem.limits
+    robot = problem.robot
+    limits = problem.limits
     torque: Any = less("torque", robot.motors, problem.motor_torque_limits)
     if not np.isfinite(problem.motor_torque_limits).any():
         torque = list(less("generalized_torque", robot.joints, problem.torque_limits).values())
@@ -168,9 +176,12 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
     }
     curves = zip(less("motor", robot.motors, problem.motor_stall).items(), problem.motor_slope, strict=True)
     rate = limits.orientation_rate
+    goal = problem.goal
+    if ORIENTATION in missing:
+        goal = replace(goal, orientation=goal.angle + rotation)
     return replace(
         problem,
-        goal=replace(problem.goal, orientation=problem.goal.angle + turn) if ORIENTATION in missing else problem.goal,
+        goal=goal,
         limits=replace(
             limits,
             **of_joints,
@@ -189,7 +200,7 @@ def tightened(problem: Problem, missing: Shortfalls, turn: float) -> Problem:
 
 
 def _claims_proved(plan: Plan, certificate: Certificate) -> tuple[Plan, Certificate]:
-    """Where the record's own claims alone are not proved, claim what was proved, and have that proved."""
+    """Where nothing but the record's own claims is not proved, claim what was proved, and have that proved."""
     if {finding.kind for finding in certificate.unproved} != {"recorded"}:
         return plan, certificate
     record = plan.record

@@ -74,7 +74,7 @@ class AttemptResult:
     violation : rad, or of a row's scale
         The largest one of (14) or of a constraint's row; 0 where everything holds.
     worst : local minima of the constraints' rows
-    missed : (e,) rad
+    residual : (e,) rad
         Residual of (14), with its sign.
     work : instants of one body
         What the attempt took, the drawing of its starts included.
@@ -96,7 +96,7 @@ class AttemptResult:
     level: int
     violation: float
     worst: Worst
-    missed: Array = field(default_factory=lambda: np.array([np.nan]))
+    residual: Array = field(default_factory=lambda: np.array([np.nan]))
     work: float = 0.0
     starts: int = 1
     solved: int = 1
@@ -125,13 +125,15 @@ class AttemptResult:
         if self.branch is None:
             return self.start_variables
         branches = np.stack((np.zeros_like(self.branch), self.branch))
-        degrees, momentum = self.start_variables.degrees, self.start_variables.momentum
+        degrees = self.start_variables.degrees
+        momentum = self.start_variables.momentum
         return decision_variables(self.spec.problem, degrees, branches, momentum)
 
     @property
     def motion(self) -> tuple[SinePolynomials, Array, Array]:
         """Where it ended: a class of motions, their free coefficients z (n, width), and h (e,), kg m^2/s."""
-        variables, x = self.variables, self.x
+        variables = self.variables
+        x = self.x
         h = variables.angular_momentum(x)
         return variables.motion_class(h), variables.free_coefficients(x), h
 
@@ -178,7 +180,7 @@ class SearchResult:
         Sentences about why no motion whatever can be a plan, as far as that is known, where none was found.
     ran_out_of_time, ran_out_of_patience, interrupted : bool
         Why there are no more.
-    momentum_found : (e,) kg m^2/s, optional
+    other_momentum : (e,) kg m^2/s, optional
         An h with which there is a plan, where the given one led to none.
     seconds : float
         What the search took.
@@ -191,7 +193,7 @@ class SearchResult:
     ran_out_of_time: bool = False
     ran_out_of_patience: bool = False
     interrupted: bool = False
-    momentum_found: Array | None = None
+    other_momentum: Array | None = None
     seconds: float = 0.0
 
     @cached_property

@@ -26,17 +26,17 @@ class FlightSpec:
     Attributes
     ----------
     problem : Problem
-    given_momentum : MomentumSet, optional
+    fixed_momentum : MomentumSet, optional
         The angular momenta h to choose from; left out, those of the problem.
     """
 
     problem: Problem
-    given_momentum: MomentumSet | None = None
+    fixed_momentum: MomentumSet | None = None
 
     @cached_property
     def momentum(self) -> MomentumSet:
         """The angular momenta h to choose from."""
-        return self.given_momentum or self.flight.momentum_set
+        return self.fixed_momentum or self.flight.momentum_set
 
     @cached_property
     def flight(self) -> FlightDynamics:
@@ -62,8 +62,10 @@ class FlightSpec:
             window = max(low / duration, 0.0), min(high / duration, 1.0)  # as far as the flight lasts
             labels = [f"clearance of {link} to {name}" for link in flight.links_measured(obstacle)]
             blocks.append(clearance(obstacle, obstacle.margin, labels, "the obstacle covers the {end} posture", window))
+        links = np.array(flight.links if problem.self_clearances else ())
         for pair in problem.self_clearances:
-            first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
+            first = tuple(np.flatnonzero(links == pair.links[0]).tolist())
+            second = tuple(np.flatnonzero(links == pair.links[1]).tolist())
             labels = [f"clearance of {pair.links[0]} to {pair.links[1]}"] * (len(first) * len(second))
             blocks.append(clearance((first, second), pair.margin, labels, "it follows from the {end}'s positions"))
         blocks += [limit(shares, flight) for shares in problem.limit_shares]
@@ -97,7 +99,7 @@ spec_of = lru_cache(maxsize=8)(FlightSpec)  # that of a problem is made once: se
 
 
 @lru_cache(maxsize=8)
-def plain_start(spec: FlightSpec, degrees: tuple[int, ...]) -> Start:
+def nominal_start(spec: FlightSpec, degrees: tuple[int, ...]) -> Start:
     """Return the motion with no free part, of such degrees."""
     variables = decision_variables(spec.problem, degrees, None, spec.momentum)
-    return Start(variables, variables.plain_motion, at_once=True)
+    return Start(variables, variables.nominal_motion, at_once=True)

@@ -117,7 +117,8 @@ class DecisionVariables:
     def free_coefficients(self, x: Array) -> Array:
         """Free coefficients z (n, width); zero where a joint has fewer."""
         free = self.offset + self.scaling @ x[: self.coefficients]
-        joints, width = len(self.polynomials.free), self.polynomials.width
+        joints = len(self.polynomials.free)
+        width = self.polynomials.width
         if len(free) < joints * width:
             z = np.zeros(joints * width)
             z[self.polynomials.free_indices] = free
@@ -131,10 +132,10 @@ class DecisionVariables:
         x = np.asarray(np.linalg.solve(self.scaling, beyond) if is_scaled else beyond, np.float64)
         if not self.momentum.axes.size:
             return x
-        beside = np.atleast_1d(angular_momentum) - self.momentum.centre
-        if not beside.any():
+        difference = np.atleast_1d(angular_momentum) - self.momentum.centre
+        if not difference.any():
             return np.concatenate((x, np.zeros(self.momentum.axes.shape[1])))
-        return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0]))
+        return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, difference, rcond=None)[0]))
 
     def angular_momentum(self, x: Array) -> Array:
         """Angular momentum h (e,), kg m^2/s."""
@@ -143,7 +144,7 @@ class DecisionVariables:
         return np.asarray(self.momentum.centre + self.momentum.axes @ x[self.coefficients :])
 
     @cached_property
-    def plain_motion(self) -> Array:
+    def nominal_motion(self) -> Array:
         """The x of the motion with no free part, or of the one nearest to a recorded one; h is in the middle."""
         x = np.zeros(self.size)
         if self.has_reference:
@@ -210,7 +211,7 @@ def scaled_variables(
         return DecisionVariables(polynomials, offset, scaling, momentum, following, has_reference=True)
     if not (problem.minimises_b and size):
         return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
-    given = polynomials.given_boundary[None]
+    given = polynomials.fixed_boundary[None]
     offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), given)
     return DecisionVariables(polynomials, offset[0], scaling[0], momentum, following, offset_map[0])
 
@@ -227,7 +228,7 @@ def near_reference(reference: Array, polynomials: SinePolynomials) -> tuple[Arra
     recorded = reference_at(reference, s)
     columns = basis(polynomials.form).values(s)[0]
     free = columns[:, columns.shape[1] - polynomials.width :]
-    plain = columns[:, : columns.shape[1] - polynomials.width] @ polynomials.given_boundary.T
+    plain = columns[:, : columns.shape[1] - polynomials.width] @ polynomials.fixed_boundary.T
     sine = np.clip((recorded - polynomials.centre) / polynomials.amplitude, -1.0, 1.0)
     arguments = np.arcsin(sine)
     weights = np.sqrt(grid.weights / len(polynomials.free))[:, None] * polynomials.amplitude
@@ -265,7 +266,7 @@ def whitened(
 def scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array, Array]:
     """The scaling (N, m, m), the offsets' maps (N, m, g) and the unit (N,) of each duration, s."""
     powers = powers_map(form, np.array(durations))
-    given = len(basis(form).given)
+    given = len(basis(form).fixed)
     by_boundary = powers[..., :given]
     orthogonal, triangular = np.linalg.qr(powers[..., given:])  # of a joint with all of the form's coefficients
     inverse = np.linalg.inv(triangular)

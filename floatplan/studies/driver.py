@@ -16,7 +16,7 @@ from typing import Any
 
 from floatplan.arguments import optional
 from floatplan.errors import FloatplanError, InputError, import_optional, printable
-from floatplan.planning.kernel_input.numbers import is_together
+from floatplan.planning.kernel_input.numbers import is_batchable_family
 from floatplan.planning.options import JOBS, MOST_JOBS
 from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
@@ -213,7 +213,7 @@ class StudyRun:
         self._progress = progress
         self._packed = packed(study)
         self._row_check = row_check(study) if engine.is_callers else None
-        is_batched = is_together(study.family(0, 1)) and not study.plan.jump
+        is_batched = is_batchable_family(study.family(0, 1)) and not study.plan.jump
         self._size = self._least = FIRST_CHUNK if is_batched else 1
 
     def fill(self, gaps: list[Range]) -> None:

@@ -17,7 +17,7 @@ from floatplan.export.formats import format_of
 from floatplan.files import check_readable, is_file, read_json, read_regular, write_atomically
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
-from floatplan.planning.kernel_input.numbers import is_plain_family
+from floatplan.planning.kernel_input.numbers import is_unconstrained_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
 from floatplan.plans.plans import GOAL_MET, SOLVED, PlanEntry
@@ -45,7 +45,7 @@ def row_plan(study: StudyFile, row: Row, prove: bool = True) -> Plan:
         starts=row["starts"],
         message="" if row["explanation"] == GOAL_MET else row["explanation"],
     )
-    plan = answer.plan(family[0], study.samples.seed if is_plain_family(family) else seed)
+    plan = answer.plan(family[0], study.samples.seed if is_unconstrained_family(family) else seed)
     return judged(plan, certify(plan)) if solved and prove else plan
 
 

@@ -15,8 +15,8 @@ from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, InputError, printable
 from floatplan.jumps.check import RATE
 from floatplan.jumps.planner import jump
-from floatplan.planning.kernel_input.numbers import Numbers, is_plain_family, is_together
-from floatplan.planning.many import planned_together
+from floatplan.planning.kernel_input.numbers import Numbers, is_batchable_family, is_unconstrained_family
+from floatplan.planning.many import plan_batches
 from floatplan.planning.options import SearchOptions
 from floatplan.plans.measures import largest_use, limits_of_motors
 from floatplan.plans.plans import GOAL_MET, SOLVED, PlanEntry, Plans
@@ -104,12 +104,12 @@ def _planned_batch(study: StudyFile, problems: Family, first: int) -> dict[str, 
     plan = study.plan
     seed = study.samples.seed
     options = SearchOptions(seed, starts=plan.starts, attempts=plan.attempts, near_miss=False)
-    is_plain = is_plain_family(problems)  # then one search is for all rows, with one seed
+    is_plain = is_unconstrained_family(problems)  # then one search is for all rows, with one seed
 
     def seeds(row: int) -> int:
         return seed if is_plain else row_seed(seed, first + row)
 
-    plans = planned_together(problems, options, seeds, plan.search, plan.prove)
+    plans = plan_batches(problems, options, seeds, plan.search, plan.prove)
     peaks, use, clearance = _measured(problems, plans, np.flatnonzero(plans.ok))
     spent = np.maximum(plans.evaluations, 1)
     milliseconds = 1e3 * (time.perf_counter() - start) * spent / spent.sum()
@@ -152,7 +152,7 @@ def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Ar
     use = np.full(len(plans), np.nan)
     clearance = np.full(len(plans), np.nan)
     of: Problem | Sequence[Problem] | Numbers = base
-    if is_together(problems):
+    if is_batchable_family(problems):
         numbers = Numbers.of_family(problems, rows)
         of = numbers if numbers.obstacles else base
         durations = numbers.values["duration"]

@@ -13,7 +13,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import printable
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.launch import launches
-from floatplan.planning.kernel_input.numbers import is_plain_family
+from floatplan.planning.kernel_input.numbers import is_unconstrained_family
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
@@ -191,7 +191,7 @@ class MapTask:
     def run(self) -> list[MapPoint]:
         """Plan them."""
         family = fp.Family(self.problem, self.varied)
-        if not is_plain_family(family):
+        if not is_unconstrained_family(family):
             return [self._searched(family, row) for row in range(len(family))]
         plans = fp.plan_many(family)
         points = []

@@ -23,7 +23,7 @@ def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Pl
     branches = np.zeros((2, len(problem.robot.joints)), dtype=np.int64)
     given = MomentumSet(momentum, np.empty((len(momentum), 0)))
     polynomials = decision_variables(problem, problem.degrees, branches, given).polynomials
-    z = size * np.random.default_rng(seed).standard_normal(polynomials.no_free_part.shape)
+    z = size * np.random.default_rng(seed).standard_normal(polynomials.nominal_coefficients.shape)
     z.ravel()[np.setdiff1d(np.arange(z.size), polynomials.free_indices)] = 0.0
     answer: dict[str, Any] = {"status": "feasible", "ok": True, "explanation": "", "solver": {}}
     reached = fp.Plan.of_motion(problem, polynomials, z, momentum, **answer).final_orientation

@@ -20,7 +20,7 @@ from floatplan.kernel import library
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.constraints import applies
 from floatplan.planning.kernel_problem import KernelProblem
-from floatplan.planning.spec import FlightSpec, plain_start
+from floatplan.planning.spec import FlightSpec, nominal_start
 from floatplan.planning.variables import Start
 
 PROBLEMS = ("obstacle", "moving_hoop", "somersault_motors", "torque_limited", "falling_cat_apart", "handstand_ground")
@@ -58,7 +58,7 @@ AIMS = ("coefficients", "torque", "acceleration")
 
 def program_and_point(problem, seed, size=0.3):
     program = KernelProgram(problem, LEVEL, EXTRA, back_off=EXCHANGE.back_off)
-    start = plain_start(FlightSpec(problem), problem.degrees)
+    start = nominal_start(FlightSpec(problem), problem.degrees)
     return program, start.x + size * np.random.default_rng(seed).normal(size=start.variables.size)
 
 
@@ -124,7 +124,7 @@ def test_minima_between_the_nodes_are_those_of_finer_and_finer_looks(problem, se
     """Of a start that may do no work: what the kernel says of it, and what looks in NumPy find."""
     _, x = program_and_point(problem, seed)
     kept = FlightSpec(problem)
-    variables = plain_start(kept, problem.degrees).variables
+    variables = nominal_start(kept, problem.degrees).variables
     started = KernelProblem.of(kept, Start(variables, x, at_once=True))
     started.follow(range(1), np.inf, 0, expired=True)
     ended = started.result(kept)

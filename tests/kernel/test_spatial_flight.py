@@ -51,7 +51,7 @@ def kernel():
 def program_and_point(problem, seed, size=0.2):
     program = KernelProgram(problem, LEVEL, EXTRA)
     variables = program.of
-    return program, variables.plain_motion + size * np.random.default_rng(seed).normal(size=variables.size)
+    return program, variables.nominal_motion + size * np.random.default_rng(seed).normal(size=variables.size)
 
 
 def test_every_limit_and_objective_of_the_tables_is_among_them():
@@ -160,7 +160,7 @@ def test_torques_and_rates_are_pinocchio_s(root):
     program, x = program_and_point(problem, 2)
     values, ready = program.whole(x)["values"], Search(problem)
     lifted = LiftedFlight(ready.spec, program.of)
-    turning = lifted.flown(cells(16, 8), x)
+    turning = lifted.turning(cells(16, 8), x)
     variables, model = program.of, problem.robot.model
     data = model.createData()
     form, h = variables.polynomials.form, variables.angular_momentum(x)
@@ -203,8 +203,8 @@ def test_minima_between_the_stages_are_those_of_a_fine_look(root, momentum):
     problem = diver(root, MOMENTA[momentum], limits=TIGHT)
     _, x = program_and_point(problem, 4)
     ready = Search(problem)
-    variables = ready.plain_start.variables
-    ended = ready.judge(replace(ready.plain_start, x=x), "infeasible")
+    variables = ready.nominal_start.variables
+    ended = ready.judge(replace(ready.nominal_start, x=x), "infeasible")
     worst = ended.worst
     assert worst.least < 0
     fine = np.linspace(0.002, 0.998, 180)

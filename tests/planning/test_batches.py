@@ -7,7 +7,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.planning import many
-from floatplan.planning.kernel_input.numbers import is_together
+from floatplan.planning.kernel_input.numbers import is_batchable_family
 from floatplan.plans.plans import COUNTS, NUMBERS
 
 BAR = fp.Bar(start=(1.2, 4.2), end=(1.9, 4.6), radius=0.1, margin=0.01)
@@ -22,8 +22,8 @@ def weak(root) -> fp.Problem:
 def assert_as_alone(problems, monkeypatch) -> fp.Plans:
     together = fp.plan_many(problems, attempts=3)
     with monkeypatch.context() as patched:
-        patched.setattr(many, "is_together", lambda family: False)
-        patched.setattr(many, "goes_together", lambda problem: problem.is_plain)
+        patched.setattr(many, "is_batchable_family", lambda family: False)
+        patched.setattr(many, "is_batchable", lambda problem: problem.is_plain)
         alone = fp.plan_many(problems, attempts=3)
     assert together.status.tolist() == alone.status.tolist()
     assert together.messages == alone.messages
@@ -52,7 +52,7 @@ def test_a_family(kind, weak, monkeypatch):
     base = replace(weak, obstacles=(*weak.obstacles, BAR, WALL)) if "wall" in kind else weak
     rng = np.random.default_rng(3)
     family = fp.Family(base, {path: rng.uniform(*ends, 12) for path, ends in VARIED[kind].items()})
-    assert is_together(family)
+    assert is_batchable_family(family)
     assert assert_as_alone(family, monkeypatch).ok.any()
     resolved = [each.name for each in fields(base) if not each.init]
     for problem in family:  # of a family it is resolved again only what depends on the parts that differ
@@ -61,6 +61,8 @@ def test_a_family(kind, weak, monkeypatch):
 
 
 def _plain(value):
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
     return vars(value) if is_dataclass(value) else value
 
 
@@ -79,6 +81,6 @@ def test_what_is_not_told_together_goes_alone(path, weak):
     limits = replace(weak.limits, motor={"q1": fp.Motor(9.0, 0.1)})
     base = replace(weak, obstacles=(obstacle,)) if "window" in path else replace(weak, limits=limits)
     family = fp.Family(base, {path: [1.3, 1.31]})
-    assert not is_together(family)
+    assert not is_batchable_family(family)
     plans = fp.plan_many(family, attempts=2)
     assert [plan.status for plan in plans if plan.ok] == [s for s in plans.status if s in ("optimal", "feasible")]

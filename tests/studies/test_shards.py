@@ -70,7 +70,7 @@ def test_merged_they_are_the_table_without_shards(asked, shard, floatplan, monke
         shard(words)
     run = floatplan("study", "merge", path, "-o", out)
     assert run.code == 0, run.stderr
-    monkeypatch.setattr(rows, "planned_together", None)  # nothing is planned again
+    monkeypatch.setattr(rows, "plan_batches", None)  # nothing is planned again
     study = fp.study(path, folder=out, jobs=1)
     assert timeless(study.table).equals(table)
     assert timeless(study.table).schema.equals(table.schema, check_metadata=True)

@@ -130,14 +130,14 @@ def test_a_whole_search_isolates_bad_rows(study_file, tmp_path):
 
 def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
     path, study = done
-    together = rows.planned_together
+    together = rows.plan_batches
 
     def failing(problems, *how):
         if (abs(problems.arrays["flight.angular_momentum"] - 4.4) < 1e-9).any():
             raise ZeroDivisionError("a bug")
         return together(problems, *how)
 
-    monkeypatch.setattr(rows, "planned_together", failing)
+    monkeypatch.setattr(rows, "plan_batches", failing)
     again = fp.study(path, folder=tmp_path / "out", jobs=1)
     assert again.statuses["error"] == 8
     bad = [row for row in again.table.to_pylist() if row["status"] == "error"]
@@ -200,7 +200,7 @@ def test_a_row_that_ends_its_process_is_found_and_told(done, tmp_path, monkeypat
 
 def test_what_is_there_is_not_planned_again(done, monkeypatch):
     path, study = done
-    monkeypatch.setattr(rows, "planned_together", None)
+    monkeypatch.setattr(rows, "plan_batches", None)
     again = fp.study(path, folder=study.folder, jobs=1)
     assert again.table.equals(study.table)
 

@@ -1,4 +1,4 @@
-"""Necessary conditions: reasons, each provable in a line or two, why a problem in a plane has no plan.
+"""Necessary conditions: reasons, all provable in a line or two, why a problem in a plane has no plan.
 
 They are checked before the search, which is cut short where one is violated.
 """
@@ -19,26 +19,29 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION, RELATIVE
 
-PATH_INSTANTS, FEW_INSTANTS = 2001, 51  # [-] of the flight
-POINTS_PER_SHAPE = 9  # [-] of each link's shape: candidates for the point that stays nearest to the centre of mass
+PATH_INSTANTS = 2001  # [-] of the flight
+FEW_INSTANTS = 51  # [-] the same where few are enough
+POINTS_PER_SHAPE = 9  # [-] of a link's shape: candidates for the point that stays nearest to the centre of mass
 
 
 def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
-    """Return sentences, each a reason why no motion whatever meets the problem; none where none is known.
+    """Return the reasons why no motion whatever meets the problem, a sentence each; none where none is proved.
 
     The path is clear where the centre of mass is never deeper in an obstacle than its central point can be away.
     """
     sentences = [*_mean_rates(problem), *_turning(problem), *_frames_at_rest(problem)]
     for index, obstacle in enumerate(problem.obstacles):
         if isinstance(obstacle, Bar) or not (path_is_clear or _stays_out(problem, obstacle)):
-            point, (times, path, _) = central_point(problem), _path_from(problem, obstacle, PATH_INSTANTS)
+            point = central_point(problem)
+            (times, path, _) = _path_from(problem, obstacle, PATH_INSTANTS)
             sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
     return sentences
 
 
 def _path_from(problem: Problem, obstacle: Obstacle, instants: int) -> tuple[Array, ComplexArray, ComplexArray]:
     """Instants (K,) s, and the path of the centre of mass, m, and its velocity, m/s, as seen from an obstacle."""
-    times, fall = np.linspace(0, problem.flight.duration, instants), problem.path
+    times = np.linspace(0, problem.flight.duration, instants)
+    fall = problem.path
     com = complex(*fall.position0) + complex(*fall.velocity0) * times - fall.gravity / 2 * 1j * times**2
     velocity = complex(*fall.velocity0) - fall.gravity * 1j * times - complex(*obstacle.velocity)
     return times, np.asarray(com - complex(*obstacle.velocity) * times), np.asarray(velocity, np.complex128)
@@ -52,13 +55,13 @@ def _stays_out(problem: Problem, obstacle: Obstacle) -> bool:
 
 
 def difficulties(problem: Problem) -> list[str]:
-    """Return sentences about a given angular momentum outside (9)."""
+    """Return sentences about an angular momentum outside (9)."""
     low, high = problem.momentum_interval
-    given = problem.flight.momentum_in_plane
-    if isinstance(given, str) or low <= given <= high:
+    momentum = problem.flight.momentum_in_plane
+    if isinstance(momentum, str) or low <= momentum <= high:
         return []
     return [
-        f"The angular momentum {given:.6g} kg m^2/s lies outside the interval of motions that do not turn back,"
+        f"The angular momentum {momentum:.6g} kg m^2/s lies outside the interval of motions that do not turn back,"
         f" [{low:.6g}, {high:.6g}]: it takes a joint, or the base, that turns back on its way;"
         f" the interval's midpoint is {(low + high) / 2:.6g}."
     ]
@@ -76,11 +79,14 @@ class CentralPoint(NamedTuple):
 
 
 def central_point(problem: Problem) -> CentralPoint:
-    """A point's place from the centre of mass is a sum of rotated vectors; the sum of their lengths is its reach."""
-    tree, weights = problem.robot.tree, _central_weights(problem.robot)
+    """A point's position from the centre of mass is a sum of rotated vectors; the sum of their lengths is its reach."""
+    tree = problem.robot.tree
+    weights = _central_weights(problem.robot)
     states = (problem.initial, problem.final)
     angles = (tree.absolute_angles(np.array(state.orientation), state.positions) for state in states)
-    return CentralPoint(central_reach(problem.robot), *(complex(tree.rotations(each) @ weights) for each in angles))
+    return CentralPoint(
+        central_reach(problem.robot), *(complex(tree.rotations(posture) @ weights) for posture in angles)
+    )
 
 
 @lru_cache(maxsize=16)
@@ -92,7 +98,8 @@ def central_reach(robot: Robot) -> float:
 @lru_cache(maxsize=16)
 def _central_weights(robot: Robot) -> ComplexArray:
     """Weights (m,) of that point."""
-    shapes, count = robot.shapes, POINTS_PER_SHAPE
+    shapes = robot.shapes
+    count = POINTS_PER_SHAPE
     bodies = np.repeat([shape.body for shape in shapes], count)
     fraction = np.tile(np.linspace(0, 1, count), len(shapes))
     starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
@@ -112,10 +119,11 @@ def _mean_rates(problem: Problem) -> Iterator[str]:
                 f"Joint {name} moves by {goal - start:+.4g} rad in {duration:.4g} s: that needs {mean:.4g} rad/s on"
                 f" average, more than its velocity limit of {limit:.4g} rad/s."
             )
-    rate, turn = problem.limits.orientation_rate, problem.final.orientation - problem.initial.orientation
-    if rate is not None and abs(turn) / duration > rate * (1 + RELATIVE):
+    rate = problem.limits.orientation_rate
+    change = problem.final.orientation - problem.initial.orientation
+    if rate is not None and abs(change) / duration > rate * (1 + RELATIVE):
         yield (
-            f"The orientation changes by {turn:+.4g} rad in {duration:.4g} s: that needs {abs(turn) / duration:.4g}"
+            f"The orientation changes by {change:+.4g} rad in {duration:.4g} s: that needs {abs(change) / duration:.4g}"
             f" rad/s on average, more than the orientation rate limit of {rate:.4g} rad/s."
         )
 
@@ -125,15 +133,16 @@ def _frames_at_rest(problem: Problem) -> Iterator[str]:
     if not np.isfinite(problem.velocity_limits).any():
         return
     momentum = problem.angular_momentum
-    takeoff, landing = (problem.initial, problem.takeoff.frame), (problem.final, problem.landing.frame)
+    takeoff = (problem.initial, problem.takeoff.frame)
+    landing = (problem.final, problem.landing.frame)
     for end, (state, frame) in zip(get_args(End), (takeoff, landing), strict=True):
         if state.frame_rests:
             equations = equations_at(problem.robot, *at_end(problem, end))
-            found = rates_at(problem.robot, equations, problem.velocity_limits, momentum)
-            if found.exist and found.ratio is not None and found.ratio > 1 + RELATIVE:
+            contact = rates_at(problem.robot, equations, problem.velocity_limits, momentum)
+            if contact.exist and contact.ratio is not None and contact.ratio > 1 + RELATIVE:
                 whatever = ", whatever the angular momentum," if momentum is None else ""
                 yield (
-                    f"At {end} frame {frame!r} is at rest only{whatever} with rates of {found.ratio:.4g} times the"
+                    f"At {end} frame {frame!r} is at rest only{whatever} with rates of {contact.ratio:.4g} times the"
                     f" velocity limits or more."
                 )
 
@@ -143,16 +152,18 @@ def _turning(problem: Problem) -> Iterator[str]:
     if problem.angular_momentum is None or not np.isfinite(problem.velocity_limits).all():
         return
     low, high = problem.inertia_extremes
-    swing = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
+    by_joints = float(np.maximum(np.abs(low[1:]), np.abs(high[1:])) @ problem.velocity_limits)
     momentum = problem.angular_momentum
-    duration, turn = problem.flight.duration, problem.final.orientation - problem.initial.orientation
-    least, most = momentum - swing, momentum + swing
+    duration = problem.flight.duration
+    change = problem.final.orientation - problem.initial.orientation
+    least = momentum - by_joints
+    most = momentum + by_joints
     slowest = duration * least / (high[0] if least > 0 else low[0])
     fastest = duration * most / (low[0] if most > 0 else high[0])
-    if not slowest - ORIENTATION <= turn <= fastest + ORIENTATION:
+    if not slowest - ORIENTATION <= change <= fastest + ORIENTATION:
         yield (
             f"Under the velocity limits the orientation changes by {slowest:+.4g} to {fastest:+.4g} rad in"
-            f" {duration:.4g} s whatever the joints do; the goal needs {turn:+.4g} rad."
+            f" {duration:.4g} s whatever the joints do; the goal needs {change:+.4g} rad."
         )
 
 
@@ -178,13 +189,14 @@ def _barred(index: int, obstacle: Obstacle, path: ComplexArray, point: CentralPo
         return
     along = complex(*obstacle.end) - complex(*obstacle.start)
     upright = along.conjugate() / abs(along)  # turns the bar's line into the real axis, its start into 0
-    place = (path - complex(*obstacle.start)) * upright
-    sides = (place[0] + point.start * upright).imag, (place[-1] + point.goal * upright).imag
-    step = float(np.abs(np.diff(place)).max(initial=0))  # the path between two instants is nearer than that to one
-    crossing = place[np.abs(place.imag) <= point.reach + step]
+    position = (path - complex(*obstacle.start)) * upright
+    sides = (position[0] + point.start * upright).imag, (position[-1] + point.goal * upright).imag
+    step = float(np.abs(np.diff(position)).max(initial=0))  # the path between two instants is nearer than that to one
+    crossing = position[np.abs(position.imag) <= point.reach + step]
     if sides[0] * sides[1] >= 0 or not crossing.size:
         return
-    low, high = crossing.real.min() - point.reach - step, crossing.real.max() + point.reach + step
+    low = crossing.real.min() - point.reach - step
+    high = crossing.real.max() + point.reach + step
     if low >= 0 and high <= abs(along):
         yield (
             f"Obstacle {index} ({obstacle.kind}) cannot be passed whatever the posture: it is {abs(along):.3g} m long,"

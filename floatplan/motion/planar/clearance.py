@@ -61,7 +61,8 @@ class LinkShapes:
     ) -> None:
         self._tree = tree
         self.links = tuple(shape.link for shape in capsules)
-        self.hulls, self.hull_links = len(hulls), tuple(shape.link for shape in hulls)
+        self.hulls = len(hulls)
+        self.hull_links = tuple(shape.link for shape in hulls)
         shapes = (*capsules, *hulls)
         bodies = np.array([shape.body for shape in shapes], dtype=np.int64)
         starts, ends = ([getattr(shape, end) for shape in shapes] for end in ("start", "end"))
@@ -130,7 +131,8 @@ OBSTACLE_DISTANCES: dict[str, tuple[Callable[[Segments, Any, ComplexArray], Arra
 def pair_distances(first: Segments, second: Segments) -> Array:
     """Distances between the capsules of two links, every pair a row."""
     pairs = np.indices((first.start.shape[1], second.start.shape[1]))
-    own, other = first.of(pairs[0].ravel()), second.of(pairs[1].ravel())
+    own = first.of(pairs[0].ravel())
+    other = second.of(pairs[1].ravel())
     return _between(own.start, own.end, other.start, other.end) - own.radius - other.radius
 
 

@@ -25,7 +25,8 @@ class Dynamics:
     """A tree's dynamics, vectorised over instants; C (m, m) and inertias (m,), kg m^2, may be those of other masses."""
 
     def __init__(self, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> None:
-        self._tree, self._turn = tree, tree.turn
+        self._tree = tree
+        self._turn = tree.turn
         self._turns = np.array(tree.turns)
         self._turns_transposed = self._turns.T.copy()
         self._of_bodies, self._of_joints = map(np.ones, self._turns.shape)  # products with them are faster than sums
@@ -60,7 +61,8 @@ class Dynamics:
         rotations = self._tree.rotations(positions @ self._turns_transposed + self._tree.offsets)
         body_rates = velocities @ self._turns_transposed + base_rate[:, None]
         relative = accelerations @ self._turns_transposed
-        back, turning = rotations.conj(), relative + (1j * self._turn) * (body_rates * body_rates)
+        back = rotations.conj()
+        turning = relative + (1j * self._turn) * (body_rates * body_rates)
         gathered = back * ((rotations * turning) @ self._coupling_transposed)
         by_base = back * (rotations @ self._coupling_transposed)
         locked_inertia = (by_base.real + self._inertia) @ self._of_bodies

@@ -51,7 +51,7 @@ class Contact(Outlined):
     problem : Problem
     end : "takeoff" or "landing"
     momentum : float or "midpoint"
-        As asked for, see :class:`~floatplan.Flight`; where it is free, the one that suits both ends best.
+        As requested, see :class:`~floatplan.Flight`; where it is free, the one that suits both ends best.
     found : ContactRates, optional
         None where no frame stands on the ground: the base link's own flies freely.
     point : Frame, optional
@@ -110,7 +110,7 @@ class Contact(Outlined):
 
     @property
     def angular_momentum(self) -> float | None:
-        """As asked, or the one that suits both ends best where it is free; about the centre of mass, kg m^2/s."""
+        """As requested, or the one that suits both ends best where it is free; about the centre of mass, kg m^2/s."""
         return None if self.found is None else self.found.angular_momentum
 
     @property
@@ -133,22 +133,23 @@ class Contact(Outlined):
     @cached_property
     def verdict(self) -> str:
         """Whether the frame can be at rest, at what share of which limit, for a person."""
-        found, verb = self.found, VERBS[self.end]
-        if found is None:
+        solution = self.found
+        verb = VERBS[self.end]
+        if solution is None:
             return (
                 f"No frame stands on the ground at {self.end}: {self.frame} is the base link, which flies freely;"
                 f" flight.{self.end} can name another frame."
             )
-        if not found.exist:
-            return f"{self.frame} cannot {verb} the ground at rest at {self.end}: {_why_none(self.problem, found)}."
-        if found.joint is None:
+        if not solution.exist:
+            return f"{self.frame} cannot {verb} the ground at rest at {self.end}: {_why_none(self.problem, solution)}."
+        if solution.joint is None:
             return f"{self.frame} {verb}s the ground at rest at {self.end}, with every limited joint at rest."
-        if found.ratio is None:
+        if solution.ratio is None:
             return (
                 f"{self.frame} {verb}s the ground at rest at {self.end} with joints that turn at up to"
-                f" {self._in_words}, {found.joint} before all; no motor has a velocity limit."
+                f" {self._in_words}, {solution.joint} before all; no motor has a velocity limit."
             )
-        rates = f"{found.joint} at {self.rate:.4g} rad/s where {self.limit:.4g} rad/s are allowed"
+        rates = f"{solution.joint} at {self.rate:.4g} rad/s where {self.limit:.4g} rad/s are allowed"
         if self.ok:
             return f"{self.frame} {verb}s the ground at rest at {self.end}, with {self._in_words}: {rates}."
         return f"{self.frame} cannot {verb} the ground at rest at {self.end}: that takes {self._in_words}, {rates}."
@@ -223,33 +224,33 @@ def landing(problem: Problem | str | Path, angular_momentum: float | None = None
 
 
 def momentum_of_ends(problem: Problem, angular_momentum: float | None = None) -> tuple[Momentum, float]:
-    """Return h as given, or asked for, and in kg m^2/s; where it is free, the one that suits both ends best."""
-    asked = problem.flight.momentum_in_plane if angular_momentum is None else angular_momentum
-    if asked == "free":
+    """Return h as requested, and in kg m^2/s; where it is free, the one that suits both ends best."""
+    requested = problem.flight.momentum_in_plane if angular_momentum is None else angular_momentum
+    if requested == "free":
         shared = shared_momentum(problem)
-        asked = "midpoint" if shared is None else shared
-    return asked, sum(problem.momentum_interval) / 2 if isinstance(asked, str) else float(asked)
+        requested = "midpoint" if shared is None else shared
+    return requested, sum(problem.momentum_interval) / 2 if isinstance(requested, str) else float(requested)
 
 
 def reachable_sets(problem: Problem) -> dict[str, Reachable]:
     """Return what joint rates reach at the ends where a frame stands on the ground, about what the problem asks.
 
-    Where h is free it is the one that lets the joints be slowest at both together.
+    Where h is free it is the one that lets the joints be slowest at both.
     """
     _, momentum = momentum_of_ends(problem)
     return {end: reachable(problem, end, momentum) for end in get_args(End) if has_contact(problem, end)}
 
 
 def no_common_momentum(problem: Problem) -> str | None:
-    """Tell where h is free and each end has its own that the limits allow, but none that suits both."""
+    """Tell where h is free and both ends have one of their own that the limits allow, but none suits both."""
     if problem.angular_momentum is not None:
         return None
     ends: tuple[End, ...] = ("takeoff", "landing")
     best = [contact_rates(problem, end, None) for end in ends if has_contact(problem, end)]
-    if len(best) < 2 or not all(found.ratio is not None and found.ratio <= 1 + RELATIVE for found in best):
+    if len(best) < 2 or not all(solution.ratio is not None and solution.ratio <= 1 + RELATIVE for solution in best):
         return None
     pairs = zip(ends, best, strict=True)
-    first, last = (reachable(problem, end, found.angular_momentum).angular_momentum for end, found in pairs)
+    first, last = (reachable(problem, end, solution.angular_momentum).angular_momentum for end, solution in pairs)
     if first is None or last is None or max(first[0], last[0]) <= min(first[1], last[1]):
         return None
     return (
@@ -258,24 +259,25 @@ def no_common_momentum(problem: Problem) -> str | None:
     )
 
 
-def _contact(given: Problem | str | Path, end: End, angular_momentum: float | None) -> Contact:
-    problem = as_problem(given)
-    asked, momentum = momentum_of_ends(
+def _contact(source: Problem | str | Path, end: End, angular_momentum: float | None) -> Contact:
+    problem = as_problem(source)
+    requested, momentum = momentum_of_ends(
         problem, optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
     )
     if not has_contact(problem, end):
-        return Contact(problem, end, asked, None)
-    rates, point = min(_rates_of_points(problem, end, momentum), key=lambda found: found[0].size)
-    return Contact(problem, end, asked, rates, point)
+        return Contact(problem, end, requested, None)
+    rates, point = min(_rates_of_points(problem, end, momentum), key=lambda solution: solution[0].size)
+    return Contact(problem, end, requested, rates, point)
 
 
 def _rates_of_points(problem: Problem, end: End, momentum: float) -> list[tuple[ContactRates, Frame]]:
-    """Rates with which each point is at rest that the foot may stand on at an end, the frame first."""
-    robot, limits = problem.robot, rate_limits(problem)
+    """Rates with which a point is at rest that the foot may stand on at an end, of all of these, the frame first."""
+    robot = problem.robot
+    limits = rate_limits(problem)
     frame, orientation, positions, com_velocity = at_end(problem, end)
     points = [frame] if problem.jump is None else [frame, *lowest_points(problem, end)]
     equations = [equations_at(robot, point, orientation, positions, com_velocity) for point in points]
-    rates = [rates_at(robot, each, limits, momentum) for each in equations]
+    rates = [rates_at(robot, equation, limits, momentum) for equation in equations]
     return list(zip(rates, points, strict=True))
 
 
@@ -284,12 +286,13 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
 
     A stance stands on one of them, or on the frame: which of them rests is its own business.
     """
-    robot, tree = problem.robot, problem.robot.tree
+    robot = problem.robot
+    tree = problem.robot.tree
     frame, orientation, positions, _ = at_end(problem, end)
     try:
         link = robot.contact_link(frame.link)
         shapes = robot.link_hulls[link] if link is not None else ()
-    except InputError:  # what is to be known of shapes is not to be had, such as a mesh
+    except InputError:  # shapes cannot be read, such as a mesh
         return []
     rotations = tree.rotations(tree.absolute_angles(np.array(orientation), positions))
     points: list[Frame] = []
@@ -297,29 +300,29 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
     for shape in shapes:
         down = -1j * np.conj(rotations[shape.body])  # in the body's axes
         for corner in (shape.start, shape.end):
-            place = complex(corner + shape.radius * down)
-            weights = tree.point_weights(np.array([shape.body]), np.array([place]))[0]
-            points.append(Frame(shape.body, place, frame.link, weights))
+            point_on_body = complex(corner + shape.radius * down)
+            weights = tree.point_weights(np.array([shape.body]), np.array([point_on_body]))[0]
+            points.append(Frame(shape.body, point_on_body, frame.link, weights))
             heights.append(float((weights @ rotations).imag))
     lowest = min(heights, default=0.0)
     return [point for point, height in zip(points, heights, strict=True) if height < lowest + LEVEL]
 
 
-def _why_none(problem: Problem, found: ContactRates) -> str:
+def _why_none(problem: Problem, solution: ContactRates) -> str:
     joints = len(problem.robot.joints)
     if joints == 1:
         return "the base and one joint have two rates for three conditions, no velocity and the angular momentum"
     return (
-        f"in this posture no joint rates stop it at an angular momentum of {found.angular_momentum:.4g} kg m^2/s;"
+        f"in this posture no joint rates stop it at an angular momentum of {solution.angular_momentum:.4g} kg m^2/s;"
         " joints that are stretched out cannot, bend them"
     )
 
 
-def in_words(found: ContactRates) -> str:
+def in_words(solution: ContactRates) -> str:
     """Return that share, or without limits the rate, in words."""
-    number = found.size
+    number = solution.size
     if not math.isfinite(number):
         return "joint rates that do not exist"
-    if found.ratio is None:
+    if solution.ratio is None:
         return f"{number:.3g} rad/s"
     return f"{100 * number:.0f} % of a velocity limit" if number <= 1 else f"{number:.3g} times a velocity limit"

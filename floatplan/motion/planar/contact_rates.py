@@ -1,11 +1,11 @@
 """Rates with which a frame leaves or meets the ground at rest, and how much of their limits they need.
 
-At takeoff and landing posture, momentum and velocity of the centre of mass are given; the frame's velocity has to
+At takeoff and landing posture, momentum and velocity of the centre of mass are fixed; the frame's velocity has to
 vanish. That is three linear equations for the rates of base and joints: the one of (4), and two of the derivative
 of (6). Which rates solve them best is a linear program, in closed form, see :func:`least_rates`.
 
 Rates within ``|q_i'| <= limit_i`` and any rate of the base reach a polygon of (h, velocity): a zonogon, the sum of one
-segment for each joint, whose edges are those of the limits.
+segment for every joint, whose edges are those of the limits.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class ContactRates:
         None where no motor has a limit: then the largest rate itself is least. Infinite where no rates make it so.
     rates : (n,) rad/s, of the planned joints; NaN where there are none
     orientation_rate : rad/s
-    angular_momentum : kg m^2/s; as asked, or the best
+    angular_momentum : kg m^2/s; as requested, or the best
     joint : str, optional
         The motor whose limit holds back most: a higher one lowers the ratio more than any other's would. Without
         limits, that which weighs most in the largest rate. None where all are at rest, or there are no rates.
@@ -155,20 +155,21 @@ def contact_rates(problem: Problem, end: End, angular_momentum: float | None) ->
 
 
 def shared_momentum(problem: Problem) -> float | None:
-    """Return the angular momentum, kg m^2/s, that lets the joints be slowest at both ends together.
+    """Return the angular momentum, kg m^2/s, that lets the joints be slowest at both ends.
 
-    It has the least larger ratio of both. Each ratio is convex, so between the best of either end the one rises while
+    It has the least larger ratio of both. The ratios are convex, so between the best of either end the one rises while
     the other falls. None where no frame stands at either end, or none can be at rest.
     """
     ends = [end for end in get_args(End) if has_contact(problem, end)]
-    best = {end: found for end in ends if (found := contact_rates(problem, end, None)).exist}
+    best = {end: rates for end in ends if (rates := contact_rates(problem, end, None)).exist}
     if len(best) < 2:
-        return next((found.angular_momentum for found in best.values()), None)
+        return next((rates.angular_momentum for rates in best.values()), None)
 
     def larger(momentum: float) -> tuple[float, End]:
         return max((contact_rates(problem, end, momentum).size, end) for end in ends)
 
-    first, last = best["takeoff"].angular_momentum, best["landing"].angular_momentum
+    first = best["takeoff"].angular_momentum
+    last = best["landing"].angular_momentum
     if larger(first)[1] == "takeoff":
         return first
     for _ in range(HALVINGS):
@@ -180,20 +181,23 @@ def shared_momentum(problem: Problem) -> float | None:
 def rates_at(robot: Robot, equations: ContactEquations, limits: Array, angular_momentum: float | None) -> ContactRates:
     """Return the rates that satisfy equations, see :func:`contact_rates`; ``limits`` (n,) rad/s."""
     scale = row_sizes(equations.matrix)
-    columns, target = equations.matrix / scale[:, None], equations.target(angular_momentum or 0.0) / scale
+    columns = equations.matrix / scale[:, None]
+    target = equations.target(angular_momentum or 0.0) / scale
     free = 1
     if angular_momentum is None:
-        columns, free = np.column_stack((np.array([-1.0, 0.0, 0.0]) / scale, columns)), 2
+        columns = np.column_stack((np.array([-1.0, 0.0, 0.0]) / scale, columns))
+        free = 2
     unlimited = 1 / np.abs(robot.motor_ratios).max(axis=0)  # of the fastest motor, 1 rad/s
     limited = np.isfinite(limits)
     costless = np.full(free, np.inf)
     least = least_rates(columns, target, np.concatenate((costless, limits)))
-    values, ratio = least.values, least.ratio
+    values = least.values
+    ratio = least.ratio
     if not limited.all() and np.isfinite(ratio):
-        kept = np.concatenate((costless > 0, ~limited))
-        rest = target - columns[:, ~kept] @ values[~kept]
-        others = least_rates(columns[:, kept], rest, np.concatenate((costless, unlimited[~limited])))
-        values[kept] = others.values
+        chosen = np.concatenate((costless > 0, ~limited))
+        remainder = target - columns[:, ~chosen] @ values[~chosen]
+        others = least_rates(columns[:, chosen], remainder, np.concatenate((costless, unlimited[~limited])))
+        values[chosen] = others.values
         least = least if limited.any() else others
     return ContactRates(
         ratio=ratio if limited.any() or not np.isfinite(ratio) else None,
@@ -245,39 +249,45 @@ def least_rates(columns: Array, target: Array, limits: Array) -> LeastRates:
 
     Parameters
     ----------
-    columns : (3, k), the equations of comparable size: what is ``NOTHING`` beside the rest of a column is rounding
+    columns : (3, k), the equations of comparable size: what is ``NOTHING`` of a column is rounding
     target : (3,)
     limits : (k,)
         Positive; infinite where a rate costs nothing. These must leave at most two of the three equations.
     """
     limited = np.isfinite(limits)
     reach = columns * np.where(limited, limits, 0.0)
-    values, influence, ratio = np.zeros(len(limits)), np.zeros(len(limits)), 0.0
+    values = np.zeros(len(limits))
+    influence = np.zeros(len(limits))
+    ratio = 0.0
     costless = columns[:, ~limited]
     lengths = np.linalg.norm(costless, axis=0)
     left, singular, _ = np.linalg.svd(costless / np.where(lengths > 0, lengths, 1.0))
-    basis, open_, rest = left[:, int((singular > SAME).sum()) :], limited, target
+    basis = left[:, int((singular > SAME).sum()) :]
+    open_ = limited
+    remainder = target
     for stage in range(basis.shape[1]):
-        direction = _steepest(basis, reach * open_, rest)
+        direction = _steepest(basis, reach * open_, remainder)
         normal = basis @ direction
-        asked = float(normal @ rest)
+        required = float(normal @ remainder)
         pulls = _pulls(normal, reach * open_)
         strength = float(np.abs(pulls).sum())
-        is_met = abs(asked) <= NOTHING * np.linalg.norm(target)
-        share = 0.0 if is_met else asked / strength if strength else np.inf
+        is_met = abs(required) <= NOTHING * np.linalg.norm(target)
+        share = 0.0 if is_met else required / strength if strength else np.inf
         if stage == 0:
-            ratio, influence = abs(share), np.abs(pulls) / (strength or 1.0)
+            ratio = abs(share)
+            influence = np.abs(pulls) / (strength or 1.0)
         acting = pulls != 0
         values[acting] += share * np.sign(pulls[acting]) * limits[acting]
-        open_, rest = open_ & ~acting, target - columns[:, limited] @ values[limited]
+        open_ = open_ & ~acting
+        remainder = target - columns[:, limited] @ values[limited]
         if stage + 1 < basis.shape[1]:  # from the plane to the line across
             basis = basis @ np.array([[-direction[1]], [direction[0]]])
-    values[~limited] = np.linalg.pinv(costless, rcond=SAME) @ rest
+    values[~limited] = np.linalg.pinv(costless, rcond=SAME) @ remainder
     return LeastRates(ratio, np.full(len(values), np.nan) if np.isinf(ratio) else values, influence)
 
 
 def _pulls(normals: Array, reach: Array) -> Array:
-    """How far (.., k) each column of ``reach`` (3, k) goes along unit normals (.., 3): 0 for rounding."""
+    """How far (.., k) the columns of ``reach`` (3, k) go along unit normals (.., 3): 0 for rounding."""
     pulls = normals @ reach
     return np.where(np.abs(pulls) <= NOTHING * np.linalg.norm(reach, axis=0), 0.0, pulls)
 
@@ -286,31 +296,32 @@ def _steepest(basis: Array, reach: Array, target: Array) -> Array:
     """The unit vector y (d,), d of 1 or 2, in a basis (3, d), with the largest ``|target.y| / sum_i |reach_i.y|``."""
     if basis.shape[1] == 1:
         return np.ones(1)
-    across, along = basis.T @ reach, basis.T @ target
+    across = basis.T @ reach
+    along = basis.T @ target
     candidates = np.column_stack(((-across[1], across[0]), along))
     lengths = np.linalg.norm(candidates, axis=0)
     candidates = candidates[:, lengths > 0] / lengths[lengths > 0]
     if not candidates.size:
         return np.array([1.0, 0.0])
-    asked = np.abs(along @ candidates)
-    asked[asked <= NOTHING * np.linalg.norm(target)] = 0.0
+    required = np.abs(along @ candidates)
+    required[required <= NOTHING * np.linalg.norm(target)] = 0.0
     strength = np.abs(_pulls((basis @ candidates).T, reach)).sum(axis=1)
-    ratios = np.divide(asked, strength, out=np.where(asked > 0, np.inf, 0.0), where=strength > 0)
+    ratios = np.divide(required, strength, out=np.where(required > 0, np.inf, 0.0), where=strength > 0)
     return np.asarray(candidates[:, ratios.argmax()])
 
 
 @dataclass(frozen=True, eq=False)
 class Reachable:
-    """What rates within the limits reach at one end of a flight, about what is asked there.
+    """What rates within the limits reach at one end of a flight, about what is requested there.
 
-    Intervals are infinite where limits are missing, and None where nothing is reached. The other two quantities are
-    as asked.
+    Intervals are infinite where limits are missing, and None where there are no such rates. The two other quantities
+    are as requested.
 
     Attributes
     ----------
     angular_momentum, horizontal_velocity, vertical_velocity : (low, high), kg m^2/s and m/s
     polygon : (K, 2), optional
-        Corners (h, vertical velocity) at the asked horizontal velocity, counter-clockwise; None where it is not
+        Corners (h, vertical velocity) at the requested horizontal velocity, counter-clockwise; None where it is not
         bounded.
     asked : (3,)
         h, horizontal and vertical velocity.
@@ -329,16 +340,19 @@ def reachable(problem: Problem, end: End, angular_momentum: float) -> Reachable:
     equations = equations_at(problem.robot, frame, orientation, positions, velocity)
     matrix = equations.matrix * [[1.0], [-1.0], [-1.0]]
     limits = rate_limits(problem)
-    asked = np.array([angular_momentum, *velocity])
+    required = np.array([angular_momentum, *velocity])
     normals, reach = _half_planes(matrix, row_sizes(matrix), limits)
-    momentum, horizontal, vertical = (_interval(normals, reach, asked, direction) for direction in np.eye(3))
-    return Reachable(momentum, horizontal, vertical, polygon=_polygon(matrix, limits, asked[1]), asked=read_only(asked))
+    momentum, horizontal, vertical = (_interval(normals, reach, required, direction) for direction in np.eye(3))
+    return Reachable(
+        momentum, horizontal, vertical, polygon=_polygon(matrix, limits, required[1]), asked=read_only(required)
+    )
 
 
 def _half_planes(matrix: Array, scale: Array, limits: Array) -> tuple[Array, Array]:
     """Normals y (K, 3) and reach (K,): x is reached where ``|y . x| <= reach`` for all, infinite reach left out."""
     scaled = matrix / scale[:, None]
-    base, joints = scaled[:, 0] / np.linalg.norm(scaled[:, 0]), scaled[:, 1:]
+    base = scaled[:, 0] / np.linalg.norm(scaled[:, 0])
+    joints = scaled[:, 1:]
     lengths = np.linalg.norm(joints, axis=0)
     directions = joints[:, lengths > 0] / lengths[lengths > 0]
     across = np.cross(base, directions.T)
@@ -352,23 +366,25 @@ def _half_planes(matrix: Array, scale: Array, limits: Array) -> tuple[Array, Arr
     return normals[bounded] / scale, reach[bounded]
 
 
-def _interval(normals: Array, reach: Array, asked: Array, direction: Array) -> Interval | None:
-    """Of ``asked + t direction`` the part within all half-planes, as values along the direction."""
-    slopes, offsets = normals @ direction, normals @ asked
+def _interval(normals: Array, reach: Array, required: Array, direction: Array) -> Interval | None:
+    """Of ``required + t direction`` the interval within all half-planes, as values along the direction."""
+    slopes = normals @ direction
+    offsets = normals @ required
     sizes = np.linalg.norm(normals, axis=1)
     across = np.abs(slopes) <= NOTHING * sizes
-    if (np.abs(offsets[across]) > reach[across] + NOTHING * sizes[across] * np.linalg.norm(asked)).any():
+    if (np.abs(offsets[across]) > reach[across] + NOTHING * sizes[across] * np.linalg.norm(required)).any():
         return None
     ends = np.sort((np.array([[-1.0], [1.0]]) * reach[~across] - offsets[~across]) / slopes[~across], axis=0)
-    low, high = ends[0].max(initial=-math.inf), ends[1].min(initial=math.inf)
-    here = float(asked @ direction)
+    low = ends[0].max(initial=-math.inf)
+    high = ends[1].min(initial=math.inf)
+    here = float(required @ direction)
     return (here + float(low), here + float(high)) if low <= high else None
 
 
 def _polygon(matrix: Array, limits: Array, horizontal_velocity: float) -> Array | None:
-    """Corners (K, 2) of (h, vertical velocity): each joint moves it along a segment, the base keeping the horizontal.
+    """Corners (K, 2) of (h, vertical velocity): every joint moves it along a segment, the base keeping the horizontal.
 
-    The base's rate is what makes the horizontal velocity the asked one.
+    The base's rate is what makes the horizontal velocity the requested one.
     """
     lever = matrix[1, 0]
     if not np.isfinite(limits).all() or abs(lever) <= NOTHING * float(np.abs(matrix[1:]).max()):

@@ -1,4 +1,4 @@
-"""The rates at both ends of a flight: with a frame at rest where that is asked, and not into the ground."""
+"""The rates at both ends of a flight: with a frame at rest on request, and not into the ground."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -43,14 +43,14 @@ class RateCurve:
 
 @dataclass(frozen=True, eq=False)
 class EndRates:
-    """The rates ``given`` (2, n) rad/s at both ends; at some ends (0, 1) they follow ``curves`` instead."""
+    """The ``fixed`` rates (2, n) rad/s at both ends; at some ends (0, 1) they follow ``curves`` instead."""
 
-    given: Array
+    fixed: Array
     curves: Mapping[int, RateCurve]
 
     def __call__(self, angular_momentum: Array) -> Array:
         """Rates (2, n) for h (1,)."""
-        rates = self.given.copy()
+        rates = self.fixed.copy()
         for number, curve in self.curves.items():
             rates[number] = curve(float(angular_momentum[0]))
         return rates
@@ -63,11 +63,11 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     Raises
     ------
     InputError
-        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds; or for its rest a joint
-        would turn that stands on the edge of its range.
+        A frame is to be at rest that no rates bring to rest, or the base, which nothing holds; or for that a joint
+        would rotate that stands on the edge of its range.
     """
     states = (problem.initial, problem.final)
-    given = np.array([state.velocities for state in states])
+    fixed = np.array([state.velocities for state in states])
     curves: dict[int, RateCurve] = {}
     for number, (element, end) in enumerate(ENDS):
         if states[number].frame_rests:
@@ -75,13 +75,13 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
             if momentum.axes.size:
                 curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
             else:
-                given[number] = _rates(problem, element, end, middle)
-                settled = replace(states[number], velocities=given[number])
+                fixed[number] = _rates(problem, element, end, middle)
+                settled = replace(states[number], velocities=fixed[number])
                 ranges = problem.position_limits
                 refuse(
                     list(end_errors(problem.robot, ranges, problem.flight, settled, element))
                 )  # of joints on an edge
-    return EndRates(given, curves)
+    return EndRates(fixed, curves)
 
 
 def _curve(problem: Problem, element: str, end: End, middle: float, reach: float) -> RateCurve:
@@ -90,19 +90,19 @@ def _curve(problem: Problem, element: str, end: End, middle: float, reach: float
     def rates(momentum: float) -> Array:
         return _rates(problem, element, end, momentum)
 
-    found = {momentum: rates(momentum) for momentum in (middle - reach, middle, middle + reach)}
+    sampled = {momentum: rates(momentum) for momentum in (middle - reach, middle, middle + reach)}
     open_ = [(middle - reach, middle), (middle, middle + reach)]
     smallest = reach / 2**HALVINGS
     while open_:
         low, high = open_.pop()
         between = (low + high) / 2
-        found[between] = rates(between)
-        size = STRAIGHT * (np.abs(found[low]).max() + np.abs(found[high]).max())
-        bent = np.abs(found[between] - (found[low] + found[high]) / 2).max() > size
+        sampled[between] = rates(between)
+        size = STRAIGHT * (np.abs(sampled[low]).max() + np.abs(sampled[high]).max())
+        bent = np.abs(sampled[between] - (sampled[low] + sampled[high]) / 2).max() > size
         if bent and high - low > smallest:
             open_ += [(low, between), (between, high)]
-    momenta = np.array(sorted(found))
-    return RateCurve(momenta, np.array([found[momentum] for momentum in momenta.tolist()]))
+    momenta = np.array(sorted(sampled))
+    return RateCurve(momenta, np.array([sampled[momentum] for momentum in momenta.tolist()]))
 
 
 def _rates(problem: Problem, element: str, end: End, momentum: float) -> Array:
@@ -113,25 +113,26 @@ def _rates(problem: Problem, element: str, end: End, momentum: float) -> Array:
             element=f"{element}.velocities",
             advice=f"name a frame as flight.{end}, or give the rates",
         )
-    found = contact_rates(problem, end, momentum)
-    if not found.exist:
+    solution = contact_rates(problem, end, momentum)
+    if not solution.exist:
         raise InputError(
             f"no rates of the joints let frame {frame!r} be at rest at {end}, with {momentum:.4g} kg m^2/s",
             element=f"{element}.velocities",
             advice="plan more joints, give another posture, angular momentum or frame, or give the rates",
         )
-    return found.rates
+    return solution.rates
 
 
 def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputError]:
     """Return what moves into the ground at takeoff or landing, with this angular momentum (1,), kg m^2/s.
 
-    Of rates that were rounded to six digits nothing is said: where they lead into the ground, the search finds it.
+    Rates that were rounded to six digits pass: where they lead into the ground, the search finds it.
     """
     if not problem.ground:
         return []
     rates = end_rates(problem, MomentumSet(angular_momentum, np.empty((1, 0))))(angular_momentum)
-    start, goal = replace(problem.initial, velocities=rates[0]), replace(problem.final, velocities=rates[1])
+    start = replace(problem.initial, velocities=rates[0])
+    goal = replace(problem.final, velocities=rates[1])
     errors = []
     for name, state, instant, sign, direction in (
         ("start", start, 0.0, 1.0, "down into the ground at takeoff"),
@@ -153,15 +154,18 @@ def _slowest_contact(
     problem: Problem, state: JointState, instant: float, sign: float, angular_momentum: float
 ) -> tuple[str, float]:
     """Of the points on the ground the one that is slowest upwards, or downwards for sign -1: its link, m/s."""
-    robot, path = problem.robot, problem.path
-    tree, shapes = robot.tree, problem.ground_shapes
+    robot = problem.robot
+    path = problem.path
+    tree = robot.tree
+    shapes = problem.ground_shapes
     rate = tree_dynamics(tree).base_rate(state.positions[None], state.velocities[None], angular_momentum)[0]
     rotations = tree.rotations(tree.absolute_angles(np.array(state.orientation), state.positions))
     swings = 1j * tree.turn * (rate + tree.turns @ state.velocities) * rotations
     bodies = np.array([shape.body for shape in shapes])
     com_height = path.positions(np.array([instant]))[0, 1]
     com_velocity = path.velocities(np.array([instant]))[0, 1]
-    slowest, radius = ("", np.inf), np.array([shape.radius for shape in shapes])
+    slowest = ("", np.inf)
+    radius = np.array([shape.radius for shape in shapes])
     for end in ("start", "end"):
         weights = tree.point_weights(bodies, np.array([getattr(shape, end) for shape in shapes]))
         height = com_height + (weights @ rotations).imag - radius - problem.ground_plane.point[1]

@@ -154,7 +154,8 @@ class PlanarFlight:
 @lru_cache(maxsize=8)
 def planar_flight(problem: Problem) -> PlanarFlight:
     """Prepare a problem's flight once for all motions."""
-    initial, final = problem.initial.orientation, problem.final.orientation
+    initial = problem.initial.orientation
+    final = problem.final.orientation
     return PlanarFlight(
         problem=problem,
         tree=problem.robot.tree,

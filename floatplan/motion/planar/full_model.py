@@ -73,7 +73,9 @@ class PinocchioDynamics:
 
     def momentum_map(self, positions: Array) -> Array:
         """D of (4): rows (D_0, D_1, ..., D_n), (N, n+1) kg m^2, at positions (N, n)."""
-        model, data, row = self._model, self._workspace.data, self._row
+        model = self._model
+        data = self._workspace.data
+        row = self._row
         full = self.full_positions(positions)
         rows = np.empty_like(full)
         for k, q in enumerate(full):
@@ -89,7 +91,8 @@ class PinocchioDynamics:
 
     def base_acceleration(self, positions: Array, velocities: Array, accelerations: Array, base_rate: Array) -> Array:
         """Accelerations (N, 3) of the base coordinates for which momentum, linear and angular, stays constant."""
-        model, data = self._model, self._workspace.data
+        model = self._model
+        data = self._workspace.data
         full, full_velocities = self._full_state(positions, velocities, base_rate)
         joint_accelerations = accelerations @ self._selection.T
         maps, map_rates = np.empty((2, len(full), 6, full.shape[1]))
@@ -109,7 +112,8 @@ class PinocchioDynamics:
 
         A joint's is its own torque, N m (force, N, where it slides), also where several are coupled or it is locked.
         """
-        model, data = self._model, self._workspace.data
+        model = self._model
+        data = self._workspace.data
         full, full_velocities = self._full_state(positions, velocities, base_rate)
         full_accelerations = self.full_accelerations(positions, velocities, accelerations, base_rate)
         forces = np.empty_like(full)
@@ -159,26 +163,31 @@ class FlightCoordinates(Coordinates):
     """
 
     def __init__(self, dynamics: PinocchioDynamics, state: FlightState, gravity: float) -> None:
-        self.dynamics, self.state, self.gravity = dynamics, state, gravity
+        self.dynamics = dynamics
+        self.state = state
+        self.gravity = gravity
         self._planned = state.positions, state.velocities, state.accelerations, state.orientation_rate
 
     @cached_property
     def positions(self) -> Array:
         """Positions (N, nv), m and rad."""
         values = self.dynamics.full_positions(self.state.positions)
-        values[:, :2], values[:, 2] = self.state.base_position, self.state.orientation
+        values[:, :2] = self.state.base_position
+        values[:, 2] = self.state.orientation
         return read_only(values)
 
     @cached_property
     def velocities(self) -> Array:
         """Velocities (N, nv), m/s and rad/s."""
-        state, tree = self.state, self.dynamics.robot.tree
+        state = self.state
+        tree = self.dynamics.robot.tree
         rotations = tree.rotations(tree.absolute_angles(state.orientation, state.positions))
         rates = state.orientation_rate[:, None] + state.velocities @ tree.turns.T
-        swing = (1j * tree.turn * rates * rotations) @ tree.point_weights(np.array([0]), np.array([0j]))[0]
+        velocity = (1j * tree.turn * rates * rotations) @ tree.point_weights(np.array([0]), np.array([0j]))[0]
         values = state.velocities @ self.dynamics.robot.selection.T
-        values[:, :2], values[:, 2] = state.com_velocity, state.orientation_rate
-        values[:, :2] += np.stack((swing.real, swing.imag), axis=1)
+        values[:, :2] = state.com_velocity
+        values[:, 2] = state.orientation_rate
+        values[:, :2] += np.stack((velocity.real, velocity.imag), axis=1)
         return read_only(values)
 
     @cached_property
@@ -186,7 +195,8 @@ class FlightCoordinates(Coordinates):
         """Accelerations (N, nv), m/s^2 and rad/s^2, gravity's included."""
         values = self.dynamics.full_accelerations(*self._planned)
         pushed = (values[:, 0] + 1j * values[:, 1]) * self.dynamics.robot.tree.rotations(self.state.orientation)
-        values[:, 0], values[:, 1] = pushed.real, pushed.imag - self.gravity
+        values[:, 0] = pushed.real
+        values[:, 1] = pushed.imag - self.gravity
         return read_only(values)
 
     @cached_property
@@ -243,7 +253,8 @@ class FullMotion:
 
         Those have none themselves; a locked joint's holds it.
         """
-        robot, torques = self.robot, self.torques.copy()
+        robot = self.robot
+        torques = self.torques.copy()
         base = len(robot.transmission) - len(self.joints)
         torques[:, robot.transmission[base:].any(axis=1)] = 0.0
         motors = [self.joints.index(name) for name in robot.motors]
@@ -280,7 +291,8 @@ class FullMotion:
     @cached_property
     def base_twist_rate(self) -> Array:
         """Derivative (N, 6) of :attr:`base_twist`, m/s^2 and rad/s^2: Pinocchio's acceleration of a free flyer."""
-        velocities, accelerations = self.coordinates.velocities, self.coordinates.accelerations
+        velocities = self.coordinates.velocities
+        accelerations = self.coordinates.accelerations
         carried = 1j * self.robot.tree.turn * velocities[:, BASE - 1] * self._planar(velocities)
         linear = self._in_space((self._planar(accelerations) - carried) * self._back)
         angular = accelerations[:, BASE - 1, None] * self.robot.plane.normal
@@ -365,17 +377,21 @@ class FreeFlyer:
     def __init__(self, robot: Robot) -> None:
         self.model = model = robot.free_flyer()
         joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
-        self.nq, self.nv = int(model.nq), int(model.nv)
-        self.in_q, self.in_v = (np.array([getattr(each, at) for each in joints], int) for at in ("idx_q", "idx_v"))
+        self.nq = int(model.nq)
+        self.nv = int(model.nv)
+        self.in_q, self.in_v = (np.array([getattr(joint, at) for joint in joints], int) for at in ("idx_q", "idx_v"))
         self.continuous = np.flatnonzero([joint.nq == 2 for joint in joints])
 
     def configurations(self, motion: FullMotion) -> Array:
         """Configurations (N, nq): place, quaternion x y z w, joints; m and rad."""
         q = np.empty((len(motion.positions), self.nq))
-        q[:, :3], q[:, 3:7] = motion.base_position, motion.base_quaternion
+        q[:, :3] = motion.base_position
+        q[:, 3:7] = motion.base_quaternion
         q[:, self.in_q] = motion.positions
-        angles, first = motion.positions[:, self.continuous], self.in_q[self.continuous]
-        q[:, first], q[:, first + 1] = np.cos(angles), np.sin(angles)
+        angles = motion.positions[:, self.continuous]
+        first = self.in_q[self.continuous]
+        q[:, first] = np.cos(angles)
+        q[:, first + 1] = np.sin(angles)
         return q
 
     def velocities(self, motion: FullMotion) -> Array:

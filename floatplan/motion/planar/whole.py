@@ -25,7 +25,10 @@ class PlanarMotion:
     """A motion of joints as written, with an angular momentum, kg m^2/s, and the base's, which follows."""
 
     def __init__(self, problem: Problem, joints: WrittenMotion, angular_momentum: float, path: Ballistics) -> None:
-        self.problem, self.joints, self.angular_momentum, self.path = problem, joints, angular_momentum, path
+        self.problem = problem
+        self.joints = joints
+        self.angular_momentum = angular_momentum
+        self.path = path
         self.dynamics = PinocchioDynamics(problem.robot)
 
     def state(self, instants: Array) -> FlightState:
@@ -57,7 +60,8 @@ class PlanarMotion:
 
     def segments(self, instants: Array, hulls: bool = False) -> Segments:
         """The links' shapes at instants (N,); with the hulls for distances to the ground where asked for."""
-        tree, com = self.problem.robot.tree, self.path.positions(instants)
+        tree = self.problem.robot.tree
+        com = self.path.positions(instants)
         angles = tree.absolute_angles(self.orientation(instants), self.joints.at(instants)[0])
         shapes = self._links_and_hulls if hulls else self._links
         return shapes.place(com[:, 0] + 1j * com[:, 1], angles)
@@ -98,7 +102,8 @@ class PlanarMotion:
     @property
     def orientation_at_ends(self) -> Mapping[str, Any]:
         """Orientations, rad, at the start, at the end and of the goal."""
-        start, goal = self.problem.initial.orientation, self.problem.final.orientation
+        start = self.problem.initial.orientation
+        goal = self.problem.final.orientation
         return {"start": start, "end": self.final_orientation, "goal": goal}
 
     @property

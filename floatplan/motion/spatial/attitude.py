@@ -48,7 +48,7 @@ class IntegrationError(FloatplanError, ArithmeticError):
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """C cells of equal length, each with the same S Gauss stages.
+    """C cells of equal length, with the same S Gauss stages.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class Cells:
 
 @lru_cache(maxsize=16)
 def cells(count: int, stages: int) -> Cells:
-    """Return so many cells with so many stages each."""
+    """Return so many cells with so many stages."""
     gauss = gauss_legendre(stages)
     s = (np.arange(count)[:, None] + gauss.nodes).ravel() / count
     return Cells(count, stages, gauss, read_only(s), read_only(gauss.integrals(gauss.nodes)))
@@ -124,7 +124,8 @@ class Turning:
 
         A turn zeta at a cell's beginning becomes ``transition zeta + sum_j weight_j g_j`` at its end.
         """
-        transitions, weights = np.empty_like(self.borders), np.empty_like(self.attitudes)
+        transitions = np.empty_like(self.borders)
+        weights = np.empty_like(self.attitudes)
         _ask(
             "transitions",
             self.cells,
@@ -149,12 +150,12 @@ def attitudes_at(cells: Cells, duration: float, borders: Array, spun: Iterable[A
     return np.asarray(attitudes)
 
 
-def _ask(what: str, cells: Cells, duration: float, **given: Any) -> None:
-    """Have the kernel write what is asked; IntegrationError where it cannot."""
+def _ask(what: str, cells: Cells, duration: float, **members: Any) -> None:
+    """Have the kernel write what it is called for; IntegrationError where it cannot."""
     compiled = kernel()
     counts = {"cells": cells.count, "stages": cells.stages, "duration": duration, **TOLERANCES}
     rules = {"integrals": doubles(cells.integrals), "weights": doubles(cells.gauss.weights)}
-    struct = Struct("Turning", **(NOTHING | counts | rules | given))
+    struct = Struct("Turning", **(NOTHING | counts | rules | members))
     failed = compiled.turn(struct.pointer, enumeration("Asked")[what], compiled.instructions)
     if failed == OUT_OF_MEMORY:
         raise MemoryError
@@ -182,11 +183,15 @@ def turn(
     IntegrationError
         The motion is too wild for the cells.
     """
-    count, stages = len(inertia), cells.stages
+    count = len(inertia)
+    stages = cells.stages
     begins = np.empty((cells.count, 3, 3))
     begins[: 1 if borders.ndim == 2 else None] = borders
-    ends, inverse, attitudes = np.empty_like(begins), np.empty((count, 3, 3)), np.empty((count, 3, 3))
-    rates, spun = np.empty((count, 3)), np.empty((2, cells.count, stages, 4))
+    ends = np.empty_like(begins)
+    inverse = np.empty((count, 3, 3))
+    attitudes = np.empty((count, 3, 3))
+    rates = np.empty((count, 3))
+    spun = np.empty((2, cells.count, stages, 4))
     _ask(
         "attitudes",
         cells,

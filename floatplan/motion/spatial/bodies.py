@@ -36,12 +36,15 @@ class BodyPoses:
         dynamics = spatial_dynamics(robot)
         model = dynamics.model
         data = model.createData()  # of its own, as others may be computing with the robot's
-        count, bodies = len(positions), model.njoints
-        places, rotations = np.empty((count, bodies, 3)), np.empty((count, bodies, 3, 3))
+        count = len(positions)
+        bodies = model.njoints
+        places = np.empty((count, bodies, 3))
+        rotations = np.empty((count, bodies, 3, 3))
         for k, q in enumerate(dynamics.configurations(positions)):
             middle = pin.centerOfMass(model, data, q)
             for body, placement in enumerate(data.oMi):
-                places[k, body], rotations[k, body] = placement.translation - middle, placement.rotation
+                places[k, body] = placement.translation - middle
+                rotations[k, body] = placement.rotation
         turned = np.einsum("kab,kib->kia", attitudes, places)
         return cls(turned + com[:, None], attitudes[:, None] @ rotations)
 

@@ -64,12 +64,12 @@ class SpatialShapes:
     @classmethod
     def of(cls, capsules: tuple[SolidCapsule, ...], hulls: tuple[LinkSolid, ...]) -> SpatialShapes:
         """Gather capsules, and solids where these are wanted."""
-        ends = [(each.start, each.end) for each in capsules] + [(np.zeros(3), np.zeros(3))] * len(hulls)
+        ends = [(shape.start, shape.end) for shape in capsules] + [(np.zeros(3), np.zeros(3))] * len(hulls)
         return cls(
-            links=tuple(each.link for each in capsules),
-            body=np.array([each.body for each in capsules] + [each.body for each in hulls], np.int64),
+            links=tuple(shape.link for shape in capsules),
+            body=np.array([shape.body for shape in capsules] + [shape.body for shape in hulls], np.int64),
             ends=np.array(ends).reshape(-1, 2, 3),
-            radius=np.array([each.radius for each in capsules] + [0.0] * len(hulls)),
+            radius=np.array([shape.radius for shape in capsules] + [0.0] * len(hulls)),
             hulls=hulls,
         )
 

@@ -51,7 +51,8 @@ class SpatialDynamics:
     @cached_property
     def tree(self) -> Struct:
         """The bodies as the kernel sees them."""
-        model, data = self.model, self.model.createData()
+        model = self.model
+        data = self.model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
         moved = range(2, model.njoints)
         motions = [np.ravel(data.joints[joint].S) for joint in moved]
@@ -69,8 +70,8 @@ class SpatialDynamics:
             parent=integers([model.parents[joint] - 1 for joint in moved]),
             slides=integers(slides),
             axis=doubles(axes),
-            turned=doubles([each.rotation for each in placed]),
-            placed=doubles([each.translation for each in placed]),
+            turned=doubles([frame.rotation for frame in placed]),
+            placed=doubles([frame.translation for frame in placed]),
             mass=doubles([body.mass for body in bodies]),
             first=doubles([body.mass * body.lever for body in bodies]),
             second=doubles(seconds),
@@ -87,7 +88,8 @@ class SpatialDynamics:
     def full_velocities(self, velocities: Array, rates: Array) -> Array:
         """Velocities (K, 6 + J) from planned ones (K, n) and the base's rates (K, 3), its origin at rest."""
         full = np.zeros((len(velocities), self.model.nv))
-        full[:, ANGULAR], full[:, BASE:] = rates, velocities @ self.selection.T
+        full[:, ANGULAR] = rates
+        full[:, BASE:] = velocities @ self.selection.T
         return full
 
     def computed(self, *state: Array, **shapes: tuple[int, ...]) -> dict[str, Array]:
@@ -96,23 +98,24 @@ class SpatialDynamics:
         The state is planned positions, velocities and accelerations, (K, n) each, and the base's rates (K, 3).
         """
         count = len(state[0])
-        found = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
+        results = {name: np.empty((count, *shape)) for name, shape in shapes.items()}
         names = ("positions", "velocities", "accelerations")
-        motions = dict(zip(names, (each @ self.selection.T for each in state[:3]), strict=False))
+        motions = dict(zip(names, (values @ self.selection.T for values in state[:3]), strict=False))
         motions["positions"] = motions["positions"] + self.reference
-        given = {**motions, "rates": state[3]} if len(state) > 3 else motions
-        arrays = {name: doubles(values) for name, values in given.items()}
-        moved = Struct("SpatialMotion", instants=count, **(NOTHING | arrays | found))
+        inputs = {**motions, "rates": state[3]} if len(state) > 3 else motions
+        arrays = {name: doubles(values) for name, values in inputs.items()}
+        moved = Struct("SpatialMotion", instants=count, **(NOTHING | arrays | results))
         compiled = kernel()
         if compiled.space(self.tree.pointer, moved.pointer, compiled.instructions):
             raise MemoryError
-        return found
+        return results
 
     def momentum_maps(self, positions: Array) -> tuple[Array, Array]:
         """I (K, 3, 3) and A (K, 3, n), kg m^2: angular momentum by the base's and by the joints' rates."""
-        still, joints = np.zeros_like(positions), len(self.selection)
-        found = self.computed(positions, still, inertia=(3, 3), joint_map=(3, joints))
-        return found["inertia"], found["joint_map"] @ self.selection
+        still = np.zeros_like(positions)
+        joints = len(self.selection)
+        results = self.computed(positions, still, inertia=(3, 3), joint_map=(3, joints))
+        return results["inertia"], results["joint_map"] @ self.selection
 
     def _free(self, *state: Array) -> dict[str, Array]:
         return self.computed(*state, torques=(len(self.selection),), base_acceleration=(BASE,))

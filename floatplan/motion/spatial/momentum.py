@@ -1,6 +1,6 @@
-"""Which angular momentum suits a flight in space: given, suggested by the joints' plain motion, or free about that.
+"""Which angular momentum suits a flight in space: fixed, suggested by the joints' nominal motion, or free about that.
 
-There is no two-sided interval as (9) in space. What is suggested is the h with which the motion that has no free part
+There is no two-sided interval as (9) in space. The suggested h is that with which the motion without free coefficients
 turns the base to the goal, by Newton's method with its exact derivative.
 """
 
@@ -20,7 +20,8 @@ from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm,
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import reference_at
 
-ALONG, ACROSS = 0.4, 0.15  # [-] of a free h from the suggested one: along it and across
+ALONG = 0.4  # [-] of a free h from the suggested one: along it
+ACROSS = 0.15  # [-] the same across it
 STEPS = 12  # [-] of Newton's method
 LONGEST = 0.5  # [-] of |h|, a step of Newton's method
 ENOUGH = 1e-10  # [rad]
@@ -31,49 +32,49 @@ LEVEL = 2  # of the cells
 @lru_cache(maxsize=8)
 def spatial_momentum_set(problem: Problem) -> MomentumSet:
     """The h (3,) of a problem in space, kg m^2/s."""
-    asked = problem.flight.angular_momentum
-    if not isinstance(asked, str):
-        given = asked if isinstance(asked, tuple) else (0.0, 0.0, 0.0)
-        return MomentumSet(read_only(given), read_only(np.empty((3, 0))))
+    requested = problem.flight.angular_momentum
+    if not isinstance(requested, str):
+        fixed = requested if isinstance(requested, tuple) else (0.0, 0.0, 0.0)
+        return MomentumSet(read_only(fixed), read_only(np.empty((3, 0))))
     suggested = suggested_momentum(problem)
-    if asked != "free":
+    if requested != "free":
         return MomentumSet(read_only(suggested), read_only(np.empty((3, 0))))
     size = float(np.linalg.norm(suggested))
     if size == 0.0:
-        reach = ALONG * np.trace(_PlainMotion(problem).mean_inertia_B) / 3 / problem.flight.duration
+        reach = ALONG * np.trace(_NominalMotion(problem).mean_inertia_B) / 3 / problem.flight.duration
         return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
-    beside = np.linalg.svd(along[None])[2][1:]
-    axes = np.stack((ALONG * along, *(ACROSS * each for each in beside)), axis=1)
+    across = np.linalg.svd(along[None])[2][1:]
+    axes = np.stack((ALONG * along, *(ACROSS * axis for axis in across)), axis=1)
     return MomentumSet(read_only(suggested), read_only(size * axes))
 
 
 def suggested_momentum(problem: Problem) -> Array:
-    """The h (3,), kg m^2/s, with which the plain motion reaches the goal, or turns as often about its first axis.
+    """The h (3,), kg m^2/s, with which the nominal motion reaches the goal, or turns as often about its first axis.
 
-    Where the goal's angles have turns about the third axis too, those are left to the joints; where they have them
-    alone, h is along that.
+    Where the goal's angles have turns about the third axis too, those are left to the joints; where they have no
+    others, h is along that.
     """
-    plain = _PlainMotion(problem)
-    goal = plain.reorientation.goal
-    change = plain.reorientation.change
+    nominal = _NominalMotion(problem)
+    goal = nominal.reorientation.goal
+    change = nominal.reorientation.change
     if np.abs(change).max() < SHORT:
-        turn = logarithm((plain.final_attitude @ plain.initial_attitude.T)[None])[0]
-        return plain.reaching(plain.mean_inertia_W @ turn / problem.flight.duration)
+        rotation = logarithm((nominal.final_attitude @ nominal.initial_attitude.T)[None])[0]
+        return nominal.reaching(nominal.mean_inertia_W @ rotation / problem.flight.duration)
     assert goal.axes is not None
     along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
     if np.abs(change[:2]).max() < SHORT:
-        inside = of_angles(goal.axes, np.array([[*plain.reorientation.start_angles[:2], 0.0]]))[0]
-        return plain.turning(inside @ along[2], change, goal.axes, 2)
-    h = plain.turning(along[0], change, goal.axes, 0)
+        inside = of_angles(goal.axes, np.array([[*nominal.reorientation.start_angles[:2], 0.0]]))[0]
+        return nominal.turning(inside @ along[2], change, goal.axes, 2)
+    h = nominal.turning(along[0], change, goal.axes, 0)
     if abs(change[2]) > SHORT:
         return h
-    found = plain.reaching(h)
-    return found if np.linalg.norm(found - h) <= ALONG * np.linalg.norm(h) else h
+    reached_h = nominal.reaching(h)
+    return reached_h if np.linalg.norm(reached_h - h) <= ALONG * np.linalg.norm(h) else h
 
 
-class _PlainMotion:
-    """The motion with no free part, or the recorded one of the objective "clip", as it turns the base for any h.
+class _NominalMotion:
+    """The motion without free coefficients, or the recorded one of the objective "clip", and how it turns the base.
 
     ``mean_inertia_B`` (3, 3) is the mean over the flight in the base's axes, kg m^2; ``mean_inertia_W`` the same in the
     world's axes, at takeoff.
@@ -87,7 +88,9 @@ class _PlainMotion:
         self.final_attitude = self.reorientation.goal.matrix
         self.cells = cells(*LEVELS[LEVEL])
         low, high = problem.position_limits.T
-        centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration
+        centre = (low + high) / 2
+        amplitude = (high - low) / 2
+        duration = problem.flight.duration
         branch = np.zeros(len(centre), np.int64)
         ends = [
             (p, duration * rate, duration**2 * curvature)
@@ -101,8 +104,9 @@ class _PlainMotion:
         if problem.reference is None:
             polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
             values = basis(polynomials.form).values(self.cells.s)
-            joints = polynomials.motion(polynomials.no_free_part, values)
-            positions, velocities = joints.positions, joints.velocities
+            joints = polynomials.motion(polynomials.nominal_coefficients, values)
+            positions = joints.positions
+            velocities = joints.velocities
         else:
             positions = reference_at(problem.reference, self.cells.s)
             velocities = reference_at(problem.reference, self.cells.s, 1) / duration
@@ -113,11 +117,11 @@ class _PlainMotion:
         self.mean_inertia_W = np.asarray(self.initial_attitude @ self.mean_inertia_B @ self.initial_attitude.T)
 
     def turned(self, h: Array) -> Turning:
-        """Turn the base; errors as of :func:`turn`."""
+        """Rotate the base; errors as of :func:`turn`."""
         return turn(self.cells, self.duration, self._inertia, self._relative, h, self.initial_attitude)
 
     def residual(self, h: Array) -> tuple[Array, Array]:
-        """Vector of rotation (3,), rad, from the attitude asked for at landing to that at landing.
+        """Vector of rotation (3,), rad, from the requested attitude at landing to that at landing.
 
         With its derivative (3, 3) by h, backwards through the cells; errors as of :func:`turn`.
         """
@@ -135,14 +139,16 @@ class _PlainMotion:
 
     def reaching(self, h: Array) -> Array:
         """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""
-        best, least = h, math.inf
+        best = h
+        least = math.inf
         try:
             for _ in range(STEPS):
                 residual, slope = self.residual(h)
-                missed = float(np.linalg.norm(residual))
-                if missed < least:
-                    best, least = h, missed
-                if missed < ENOUGH:
+                miss = float(np.linalg.norm(residual))
+                if miss < least:
+                    best = h
+                    least = miss
+                if miss < ENOUGH:
                     break
                 step = -np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
                 longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
@@ -152,8 +158,9 @@ class _PlainMotion:
         return best
 
     def turning(self, axis: Array, change: Array, axes: str, which: int) -> Array:
-        """The h along an axis (3,) of the world with which one of the angles about axes changes as asked (3,), rad."""
-        low, of_low = 0.0, 0.0
+        """The h along an axis (3,) of the world with which one of the angles about axes has its change (3,), rad."""
+        low = 0.0
+        of_low = 0.0
         angle = float(change[which])
         high = angle / self.duration * float(axis @ self.mean_inertia_W @ axis)
         try:

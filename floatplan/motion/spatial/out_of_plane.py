@@ -21,8 +21,11 @@ def missed_in_space(motion: PlanarMotion) -> Array:
     About the plane's horizontal, its vertical, and its normal, along which the angular momentum is in space too. NaN
     where the motion is too wild to be integrated, or the robot has no inertia about some axis.
     """
-    robot, duration, grid = motion.problem.robot, motion.problem.flight.duration, cells(*CELLS)
-    plane, momentum = robot.plane, motion.angular_momentum * robot.plane.normal
+    robot = motion.problem.robot
+    duration = motion.problem.flight.duration
+    grid = cells(*CELLS)
+    plane = robot.plane
+    momentum = motion.angular_momentum * robot.plane.normal
     positions, velocities, _ = motion.joints.at(grid.s * duration)
     inertia, maps = centroidal_maps(robot, positions)
     relative = np.einsum("kan,kn->ka", maps @ robot.selection, velocities)

@@ -24,7 +24,9 @@ def cross_matrix(vectors: Array) -> Array:
     """Matrices (..., 3, 3) of the cross product with vectors (..., 3)."""
     result = np.zeros((*vectors.shape, 3))
     result[..., 2, 1], result[..., 0, 2], result[..., 1, 0] = x, y, z = np.moveaxis(vectors, -1, 0)
-    result[..., 1, 2], result[..., 2, 0], result[..., 0, 1] = -x, -y, -z
+    result[..., 1, 2] = -x
+    result[..., 2, 0] = -y
+    result[..., 0, 1] = -z
     return result
 
 

@@ -29,7 +29,7 @@ from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 
 FINER = (16, 32, 64, 128)  # [-] cells
-STAGES = 10  # [-] of each
+STAGES = 10  # [-] of a cell
 RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -38,7 +38,10 @@ class SpatialMotion:
     """A motion of joints as written, with an angular momentum (3,), kg m^2/s, and the base's, which follows."""
 
     def __init__(self, problem: Problem, joints: WrittenMotion, angular_momentum: Array, path: Ballistics) -> None:
-        self.problem, self.joints, self.angular_momentum, self.path = problem, joints, angular_momentum, path
+        self.problem = problem
+        self.joints = joints
+        self.angular_momentum = angular_momentum
+        self.path = path
         self.dynamics = spatial_dynamics(problem.robot)
 
     @cached_property
@@ -47,7 +50,8 @@ class SpatialMotion:
         """How the base turns, in as many cells as that needs."""
         before = None
         for count in FINER:
-            fine, duration = cells(count, STAGES), self.problem.flight.duration
+            fine = cells(count, STAGES)
+            duration = self.problem.flight.duration
             positions, velocities, _ = self.joints.at(fine.s * duration)
             inertia, joint_map = self.dynamics.momentum_maps(positions)
             relative = np.einsum("kan,kn->ka", joint_map, velocities)
@@ -67,17 +71,17 @@ class SpatialMotion:
     def _quaternions(self) -> Array:
         """Quaternions (C + 1, 4) x, y, z, w at the borders of the cells, of signs that go on in time."""
         borders = np.concatenate((self.turning.borders, self.turning.ends[-1:]))
-        found = quaternions_of(borders)
-        turned = np.cumprod(np.where((found[1:] * found[:-1]).sum(axis=1) < 0, -1.0, 1.0))
-        found[1:] *= turned[:, None]
-        return found
+        quaternions = quaternions_of(borders)
+        turned = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0))
+        quaternions[1:] *= turned[:, None]
+        return quaternions
 
     def quaternions(self, attitudes: Array, instants: Array) -> Array:
         """Quaternions (N, 4) x, y, z, w of attitudes at times (N,) s, continuous in time."""
-        found = quaternions_of(attitudes)
+        quaternions = quaternions_of(attitudes)
         nearest = np.rint(instants / self.problem.flight.duration * self.turning.cells.count).astype(np.int64)
-        same = (found * self._quaternions[nearest]).sum(axis=1) < 0
-        return np.where(same[:, None], -found, found)
+        same = (quaternions * self._quaternions[nearest]).sum(axis=1) < 0
+        return np.where(same[:, None], -quaternions, quaternions)
 
     def state(self, instants: Array) -> FlightState:
         """State at times (N,) s within the flight: quaternions (N, 4), and rates in the base's axes."""
@@ -112,7 +116,8 @@ class SpatialMotion:
 
     def _com(self, positions: Array) -> Array:
         """Centre of mass (N, 3) in the base's axes, m."""
-        model, data = self.dynamics.model, self.dynamics.data
+        model = self.dynamics.model
+        data = self.dynamics.data
         return np.array([pin.centerOfMass(model, data, q) for q in self.dynamics.configurations(positions)])
 
     def full_motion(self, state: FlightState) -> FullMotion:
@@ -126,7 +131,8 @@ class SpatialMotion:
 
     def bodies(self, instants: Array) -> BodyPoses:
         """Where the bodies are at times (N,) s."""
-        joints, com = self.joints.at(instants)[0], self.path.positions(instants)
+        joints = self.joints.at(instants)[0]
+        com = self.path.positions(instants)
         return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
 
     def segments(self, instants: Array, hulls: bool = False) -> SpatialSegments:
@@ -134,7 +140,7 @@ class SpatialMotion:
         return shapes_in_space(self.problem.robot).place(self.bodies(instants))
 
     def posture(self, state: JointState, time: float) -> BodyPoses:
-        """Where they are in a given posture, the centre of mass where it is at a time, s."""
+        """Where they are in a posture, the centre of mass where it is at a time, s."""
         return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
 
     def orientation(self, times: Array) -> Array:
@@ -148,7 +154,8 @@ class SpatialMotion:
 
     def heights(self, instants: Array) -> tuple[Array, tuple[str, ...]]:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
-        poses, solids = self.bodies(instants), self.problem.robot.solids
+        poses = self.bodies(instants)
+        solids = self.problem.robot.solids
         heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
         return heights - self.problem.ground_plane.point[-1], tuple(solid.link for solid in solids)
 
@@ -162,26 +169,27 @@ class SpatialMotion:
 
     @property
     def missed(self) -> float:
-        """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
+        """By how much the attitude at landing misses the goal, rad; a whole rotation too many or too few counts."""
         reorientation = self.problem.reorientation
         assert reorientation is not None, "the robot flies in space"
         missed = float(np.linalg.norm(logarithm(reorientation.goal.matrix.T[None] @ self.turning.ends[-1:])))
         return math.inf if wrong_way(reorientation, self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
-        """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""
-        found = unwrapped_angles(axes, self.turning.way)
-        asked = required(self.problem.initial.attitude).angles_about(axes)
-        found[:, [0, 2]] += (2 * np.pi * np.rint((asked - found[0]) / (2 * np.pi)))[[0, 2]]
-        return found
+        """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those requested at takeoff."""
+        angles = unwrapped_angles(axes, self.turning.way)
+        requested = required(self.problem.initial.attitude).angles_about(axes)
+        angles[:, [0, 2]] += (2 * np.pi * np.rint((requested - angles[0]) / (2 * np.pi)))[[0, 2]]
+        return angles
 
     def angles_at(self, axes: str, instants: Array) -> Array:
         """The same (N, 3), rad, at times (N,) s."""
-        known, found = self.angles(axes), unwrapped_angles(axes, self.attitudes(instants))
+        angles_at_stages = self.angles(axes)
+        angles = unwrapped_angles(axes, self.attitudes(instants))
         stages = np.concatenate(([0.0], self.turning.cells.s, [1.0])) * self.problem.flight.duration
-        near = np.stack([np.interp(instants, stages, column) for column in known.T], axis=1)
-        found[:, [0, 2]] += (2 * np.pi * np.rint((near - found) / (2 * np.pi)))[:, [0, 2]]
-        return found
+        near = np.stack([np.interp(instants, stages, column) for column in angles_at_stages.T], axis=1)
+        angles[:, [0, 2]] += (2 * np.pi * np.rint((near - angles) / (2 * np.pi)))[:, [0, 2]]
+        return angles
 
 
 class SpatialFullMotion(FullMotion):
@@ -216,12 +224,12 @@ class SpatialFullMotion(FullMotion):
 
     @cached_property
     def torques(self) -> Array:
-        """Torques (N, J), N m: each joint's own, also where several are coupled; a locked joint's holds it."""
+        """Torques (N, J), N m: every joint's own, also where several are coupled; a locked joint's holds it."""
         return read_only(self.motion.forces(self.state)[:, BASE:])
 
     @property
     def base_position(self) -> Array:
-        """Place (N, 3) of the root link's origin in the world, m."""
+        """Position (N, 3) of the root link's origin in the world, m."""
         return self.state.base_position
 
     @property
@@ -246,7 +254,8 @@ class SpatialFullMotion(FullMotion):
     @cached_property
     def base_twist(self) -> Array:
         """Spatial velocity (N, 6) of the base in its own axes: of its origin, m/s, then angular, rad/s."""
-        model, data = self.robot.model, self.motion.dynamics.data
+        model = self.robot.model
+        data = self.motion.dynamics.data
         moving = self.motion.dynamics.full_velocities(self.state.velocities, self.state.orientation_rate)
         still = np.empty(
             (len(moving), 3)

@@ -70,8 +70,10 @@ class Bodies:
         links[np.arange(len(links)), self.group] += tree.inertia
         self.is_mirrored = tree.turn < 0
         if self.is_mirrored:
-            coupling, links = coupling.conj(), links.conj()
-        self.real, self.imaginary = np.ascontiguousarray(coupling.real), np.ascontiguousarray(coupling.imag)
+            coupling = coupling.conj()
+            links = links.conj()
+        self.real = np.ascontiguousarray(coupling.real)
+        self.imaginary = np.ascontiguousarray(coupling.imag)
         self.links = links
         self.rotors = None if tree.rotors is None else tree.rotors * amplitude
 

@@ -1,6 +1,6 @@
-"""Problems that the kernel plans together, and what they differ in as arrays: of a family without making its problems.
+"""Problems that the kernel plans in a batch, and arrays of what they differ in, without making a family's problems.
 
-Plain ones have no inequalities. Others have obstacles, clearances or limits, of the same kinds in all of them.
+Some have no inequalities. Others have obstacles, clearances or limits, of the same kinds in all of them.
 """
 
 from __future__ import annotations
@@ -40,28 +40,27 @@ OF_LIMITS = ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope
 NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
 
 
-def goes_together(problem: Problem) -> bool:
-    """Whether problems that differ from this one in numbers are planned together, plain or not."""
+def is_batchable(problem: Problem) -> bool:
+    """Whether problems that differ from this one in numbers are planned in batches, with inequalities or without."""
     always = all(obstacle.window is None and can_write(obstacle) for obstacle in problem.obstacles)
     steers = max(problem.degrees, default=0) >= CONDITIONS
     return problem.is_plain or (problem.is_standard and steers and not problem.ground and always)
 
 
-def is_plain_family(family: Family) -> bool:
-    """Whether all problems of a family are plain, with the same joint ranges and degrees."""
-    return family.base.is_plain and all(_is_plain(path, family.base.robot) for path in family.arrays)
+def is_unconstrained_family(family: Family) -> bool:
+    """Whether all problems of a family have no inequalities, and the same joint ranges and degrees."""
+    return family.base.is_plain and all(_is_unconstrained(path, family.base.robot) for path in family.arrays)
 
 
-def is_together(family: Family) -> bool:
-    """Whether the problems of a family, of which there are some, are planned together, plain or not."""
+def is_batchable_family(family: Family) -> bool:
+    """Whether the problems of a family, of which there are some, are planned in batches."""
     if not len(family):
         return False
     base = family.base
-    others = {path: array[:1] for path, array in family.arrays.items() if not _is_plain(path, base.robot)}
-    known = (path.split(".")[:2] for path in others)
+    others = {path: array[:1] for path, array in family.arrays.items() if not _is_unconstrained(path, base.robot)}
+    heads = (path.split(".")[:2] for path in others)
     if not (
-        goes_together(base)
-        and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in known)
+        is_batchable(base) and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in heads)
     ):
         return False
     first = _limits_of_family(base, others)
@@ -73,12 +72,12 @@ def _finite(of: Problem) -> list[list[bool]]:
     return [np.isfinite(values.reshape(-1, values.shape[-1])[0]).tolist() for values in of.limited]
 
 
-def _is_plain(path: str, robot: Robot) -> bool:
-    return path in BALLISTIC or _place(path, robot) is not None
+def _is_unconstrained(path: str, robot: Robot) -> bool:
+    return path in BALLISTIC or _target(path, robot) is not None
 
 
-def _place(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
-    """End (or ""), quantity and joint (None for all) that a path is about; None where it is about something else."""
+def _target(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
+    """End (or ""), quantity and joint (None for all) that a path sets; None where it sets something else."""
     match path.split("."):
         case ["flight", "duration" | "angular_momentum" as name]:
             return "", name, None
@@ -109,9 +108,11 @@ class Numbers:
     @classmethod
     def of_problems(cls, problems: Sequence[Problem]) -> Numbers:
         """Of problems as they are."""
-        like, states = problems[0], [state for problem in problems for state in (problem.initial, problem.final)]
-        arrays = {name: np.array([getattr(state, name) for state in states]) for name in OF_STATES}
-        values = {name: array.reshape(-1, 2, *array.shape[1:]) for name, array in arrays.items()}
+        like = problems[0]
+        values: dict[str, Array] = {}
+        for name in OF_STATES:
+            ends = [(getattr(problem.initial, name), getattr(problem.final, name)) for problem in problems]
+            values[name] = np.array(ends)
         values["duration"] = np.array([problem.flight.duration for problem in problems], dtype=np.float64)
         values["angular_momentum"] = np.array([problem.angular_momentum for problem in problems], dtype=np.float64)
         sound = np.ones(len(problems), dtype=np.bool_)
@@ -123,28 +124,31 @@ class Numbers:
             values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)
         limits = like
         if len(problems) > 1:
-            of_joints = {row.key: np.array([each.joint_limits[row.key] for each in problems]) for row in JOINT_LIMITS}
-            others = {name: np.array([getattr(each, name) for each in problems]) for name in OF_LIMITS}
+            of_joints = {}
+            for row in JOINT_LIMITS:
+                of_joints[row.key] = np.array([problem.joint_limits[row.key] for problem in problems])
+            others = {name: np.array([getattr(problem, name) for problem in problems]) for name in OF_LIMITS}
             limits = _limited(like, joint_limits=of_joints, **others)
         return cls(like, values, sound, [problem.obstacles for problem in problems], limits)
 
     @classmethod
     def of_family(cls, family: Family, rows: IntArray) -> Numbers:
-        """Of some rows of a family that goes together; numbers may be bad, see :meth:`doubtful`."""
-        base, like = family.base, cls.of_problems([family.base])
+        """Of some rows of a family that is planned in batches; numbers may be bad, see :meth:`doubtful`."""
+        base = family.base
+        like = cls.of_problems([family.base])
         values = {name: np.repeat(array, len(rows), axis=0) for name, array in like.values.items()}
         varied = {path: array[rows].astype(np.float64) for path, array in family.arrays.items()}
         if isinstance(base.flight.angular_momentum, str):
             del values["angular_momentum"]  # it follows from what is varied
         sound = np.ones(len(rows), dtype=np.bool_)
         for path, array in varied.items():
-            if place := _place(path, base.robot):
-                end, name, joint = place
+            if target := _target(path, base.robot):
+                end, name, joint = target
                 if not end:
                     values[name] = array
                 elif joint is None:
-                    target = values[name][:, ENDS.index(end)]
-                    target[...] = array if target.ndim == 1 else array[:, None]
+                    at_end = values[name][:, ENDS.index(end)]
+                    at_end[...] = array if at_end.ndim == 1 else array[:, None]
                 else:
                     values[name][:, ENDS.index(end), joint] = array
             elif path in BALLISTIC:
@@ -162,13 +166,14 @@ class Numbers:
     def doubtful(self) -> BoolArray:
         """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
         low, high = self.like.position_limits.T
-        margin, positions = NEAR_EDGE * (high - low), self.values["positions"]
+        margin = NEAR_EDGE * (high - low)
+        positions = self.values["positions"]
         good = [_within(name, array) for name, array in self.values.items()]
         good += [self.sound, positions > low + margin, positions < high - margin]
-        return np.asarray(~np.all([each.all(axis=tuple(range(1, each.ndim))) for each in good], axis=0))
+        return np.asarray(~np.all([rows.all(axis=tuple(range(1, rows.ndim))) for rows in good], axis=0))
 
     def angular_momentum(self) -> Array:
-        """The h (N,) of each, kg m^2/s."""
+        """Their h (N,), kg m^2/s."""
         values = self.values
         if "angular_momentum" in values:
             return values["angular_momentum"]
@@ -177,9 +182,12 @@ class Numbers:
         return (low + high) / 2
 
     def paths(self) -> Array:
-        """Of the centre of mass (N, 5), as the kernel has it: place, velocity, gravity."""
-        like, values = self.like, self.values
-        orientation, positions, gravity = values["orientation"], values["positions"], values["gravity"]
+        """Of the centre of mass (N, 5), as the kernel has it: position, velocity, gravity."""
+        like = self.like
+        values = self.values
+        orientation = values["orientation"]
+        positions = values["positions"]
+        gravity = values["gravity"]
         foot, landing = (
             like.robot.tree.places_from_com(frame.weights, orientation[:, end], positions[:, end])
             for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
@@ -190,7 +198,13 @@ class Numbers:
 
     def obstacle_numbers(self) -> Array:
         """Of the obstacles (N, k), as the kernel has them."""
-        return np.array([[number for each in own for number in obstacle_numbers(each)] for own in self.obstacles])
+        rows = []
+        for own in self.obstacles:
+            numbers: list[float] = []
+            for obstacle in own:
+                numbers += obstacle_numbers(obstacle)
+            rows.append(numbers)
+        return np.array(rows)
 
 
 def _obstacles_of_family(
@@ -198,13 +212,13 @@ def _obstacles_of_family(
 ) -> Sequence[tuple[Obstacle, ...]]:
     """Obstacles of some rows; where they are wrong, rows are not ``sound``."""
     of_obstacles = {path: array.tolist() for path, array in varied.items() if path.startswith("obstacles.")}
-    found = [base.obstacles] * (len(sound) if base.obstacles else 0)
+    obstacles = [base.obstacles] * (len(sound) if base.obstacles else 0)
     for row in range(len(sound) if of_obstacles else 0):
         try:
-            found[row] = obstacles_with(base, tuple((path, values[row]) for path, values in of_obstacles.items()))
+            obstacles[row] = obstacles_with(base, tuple((path, values[row]) for path, values in of_obstacles.items()))
         except InputError:
             sound[row] = False
-    return found
+    return obstacles
 
 
 def _limited(like: Problem, **limits: Any) -> Problem:
@@ -215,7 +229,7 @@ def _limited(like: Problem, **limits: Any) -> Problem:
 
 
 def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | None:
-    """The base problem with the limits of some rows; None where they cannot be told together."""
+    """The base problem with the limits of some rows; None where one problem cannot hold them."""
     limits: dict[str, Any] = {"joint_limits": dict(base.joint_limits)}
     for key, row in MOTOR_LIMITS.items():
         about = {path: array for path, array in varied.items() if path.split(".")[:2] == ["limits", key]}
@@ -240,5 +254,5 @@ def key(problem: Problem) -> tuple[Any, ...]:
     if not problem.has_inequalities:
         return of_motion
     limits = str(_finite(problem)), problem.limits.orientation_rate
-    kinds = tuple((type(each), len(each.pieces)) for each in problem.obstacles)
+    kinds = tuple((type(obstacle), len(obstacle.pieces)) for obstacle in problem.obstacles)
     return *of_motion, *limits, kinds, problem.self_clearances, problem.takeoff.frame, problem.landing.frame

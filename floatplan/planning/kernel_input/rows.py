@@ -125,8 +125,8 @@ class KernelRows:
     bodies : how many an evaluation moves, by which its work is counted
     work_of_body : of one at an instant, relative to one in a plane
     node_counts : of the grids, by their level, rising
-    settings, exchange : numbers of their search, see :mod:`floatplan.kernel.tolerances`
-    attempt, evaluate : functions of the kernel
+    settings, rules : numbers of their search, see :mod:`floatplan.kernel.tolerances`
+    follow_starts, evaluate : functions of the kernel
         They follow starts, and evaluate a program.
     nodes : function
         Of the nodes of all levels, for motions of a form.
@@ -136,8 +136,8 @@ class KernelRows:
     work_of_body: float = 1.0
     node_counts: tuple[int, ...]
     settings: Settings
-    exchange: Exchange
-    attempt: Any
+    rules: Exchange
+    follow_starts: Any
     evaluate: Any
     nodes: Callable[[Form], StructArray]
 
@@ -164,7 +164,8 @@ class KernelRows:
                 if isinstance(block, Shares):
                     kind = SHARE
                     own = [sums.weighted(weights) for weights in (block.used, block.also) if weights]
-                begin, count = sum(map(len, parts)), len(own[0])
+                begin = sum(map(len, parts))
+                count = len(own[0])
                 for i in range(count):
                     second = begin + count + i if len(own) > 1 else -1
                     written.append((kind, begin + i, second, 0.0, 1.0))
@@ -215,12 +216,12 @@ class PlanarRows(KernelRows):
         self, tree: PlanarTree, blocks: Sequence[Block], also: str = "", flight: PlanarFlight | None = None
     ) -> None:
         compiled = kernel()
-        self.attempt = compiled.attempt
+        self.follow_starts = compiled.attempt
         self.evaluate = compiled.evaluate
         self.bodies = len(tree.mass)
         self.node_counts = NODE_COUNTS
         self.settings = CONSTRAINED_SETTINGS if blocks else SETTINGS
-        self.exchange = EXCHANGE
+        self.rules = EXCHANGE
         self.nodes = nodes_of_levels
         self.own_bodies = unscaled_bodies(tree)
         self.path: Array = np.full(5, np.nan)
@@ -324,12 +325,15 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
 
 def opposite_rows(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:
     """Of each row an earlier one whose derivatives are the opposite; -1 where there is none."""
-    known: dict[bytes, int] = {}
-    found, weights = [-1] * len(kind), sums[:, 1:]
-    own, opposite, size = (weights + 0.0).tobytes(), (0.0 - weights).tobytes(), weights.itemsize * weights.shape[1]
+    rows_by_weights: dict[bytes, int] = {}
+    opposite_of = [-1] * len(kind)
+    weights = sums[:, 1:]
+    own = (weights + 0.0).tobytes()
+    opposite = (0.0 - weights).tobytes()
+    size = weights.itemsize * weights.shape[1]
     for row, begin in enumerate(first):
         if kind[row] == SUM:
             bits = slice(begin * size, (begin + 1) * size)
-            found[row] = known.get(opposite[bits], -1)
-            known.setdefault(own[bits], row)
-    return found
+            opposite_of[row] = rows_by_weights.get(opposite[bits], -1)
+            rows_by_weights.setdefault(own[bits], row)
+    return opposite_of

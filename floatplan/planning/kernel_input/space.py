@@ -27,13 +27,13 @@ class SpatialRows(KernelRows):
 
     def __init__(self, flight: SpatialFlight, blocks: Sequence[Block], also: str = "") -> None:
         compiled = kernel()
-        self.attempt = compiled.attempt_in_space
+        self.follow_starts = compiled.attempt_in_space
         self.evaluate = compiled.evaluate_in_space
         self.bodies = flight.bodies
         self.work_of_body = WORK_IN_SPACE
         self.node_counts = flight.node_counts
         self.settings = CONSTRAINED_SETTINGS
-        self.exchange = replace(EXCHANGE_IN_SPACE, watched_at_most=len(flight.node_counts) - 1)
+        self.rules = replace(EXCHANGE_IN_SPACE, watched_at_most=len(flight.node_counts) - 1)
         self.nodes = nodes_in_space
         self._flight = flight
         self._bodies: dict[MomentumSet, Struct] = {}
