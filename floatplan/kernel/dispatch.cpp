@@ -68,6 +68,15 @@ EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints,
     CHOSEN(update_flight(*robot, *constraints, *flight, step));
 }
 
+EXPORT Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight) {
+    return baseline::flight_room_in_space(*robot, *constraints, *flight);
+}
+
+EXPORT void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight, Index step,
+                                      Index instructions) {
+    CHOSEN(update_flight_in_space(*robot, *constraints, *flight, step));
+}
+
 EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
     return CHOSEN(solve_quadratic(*qp));
 }
