@@ -91,7 +91,7 @@ class Update:
             **self._of_instants(grid),
             **self._called,
         )
-        size = self._compiled.room(self._robot, self._constraints.pointer, self._flight)
+        size = self._compiled.room(self._robot, self._constraints.pointer, self._flight, kernel().instructions)
         self._struct.point_to(room=np.zeros(size))
 
     @property

@@ -431,14 +431,15 @@ Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, c
                       Peaks *peaks, Index instructions);
 
 // How many numbers an update of a flight's corrections works in.
-Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight);
+Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight, Index instructions);
 
 // One step of an update of a flight's corrections.
 void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
                       Index instructions);
 
 // The same two of a flight in space.
-Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight);
+Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight,
+                                     Index instructions);
 void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight, Index step,
                                Index instructions);
 

@@ -144,6 +144,7 @@ class SpatialFilter {
         arena.take(inertia, 9 * stride);
         arena.take(relative, 3 * stride);
         arena.take(joint_map, 3 * joints);
+        for (double **each : {&per_momentum, &of_base}) arena.take(*each, 9);
         room.lay_out(arena, Turned::MOST_STAGES, 3);
     }
 
@@ -176,8 +177,8 @@ class SpatialFilter {
         const Matrix3 attitude = matrix3(f.turn_before) * matrix3(f.attitude);
         const Matrix3 per_inertia = inverse(matrix3(inertia + 9 * here));
         store(f.expected_rate, per_inertia * (vector3(f.state + 3) * attitude - vector3(relative + 3 * here)));
-        per_momentum = attitude * per_inertia * transposed(attitude);
-        of_base = attitude * matrix3(inertia + 9 * here) * transposed(attitude);
+        store(per_momentum, attitude * per_inertia * transposed(attitude));
+        store(of_base, attitude * matrix3(inertia + 9 * here) * transposed(attitude));
         find_joint_map(here);
         double aside[3] = {0, 0, 0};
         for (Index a = 0; a < 3; ++a) f.noise[a] = 1;
@@ -192,13 +193,12 @@ class SpatialFilter {
         copy(f.aside, aside, 3);
     }
 
-    void turns_by_momentum(double dt, double *per_row) const { store(per_row, dt * per_momentum); }
+    void turns_by_momentum(double dt, double *per_row) const { store(per_row, dt * matrix3(per_momentum)); }
 
     // Of an axis of the world: that of all rates.
     double momentum_variance(Index axis) const {
-        double row[3], variance = 0;
-        store(row, of_base.row[axis]);
-        for (Index a = 0; a < 3; ++a) variance += row[a] * row[a] * f.noise[a];
+        double variance = 0;
+        for (Index a = 0; a < 3; ++a) variance += of_base[3 * axis + a] * of_base[3 * axis + a] * f.noise[a];
         return f.law.rate_noise * f.law.rate_noise * variance;
     }
 
@@ -294,7 +294,7 @@ class SpatialFilter {
     Turned turned{};
     TurningWorkspace room{};
     double *inertia, *relative, *joint_map;  // (instants, 3, 3), (instants, 3), (joints, 3)
-    Matrix3 per_momentum, of_base;           // I^-1 and I in the world's axes, where something is measured
+    double *per_momentum, *of_base;          // (3, 3): I^-1 and I in the world's axes, where something is measured
 
     // Moments of inertia of a link about its own centre of mass, in its axes.
     Matrix3 own_inertia(Index link) const {
@@ -338,6 +338,7 @@ class SpatialFilter {
         t.instants = 0;
         copy(t.borders, f.attitude, 9);
         if (!turn_cells(t, Asked::attitudes, room)) return std::fill(rotation, rotation + 9, NAN);
-        store(rotation, matrix3(t.ends) * transposed(matrix3(f.attitude)));
+        // Of a rotation from rounding on, by way of its vector: else what it lacks to be one grows with each measurement.
+        store(rotation, exponential(logarithm(matrix3(t.ends) * transposed(matrix3(f.attitude)))));
     }
 };
