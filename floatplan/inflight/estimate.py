@@ -56,11 +56,11 @@ FILTER = FilterSettings()
 
 
 class Identification:
-    """The filter's ``state``: e numbers of orientation, rad, and of h, kg m^2/s, and relative errors of masses and inertias.
+    """The filter's ``state``: e numbers of orientation, rad, e of h, kg m^2/s, and relative errors of the bodies.
 
-    These are (m,) each. In space the orientation is ``attitude`` (3, 3), of which the state has a small turn, zero
-    between measurements. All these arrays, with ``covariance`` and how many ``surprises`` (e,) came one after the
-    other, are changed in place. ``inertia`` is that of the robot with fixed joints at takeoff, kg m^2.
+    These are of masses and of inertias, (m,) each. In space the orientation is ``attitude`` (3, 3), of which the state
+    has a small turn, zero between measurements. All these arrays, with ``covariance`` and how many ``surprises`` (e,)
+    came one after the other, are changed in place. ``inertia`` is that of the robot with fixed joints at takeoff.
     """
 
     def __init__(

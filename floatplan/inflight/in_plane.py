@@ -14,7 +14,6 @@ from floatplan.arrays import Array
 from floatplan.inflight.estimate import Identification, adapted
 from floatplan.inflight.orientation import PlanarOrientations
 from floatplan.inflight.remaining_motion import RemainingMotion
-from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import doubles
 from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS, gauss_legendre
@@ -91,11 +90,16 @@ class Compiled:
 
     Attributes
     ----------
+    room, step : names
+        Of the function that says how many numbers an update works in, and of that which computes a step of one.
     robot : Struct
     members : of the struct ``Flight``
     path : (5,)
         Of the centre of mass, from ``path_begin(now)`` on: place, velocity, gravity.
     """
+
+    room = "flight_room"
+    step = "flight"
 
     def __init__(self, flight: PlanarFlight, rows: PlanarRows, gap_nodes: int) -> None:
         self.path = rows.path
@@ -126,16 +130,6 @@ class Compiled:
             **dict.fromkeys(("body_mass", "body_first", "body_second")),
             **dict.fromkeys(("cells", "gap_cells")),
         }
-
-    @property
-    def room(self) -> Any:
-        """The function that says how many numbers an update works in."""
-        return kernel().flight_room
-
-    @property
-    def step(self) -> Any:
-        """The function that computes a step of an update."""
-        return kernel().flight
 
     def path_begin(self, now: float) -> float:
         """Return the time, s, at which the path of the centre of mass begins for the kernel."""

@@ -13,7 +13,6 @@ from floatplan.arrays import Array
 from floatplan.inflight.estimate import Identification
 from floatplan.inflight.orientation import SpatialOrientations, quaternion_of, rotation_vector
 from floatplan.inflight.remaining_motion import RemainingMotion
-from floatplan.kernel.library import kernel
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import spatial_flight
 from floatplan.motion.spatial.attitude import LEVELS, Cells, Turning, cells, turn
@@ -25,6 +24,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 
 RESOLVED = 1e-8  # [rad] of the attitude at landing of the plan, by its cells: those of corrections are as wild
+SETTLED = 1e-7  # [-] of |h|: a last step of Newton's method that leaves rounding, since each squares what is left
 OF_ENDS = 8  # [-] instants in addition to the stages, which are many: takeoff and landing among them
 OF_OBSTACLES = 40  # [-] the same where there are obstacles
 
@@ -104,12 +104,16 @@ class InSpace:
 class Compiled:
     """The kernel's functions and what these are given; members as of :class:`floatplan.inflight.in_plane.Compiled`."""
 
+    room = "flight_room_in_space"
+    step = "flight_in_space"
+
     def __init__(self, flight: SpatialFlight, rows: SpatialRows, of_flight: Cells, gap_nodes: int) -> None:
         self.path = rows.path
         selection = flight.dynamics.selection
         links = len(selection) + 1
         no_axes = MomentumSet(np.zeros(3), np.empty((3, 0)))
         self.robot = spatial_body(flight, no_axes, rows.needs_rates)
+        self.robot.pointer.settled = SETTLED
         only_in_plane = (
             *("mass", "inertia", "link_real", "link_imaginary", "real", "imaginary", "map"),
             *("by_mass_real", "by_mass_imaginary", "weights_real", "weights_imaginary"),
@@ -127,16 +131,6 @@ class Compiled:
             "turn_after": np.eye(3),
             **dict.fromkeys(only_in_plane),
         }
-
-    @property
-    def room(self) -> Any:
-        """The function that says how many numbers an update works in."""
-        return kernel().flight_room_in_space
-
-    @property
-    def step(self) -> Any:
-        """The function that computes a step of an update."""
-        return kernel().flight_in_space
 
     def path_begin(self, now: float) -> float:
         """Return the time, s, at which the path of the centre of mass begins for the kernel: takeoff."""

@@ -1,7 +1,7 @@
 """A measurement in flight, and whether it can be one: numbers of the right shapes, near what is expected."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from operator import le, sub
 from typing import Any
@@ -102,8 +102,8 @@ def read(
 class Expected:
     """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
 
-    ``orientation`` and ``rate`` (e,) are the base's; with the joints as they are measured it would be
-    ``orientation_as_measured``. ``variance`` (e,), rad^2, is the filter's of that orientation; ``noise`` (e,) is the
+    ``orientation`` and ``rate`` (e,) are the base's; with the joints as they are measured it would differ by the turn
+    ``offset`` (e,). ``variance`` (e,), rad^2, is the filter's of that orientation; ``noise`` (e,) is the
     variance of a measured one, over that of all angles: the joints' count as well.
     """
 
@@ -111,22 +111,25 @@ class Expected:
     velocities: Array
     orientation: Any
     rate: list[float]
-    orientation_as_measured: Any
+    offset: list[float]
     variance: list[float]
     noise: list[float]
 
     @property
     def deviations(self) -> list[float]:
-        """Standard deviations (e,) of a measured orientation from that, rad: the filter's, and all angles' noise."""
-        pairs = zip(self.variance, self.noise, strict=True)
-        return [math.sqrt(max(variance, 0.0) + PLAUSIBLE.noise**2 * noise) for variance, noise in pairs]
+        """Standard deviations (e,) of a measured orientation from that, rad."""
+        return [*map(_deviation, self.variance, self.noise)]
+
+
+def _deviation(variance: float, noise: float) -> float:
+    """Standard deviation of a measured orientation, rad: the filter's, and the noise of all angles."""
+    return math.sqrt(max(variance, 0.0) + PLAUSIBLE.noise**2 * noise)
 
 
 class Plausibility:
     """Bounds by which a measurement may differ from what is expected."""
 
-    def __init__(self, plan: Plan, orientations: Orientations) -> None:
-        self._orientations = orientations
+    def __init__(self, plan: Plan) -> None:
         state = plan.at(np.linspace(0.0, plan.duration, 65))
         fastest = float(np.abs(state.orientation_rate).max())
         self._base_rate = PLAUSIBLE.rate + fastest
@@ -138,19 +141,16 @@ class Plausibility:
         rates_off = _differences(measured.velocities.tolist(), expected.velocities.tolist())
         return max(off) <= PLAUSIBLE.position and all(map(le, rates_off, self._joint_rate))
 
-    def off(self, measured: Measurement, expected: Expected) -> list[float]:
-        """By how much (e,) the base's orientation is off what is expected, rad."""
-        turn = self._orientations.turned(measured.orientation, expected.orientation_as_measured)
-        return [abs(part) for part in turn]
+    def base(self, off: Sequence[float], measured: Measurement, expected: Expected) -> bool:
+        """Whether the base, its orientation ``off`` (e,), rad, is near what is expected, in view of its uncertainty."""
+        for part, variance, noise in zip(off, expected.variance, expected.noise, strict=True):
+            if not part <= PLAUSIBLE.gate * _deviation(variance, noise):
+                return False
+        return max(_differences(measured.orientation_rate, expected.rate)) <= self._base_rate
 
-    def base(self, measured: Measurement, expected: Expected) -> bool:
-        """Whether the base is near what is expected, in view of its uncertainty."""
-        gates = [PLAUSIBLE.gate * deviation for deviation in expected.deviations]
-        rates_off = _differences(measured.orientation_rate, expected.rate)
-        return all(map(le, self.off(measured, expected), gates)) and max(rates_off) <= self._base_rate
-
-    def mistaken(self, measured: Measurement, expected: Expected) -> str:
-        """What explains angles that are not where they are expected: degrees, or joints in another order."""
+    @staticmethod
+    def mistaken(measured: Measurement, expected: Expected) -> str:
+        """What explains joints that are not where they are expected: degrees, or another order."""
         angles = measured.positions.tolist()
         reference = expected.positions.tolist()
         off = _differences(angles, reference)
@@ -160,8 +160,7 @@ class Plausibility:
                 return "the joints fit their reference as degrees: give radians"
             if sum(_differences(sorted(angles), sorted(reference))) <= unexplained:
                 return "the joints fit their reference in another order: give them as robot.joints lists them"
-        allowed = PLAUSIBLE.gate * max(expected.deviations)
-        return self._orientations.misread(measured.orientation, expected.orientation, allowed)
+        return ""
 
     @staticmethod
     def com(measured: Measurement, position: Array, velocity: Array) -> bool:

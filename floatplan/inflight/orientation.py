@@ -24,10 +24,12 @@ class Orientations(Protocol):
     ----------
     size : e
     com : how many coordinates the centre of mass has
+    suspicious : rad, a turn from what is expected from which on another convention is suspected
     """
 
     size: int
     com: int
+    suspicious: float
 
     def read(self, orientation: Any, rate: Any) -> tuple[Any, list[float]]:
         """Return an orientation and the base's rates (e,), rad/s, of what was measured; raise where it is neither."""
@@ -37,12 +39,11 @@ class Orientations(Protocol):
         """Return the turn (e,), rad, that leads from one orientation to another."""
         ...
 
-    def moved(self, orientation: Any, turn: Sequence[float]) -> Any:
-        """Return an orientation that is turned further by a small turn (e,)."""
-        ...
+    def unwrapped(self, orientation: Any, turn: list[float], expected: Sequence[float]) -> Any:
+        """Return a measured orientation, of those that measure the same the nearest to the one expected.
 
-    def nearest(self, orientation: Any, expected: Any) -> Any:
-        """Return a measured orientation, of those that measure the same the nearest to the one expected."""
+        ``turn`` (e,) leads to it from a known one, and is changed with it; ``expected`` (e,) leads to the one expected.
+        """
         ...
 
     def world_rates(self, orientation: Any, rates: Sequence[float]) -> list[float]:
@@ -50,7 +51,7 @@ class Orientations(Protocol):
         ...
 
     def misread(self, measured: Any, expected: Any, allowed: float) -> str:
-        """Return which other convention explains an orientation that is far off; "" where none does."""
+        """Return which other convention explains an orientation, up to an angle, rad; "" where none does."""
         ...
 
 
@@ -59,6 +60,7 @@ class PlanarOrientations:
 
     size = 1
     com = 2
+    suspicious = math.pi / 2
 
     def read(self, orientation: Any, rate: Any) -> tuple[float, list[float]]:
         """As :class:`Orientations` says, of an angle and its rate."""
@@ -68,14 +70,14 @@ class PlanarOrientations:
         """Their difference."""
         return [orientation - since]
 
-    def moved(self, orientation: float, turn: Sequence[float]) -> float:
-        """Their sum."""
-        return orientation + turn[0]
-
-    def nearest(self, orientation: float, expected: float) -> float:
+    def unwrapped(self, orientation: float, turn: list[float], expected: Sequence[float]) -> float:
         """By so many turns more or less."""
-        turns = (orientation - expected) / TURN
-        return orientation - TURN * round(turns) if 0.5 < abs(turns) < MOST_TURNS else orientation
+        turns = (turn[0] - expected[0]) / TURN
+        if not 0.5 < abs(turns) < MOST_TURNS:
+            return orientation
+        whole = TURN * round(turns)
+        turn[0] -= whole
+        return orientation - whole
 
     def world_rates(self, orientation: float, rates: Sequence[float]) -> list[float]:
         """The same."""
@@ -83,9 +85,8 @@ class PlanarOrientations:
 
     def misread(self, measured: float, expected: float, allowed: float) -> str:
         """Degrees."""
-        off_as_radians = abs(measured - expected)
         off_as_degrees = abs(math.radians(measured) - expected)
-        if off_as_radians > math.pi / 2 and off_as_degrees <= allowed:
+        if off_as_degrees <= allowed:
             return "the orientation is where it is expected in degrees: give radians"
         return ""
 
@@ -95,6 +96,7 @@ class SpatialOrientations:
 
     size = 3
     com = 3
+    suspicious = math.pi / 4
 
     def read(self, orientation: Any, rate: Any) -> tuple[Array, list[float]]:
         """As :class:`Orientations` says, of a quaternion (4,) and an angular velocity (3,) in the base's axes."""
@@ -108,13 +110,7 @@ class SpatialOrientations:
         """The vector of the shortest rotation."""
         return rotation_vector(orientation @ since.T)
 
-    def moved(self, orientation: Array, turn: Sequence[float]) -> Array:
-        """The turn done last."""
-        angle = math.sqrt(sum(part * part for part in turn))
-        share = math.sin(angle / 2) / angle if angle else 0.5
-        return np.asarray(rotation(np.array([*(share * part for part in turn), math.cos(angle / 2)])) @ orientation)
-
-    def nearest(self, orientation: Array, expected: Array) -> Array:
+    def unwrapped(self, orientation: Array, turn: list[float], expected: Sequence[float]) -> Array:
         """Itself."""
         return orientation
 
@@ -125,8 +121,6 @@ class SpatialOrientations:
 
     def misread(self, measured: Array, expected: Array, allowed: float) -> str:
         """A quaternion whose scalar comes first, or the rotation from the world to the base."""
-        if _size(self.turned(measured, expected)) <= math.pi / 4:
-            return ""
         x, y, z, w = quaternion_of(measured)
         if _size(self.turned(rotation(np.array([y, z, w, x])), expected)) <= allowed:
             return "the quaternion is where it is expected as w, x, y, z: give x, y, z, w"

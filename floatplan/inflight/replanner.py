@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from operator import sub
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias
 
@@ -132,7 +133,7 @@ class Replanner:
         self._pace = scale / (quintic * fastest) if fastest else math.inf
         self._update = Update(self.views, rewriting, float(sigma), scale)
         self._orientations: Orientations = self.views.flying.orientations
-        self._plausible = Plausibility(plan, self._orientations)
+        self._plausible = Plausibility(plan)
         self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, -1])
         self.reset()
         self._update.aim_as_planned()
@@ -268,15 +269,20 @@ class Replanner:
         if measured.com_position is not None and not plausible.com(measured, *estimate.com_at(measured.time)):
             return FAR_OFF
         expected = self._update.expected(measured, now)
+        orientations = self._orientations
+        turn = orientations.turned(measured.orientation, expected.orientation)
         mistake = plausible.mistaken(measured, expected)
+        if not mistake and max(map(abs, turn)) > orientations.suspicious:
+            allowed = PLAUSIBLE.gate * max(expected.deviations)
+            mistake = orientations.misread(measured.orientation, expected.orientation, allowed)
         if mistake:
             return mistake
-        measured.orientation = self._orientations.nearest(measured.orientation, expected.orientation_as_measured)
-        off = max(plausible.off(measured, expected))
-        base = plausible.base(measured, expected)
+        measured.orientation = orientations.unwrapped(measured.orientation, turn, expected.offset)
+        off = [*map(abs, map(sub, turn, expected.offset))]
+        base = plausible.base(off, measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (off <= PLAUSIBLE.orientation and self._recovery.again(measured)):
+        elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()

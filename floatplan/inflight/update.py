@@ -91,18 +91,15 @@ class Update:
             **self._of_instants(grid),
             **self._called,
         )
-        size = self._compiled.room(self._robot, self._constraints.pointer, self._flight, kernel().instructions)
+        compiled = kernel()
+        room = getattr(compiled, self._compiled.room)
+        size = room(self._compiled.robot.pointer, self._constraints.pointer, self._flight, compiled.instructions)
         self._struct.point_to(room=np.zeros(size))
 
     @property
     def row_values(self) -> Array:
         """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
         return self._called["row_values"]
-
-    @property
-    def _robot(self) -> Any:
-        """What flies, of the masses that are estimated."""
-        return self._compiled.robot.pointer
 
     @property
     def _flight(self) -> Any:
@@ -139,14 +136,13 @@ class Update:
         self._called["measured_velocities"][:] = measured.velocities
         self._step(STEPS["expect_state"])
         called = self._called
-        orientations = self.views.flying.orientations
-        expected = self._compiled.expected_orientation(self.estimate.inertial.orientation)
+        orientation = self._compiled.expected_orientation(self.estimate.inertial.orientation)
         return Expected(
             positions=called["positions"],
             velocities=called["velocities"],
-            orientation=expected,
+            orientation=orientation,
             rate=called["expected_rate"].tolist(),
-            orientation_as_measured=orientations.moved(expected, called["aside"].tolist()),
+            offset=called["aside"].tolist(),
             variance=called["variance"].tolist(),
             noise=called["noise"].tolist(),
         )
@@ -238,7 +234,11 @@ class Update:
         return RemainingMotion(first.centre, first.amplitude, now, landing, coefficients, first.table)
 
     def _step(self, step: int) -> None:
-        self._compiled.step(self._robot, self._constraints.pointer, self._flight, step, kernel().instructions)
+        compiled = kernel()
+        compute = getattr(compiled, self._compiled.step)
+        compute(
+            self._compiled.robot.pointer, self._constraints.pointer, self._struct.pointer, step, compiled.instructions
+        )
 
     def _of_instants(self, grid: Any) -> dict[str, Array]:
         """What a motion, and its changes y, are made of at the instants of a grid."""
@@ -258,7 +258,7 @@ class Update:
 def _called_arrays(
     constraints: KernelRows, n: int, instants: int, width: int, motors: int, size: int
 ) -> dict[str, Array]:
-    """What the kernel reads and writes at each call, by the names of its struct ``Flight``; of orientation ``size`` numbers."""
+    """What the kernel reads and writes at each call, by the names of its struct ``Flight``; ``size`` is e."""
     coefficients = (CONDITIONS + width, n)
     return {
         "measured_positions": np.zeros(n),
