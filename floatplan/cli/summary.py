@@ -20,6 +20,7 @@ from floatplan.plans.presentation import CHECKED, Row, plan_verdict, proof_rows,
 from floatplan.plans.verdicts import TONES, Tone
 
 AUTHORITY_TITLES = ("corrections begin at", "momentum", "inertia")
+AUTHORITY_TITLES_IN_SPACE = ("corrections begin at", *(f"momentum {axis}" for axis in "xyz"), "inertia")
 NONE = "not given"  # of a range
 MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
@@ -402,17 +403,19 @@ def flights_summary(flown: fp.ClosedLoop | None, authority: fp.Authority | None,
     if flown is not None:
         parts += [Text(summary(flown), "bold"), _table(LANDING_TITLES, landing_rows(flown))]
     if authority is not None:
-        parts.append(_table(AUTHORITY_TITLES, authority_rows(authority)))
+        titles = AUTHORITY_TITLES if authority.momentum.ndim == 2 else AUTHORITY_TITLES_IN_SPACE
+        parts.append(_table(titles, authority_rows(authority)))
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)
 
 
 def authority_rows(found: fp.Authority) -> list[Sequence[str]]:
-    """Return rows of (begin, momentum, inertia), for reading."""
+    """Return rows of (begin, momentum, in space each of its components, inertia), for reading."""
     rows: list[Sequence[str]] = []
     for time, momentum, inertia in zip(found.times.tolist(), found.momentum, found.inertia, strict=True):
-        rows.append((f"{time:.3g} s", _errors(*momentum.tolist()), _errors(*inertia.tolist())))
+        components = [_errors(*component) for component in momentum.reshape(-1, 2).tolist()]
+        rows.append((f"{time:.3g} s", *components, _errors(*inertia.tolist())))
     return rows
 
 

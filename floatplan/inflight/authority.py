@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,10 @@ import numpy as np
 from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
 from floatplan.files import plain
-from floatplan.inflight.estimate import Estimate, adapted
+from floatplan.inflight.estimate import Estimate
 from floatplan.inflight.remaining_motion import Rewriting
 from floatplan.inflight.replanner import REACHED, Replanner
 from floatplan.inflight.update import Update
-from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, given_plan
 from floatplan.pool import one_thread
 
@@ -33,9 +33,10 @@ class Authority(Outlined):
     ----------
     times : (K,) s since takeoff
         When corrections begin; before, the robot follows the plan.
-    momentum, inertia : (K, 2)
+    momentum, inertia : (K, 2), in space the former (K, 3, 2)
         Relative errors between which it lands at the goal from all that were tried, within the problem's limits: of
-        the angular momentum, or of all inertia of the bodies but the base's. NaN where it does not land even without
+        the angular momentum, or of all inertia of the bodies but the base's. In space errors of the momentum are of
+        each of its components in the world, x, y, z, relative to its length. NaN where it does not land even without
         an error. At most ``largest`` is tried.
     largest : float
     reached : rad, the miss of a landing that counts as at the goal
@@ -48,9 +49,13 @@ class Authority(Outlined):
     reached: float
 
     def until(self, error: float) -> float | None:
-        """Latest of ``times``, s, from which a momentum error of this size, either way, is still corrected."""
+        """Latest of ``times``, s, from which a momentum error of this size, either way, is still corrected.
+
+        In space, of any of the components.
+        """
         size = abs(FINITE(error, "error"))
-        enough = (self.momentum[:, 0] <= -size) & (self.momentum[:, 1] >= size)
+        enough = (self.momentum[..., 0] <= -size) & (self.momentum[..., 1] >= size)
+        enough = enough.reshape(len(self.times), -1).all(axis=1)
         return float(self.times[enough].max()) if enough.any() else None
 
     def to_dict(self) -> dict[str, Any]:
@@ -79,20 +84,26 @@ def authority(plan: Plan | str | Path) -> Authority:
     """
     plan = given_plan(plan)
     replanner = Replanner(plan, CORRECTIONS / plan.duration)
+    flying = replanner.views.flying
     times = plan.duration * np.array(SHARES)
-    real = Update(plan.robot.tree, replanner.views, Rewriting(plan), 1.0, 1.0)
-    links = np.ones(len(plan.robot.tree.mass))
-    links[0] = 0.0
+    foreseen = Update(replanner.views, Rewriting(plan), 1.0, 1.0)
+    planned = np.atleast_1d(plan.angular_momentum)
+    size = float(np.linalg.norm(planned)) if flying.in_space else float(planned[0])
+    bodies = len(replanner.identification(plan.angular_momentum).errors) // 2
+    links = np.ones(2 * bodies)
+    links[[0, bodies]] = 0.0
 
-    def with_momentum(error: float, begin: float) -> bool:
-        return _lands(replanner, real, plan.angular_momentum * (1 + error), 0.0 * links, begin)
+    def with_momentum(axis: Array, error: float, begin: float) -> bool:
+        momentum = planned + error * size * axis
+        return _lands(replanner, foreseen, momentum, 0.0 * links, begin)
 
     def with_inertia(error: float, begin: float) -> bool:
-        return _lands(replanner, real, plan.angular_momentum, error * links, begin)
+        return _lands(replanner, foreseen, planned, error * links, begin)
 
+    of_momentum = [_intervals(partial(with_momentum, axis), times) for axis in np.eye(len(planned))]
     return Authority(
         times=read_only(times),
-        momentum=_intervals(with_momentum, times),
+        momentum=read_only(np.stack(of_momentum, axis=1) if flying.in_space else of_momentum[0]),
         inertia=_intervals(with_inertia, times),
         largest=LARGEST,
         reached=REACHED,
@@ -132,35 +143,34 @@ def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, 
     return low
 
 
-def _lands(replanner: Replanner, real: Update, momentum: float, errors: Array, begin: float) -> bool:
+def _lands(replanner: Replanner, foreseen: Update, momentum: Array, errors: Array, begin: float) -> bool:
     """Whether a robot lands at the goal within all limits, corrected from ``begin`` on.
 
-    It has a momentum, kg m^2/s, and relative ``errors`` of its links' masses and inertias; ``real`` says how it flies.
+    It has an angular momentum (e,), kg m^2/s, and relative ``errors`` (2m,) of its bodies' masses and inertias;
+    ``foreseen`` says what that does to the limits.
     """
     plan = replanner.plan
+    flying = replanner.views.flying
     replanner.reset()
-    inertial = replanner.identification(momentum)
-    inertial.state[2:] = np.tile(errors, 2)
+    own_momentum = momentum if flying.in_space else float(momentum[0])
+    inertial = replanner.identification(own_momentum)
+    inertial.errors[:] = errors
     path = plan.ballistics
-    robot = adapted(plan.robot.tree, inertial.state[2:])
-    real.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
-    time = 0.0
+    robot: Any = flying.really(plan, own_momentum, errors)
+    foreseen.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
     step = plan.duration / CORRECTIONS
-    quadrature = gauss_legendre(6)
     allowed = 0.01  # by which a limit may be exceeded; of distances, of 0.1 m, beyond the margin
     for number in range(CORRECTIONS):
         following = (number + 1) * step
+        time = robot.time
         if time >= begin - 1e-9 * plan.duration:
             positions, velocities, _ = replanner.motion.at(time)
-            rate = float(robot.base_rate(positions, velocities, momentum)[0])
-            replanner.update(time, inertial.orientation, rate, positions[0], velocities[0])
+            rate = robot.rate(positions, velocities)
+            replanner.update(time, robot.measured_orientation, rate, positions[0], velocities[0])
         if replanner.views.rows:
-            real.predicted(replanner.rest(time))
-            if not (real.row_values.T[real.times <= following] >= -allowed).all():
+            foreseen.predicted(replanner.rest(time))
+            if not (foreseen.row_values.T[foreseen.times <= following] >= -allowed).all():
                 return False
-        times = time + (following - time) * quadrature.nodes
-        positions, velocities, _ = replanner.motion.at(times)
-        rates = robot.base_rate(positions, velocities, momentum)
-        inertial.state[0] += (following - time) * float(quadrature.weights @ rates)
-        time = following
-    return abs(inertial.orientation - plan.problem.final.orientation) <= REACHED
+        robot.fly(replanner.motion, following)
+        robot.write(inertial)
+    return bool(robot.miss <= REACHED)

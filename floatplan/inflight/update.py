@@ -19,7 +19,7 @@ from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, integers
-from floatplan.kernel.tolerances import CORRECTION_GAINS
+from floatplan.kernel.tolerances import CORRECTION_GAINS, CORRECTION_GAINS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.planning.kernel_input.rows import KernelRows
@@ -57,7 +57,7 @@ class Update:
 
     def __init__(self, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
-        self.gains = CORRECTION_GAINS
+        self.gains = CORRECTION_GAINS_IN_SPACE if views.flying.in_space else CORRECTION_GAINS
         self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants

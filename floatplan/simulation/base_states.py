@@ -1,7 +1,7 @@
-"""The base's numbers in the states of a control loop, (2, B + J): positions and velocities, its B numbers before J joints.
+"""The base's numbers in the states of a control loop, (2, B + J): positions and velocities, before those of J joints.
 
-In a plane B is 3: horizontal, vertical, angle. In space it is 7: position and quaternion x, y, z, w; of the velocities the
-first is empty, for there are only six.
+In a plane B is 3: horizontal, vertical, angle. In space it is 7: position and quaternion x, y, z, w; of the velocities
+the first is empty, for there are only six.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class BaseStates(Protocol):
         ...
 
     def trace(self, positions: Array, goal: Any) -> Array:
-        """Return what is shown (N,) of orientations, rad: in a plane themselves, in space how far they are off the goal."""
+        """Return what is shown (N,) of orientations, rad: in a plane themselves, in space how far off the goal."""
         ...
 
     def attitudes(self, positions: Array) -> Array:

@@ -24,7 +24,7 @@ class SimulatedRobot(Protocol):
     """A robot of J joints in a simulation."""
 
     def state(self) -> tuple[Array, Array]:
-        """Configuration and velocity, the base's numbers first: of :class:`~floatplan.simulation.base_states.BaseStates`."""
+        """Configuration and velocity, the base's numbers first."""
         ...
 
     def move(self, torques: Array, duration: float) -> bool:
@@ -112,9 +112,9 @@ class Corrections:
     ) -> None:
         """Begin a flight at ``begin``, s.
 
-        ``com`` measures position and velocity of the centre of mass, in a plane by its axes, from a state as it was and as it was
-        measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]`` before
-        the landing.
+        ``com`` measures position and velocity of the centre of mass, in a plane by its axes, from a state as it was and
+        as it was measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]``
+        before the landing.
         """
         self.replanner = replanner
         self.reduced = reduced
