@@ -21,6 +21,7 @@ from floatplan.pool import one_thread
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
 LARGEST = 0.5  # [-] error that is tried
 STEP = 0.01  # [-] from error to error that is tried, from zero outwards
+STEP_IN_SPACE = 0.05  # [-] the same: there are three momenta, and an update takes ten times as long
 RESOLUTION = 0.001  # [-] of an interval's ends
 CORRECTIONS = 40  # [-] per flight
 
@@ -70,8 +71,8 @@ def authority(plan: Plan | str | Path) -> Authority:
 
     The joints are taken to follow their reference exactly, and what is measured to be exact: no controller does better.
     The angular momentum has the error from takeoff on; corrections begin later. Errors are tried from zero outwards,
-    0.01 apart, and between the last that lands and the first that does not the end is bisected to 0.001: an interval
-    has no holes, but such as lie between two errors that were tried.
+    0.01 apart, in space 0.05, and between the last that lands and the first that does not the end is bisected to 0.001:
+    an interval has no holes, but such as lie between two errors that were tried.
 
     Parameters
     ----------
@@ -100,17 +101,18 @@ def authority(plan: Plan | str | Path) -> Authority:
     def with_inertia(error: float, begin: float) -> bool:
         return _lands(replanner, foreseen, planned, error * links, begin)
 
-    of_momentum = [_intervals(partial(with_momentum, axis), times) for axis in np.eye(len(planned))]
+    step = STEP_IN_SPACE if flying.in_space else STEP
+    of_momentum = [_intervals(partial(with_momentum, axis), times, step) for axis in np.eye(len(planned))]
     return Authority(
         times=read_only(times),
         momentum=read_only(np.stack(of_momentum, axis=1) if flying.in_space else of_momentum[0]),
-        inertia=_intervals(with_inertia, times),
+        inertia=_intervals(with_inertia, times, step),
         largest=LARGEST,
         reached=REACHED,
     )
 
 
-def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
+def _intervals(lands: Callable[[float, float], bool], times: Array, step: float) -> Array:
     """Ends (K, 2) of the errors from which a flight lands; later ones are within earlier ones."""
     intervals = []
     below = LARGEST
@@ -119,16 +121,16 @@ def _intervals(lands: Callable[[float, float], bool], times: Array) -> Array:
         if not lands(0.0, begin):
             intervals.append((np.nan, np.nan))
             continue
-        below = _farthest(lands, -1.0, begin, below)
-        above = _farthest(lands, 1.0, begin, above)
+        below = _farthest(lands, -1.0, begin, below, step)
+        above = _farthest(lands, 1.0, begin, above, step)
         intervals.append((-below, above))
     return read_only(intervals)
 
 
-def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float) -> float:
+def _farthest(lands: Callable[[float, float], bool], sign: float, begin: float, most: float, step: float) -> float:
     """Largest size up to ``most`` of an error of that sign from which, as from all smaller ones, a flight lands."""
     low = 0.0
-    for high in [*np.arange(STEP, most, STEP).tolist(), most]:
+    for high in [*np.arange(step, most, step).tolist(), most]:
         if not lands(sign * high, begin):
             break
         low = high

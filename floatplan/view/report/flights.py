@@ -20,6 +20,7 @@ from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
 from floatplan.plans.verdicts import Tone, verdict_in_words
+from floatplan.problem.attitude import required
 from floatplan.simulation.results import ClosedLoop, JumpLandings, JumpReplay
 from floatplan.simulation.spatial_motion import angle_between
 from floatplan.view.figures.animation import animate
@@ -171,7 +172,7 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
         predicted.plot(when[changed == 0], size[changed == 0], ".", color=ALARM, markersize=2)
     planned = state.orientation
     if plan.robot.in_plane is None:
-        goal = plan.orientation_at_ends["goal"]["quaternion_xyzw"]
+        goal = required(plan.problem.final.attitude).quaternion
         planned = np.array([angle_between(quaternion, goal) for quaternion in state.orientation])
     for axes, columns, width in ((orientation, planned, 1.0), (joints, state.positions, 0.8)):
         axes.plot(state.times, np.degrees(columns), color=INK, linestyle="--", linewidth=width)
