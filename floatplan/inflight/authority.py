@@ -152,13 +152,13 @@ def _lands(replanner: Replanner, foreseen: Update, momentum: Array, errors: Arra
     ``foreseen`` says what that does to the limits.
     """
     plan = replanner.plan
-    flying = replanner.views.flying
+    flying: Any = replanner.views.flying  # whose momenta are of one kind
     replanner.reset()
     own_momentum = momentum if flying.in_space else float(momentum[0])
     inertial = replanner.identification(own_momentum)
     inertial.errors[:] = errors
     path = plan.ballistics
-    robot: Any = flying.really(plan, own_momentum, errors)
+    robot = flying.real_robot(own_momentum, errors)
     foreseen.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
     step = plan.duration / CORRECTIONS
     allowed = 0.01  # by which a limit may be exceeded; of distances, of 0.1 m, beyond the margin

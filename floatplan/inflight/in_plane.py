@@ -36,8 +36,8 @@ class InPlane:
     orientations : how orientations are computed with
     flight : what the problem fixes
     links : whose each of the shapes is that distances are measured to
-    nodes : GaussGrid
-        Nodes at which the base's rate is integrated.
+    grids : tuple of (share, GaussGrid)
+        Nodes at which the base's rate is integrated, where at most that share of the flight remains; the first always.
     instants : how many in addition, at which rows are looked at
     direction : (1,)
         Of the momentum that is wrong in warm starts.
@@ -55,7 +55,7 @@ class InPlane:
         self.plan = plan
         self.links: tuple[str, ...] = tuple(shape.link for shape in shapes)
         self.flight = replace(flight, other_shapes=LinkShapes(flight.tree, shapes, hulls))
-        self.nodes = gauss_grid(NODE_COUNTS[_level(plan)])
+        self.grids = ((np.inf, gauss_grid(NODE_COUNTS[_level(plan)])),)
         self.instants = _instants_needed(plan, self.flight, obstacles)
 
     def identification(self, angular_momentum: float) -> Identification:
@@ -80,9 +80,9 @@ class InPlane:
         """Return integrals (K - N, N) from values at the nodes, to the instants that are none."""
         return doubles(grid.integrals[grid.nodes :])
 
-    def really(self, plan: Plan, angular_momentum: float, errors: Array) -> RealRobot:
+    def real_robot(self, angular_momentum: float, errors: Array) -> RealRobot:
         """Return a robot that has an angular momentum, kg m^2/s, and relative errors (2m,) of masses and inertias."""
-        return RealRobot(plan, angular_momentum, errors)
+        return RealRobot(self.plan, angular_momentum, errors)
 
 
 class Compiled:
@@ -134,6 +134,9 @@ class Compiled:
     def path_begin(self, now: float) -> float:
         """Return the time, s, at which the path of the centre of mass begins for the kernel."""
         return now
+
+    def integrate_at(self, flight: Any, grid: GaussGrid) -> None:
+        """Let the base's rate be integrated at the nodes of a grid: they stay the same."""
 
     def begin(self) -> None:
         """Begin another flight."""

@@ -14,10 +14,9 @@ from floatplan.inflight.estimate import Identification
 from floatplan.inflight.orientation import SpatialOrientations, quaternion_of, rotation_vector
 from floatplan.inflight.remaining_motion import RemainingMotion
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.flight import spatial_flight
 from floatplan.motion.spatial.attitude import LEVELS, Cells, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import SpatialDynamics
-from floatplan.motion.spatial.flight import SpatialFlight
+from floatplan.motion.spatial.flight import SpatialFlight, spatial_flight
 from floatplan.planning.kernel_input.rows import Block
 from floatplan.planning.kernel_input.space import SpatialRows, spatial_body, struct_of_cells
 from floatplan.plans.plan import Plan
@@ -67,7 +66,12 @@ class InSpace:
         needs_shapes = bool(obstacles or problem.self_clearances)
         self.links: tuple[str, ...] = self.flight.links if needs_shapes else ()
         of_plan = _cells_of(plan, self.flight)
-        self.nodes = CellGrid(of_plan, of_plan.s)
+        # Cells that are as long as those of the whole flight resolve what remains of it.
+        grids = []
+        for share in (1.0, 0.75, 0.5, 0.25):
+            fewer = cells(round(share * of_plan.count), of_plan.stages)
+            grids.append((share, CellGrid(fewer, fewer.s)))
+        self.grids = tuple(grids)
         self.instants = OF_OBSTACLES if obstacles else OF_ENDS
         size = float(np.linalg.norm(plan.angular_momentum))
         self.direction = np.asarray(plan.angular_momentum) / size if size else np.zeros(3)
@@ -90,13 +94,13 @@ class InSpace:
 
     def compiled(self, rows: SpatialRows, gap_nodes: int) -> Compiled:
         """Return what the kernel computes with: the robot of the masses that are estimated."""
-        return Compiled(self.flight, rows, self.nodes.cells, gap_nodes)
+        return Compiled(self.flight, rows, self.grids[0][1].cells, gap_nodes)
 
     def integrals(self, grid: CellGrid) -> Array | None:
         """None: the cells have them."""
         return None
 
-    def really(self, plan: Plan, angular_momentum: Array, errors: Array) -> RealRobot:
+    def real_robot(self, angular_momentum: Array, errors: Array) -> RealRobot:
         """Return a robot that has an angular momentum (3,) and relative errors (2m,) of masses and inertias."""
         return RealRobot(self.flight, angular_momentum, errors)
 
@@ -135,6 +139,10 @@ class Compiled:
     def path_begin(self, now: float) -> float:
         """Return the time, s, at which the path of the centre of mass begins for the kernel: takeoff."""
         return 0.0
+
+    def integrate_at(self, flight: Any, grid: CellGrid) -> None:
+        """Let the base's turning be integrated in the cells of a grid, which are all alike."""
+        flight.cells.cells = grid.cells.count
 
     def begin(self) -> None:
         """Begin another flight."""

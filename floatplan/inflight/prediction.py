@@ -148,11 +148,8 @@ class Views:
         products = _second_derivatives(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(products[:, CONDITIONS:])).T
         self.unwhitening = self.whitening.T @ products
-        nodes = self.flying.nodes
-        count = self.flying.instants
-        lanes = 8  # numbers that the kernel takes at once: of instants there are a multiple
-        count += -(nodes.nodes + count + len(WINDOW_SHARES) * len(self._windows)) % lanes
-        self._always: Any = nodes.also(np.linspace(0.0, 1.0, count))
+        self._duration = plan.duration
+        self.grids: list[tuple[float, Any]] = [(share, self._filled(grid)) for share, grid in self.flying.grids]
         self.instants = self.between(0.0, plan.duration)
 
     @property
@@ -160,16 +157,28 @@ class Views:
         """What the problem fixes of every motion."""
         return self.flying.flight
 
+    def _filled(self, nodes: Any) -> Any:
+        """A grid of nodes with the instants in addition, so many that with all windows there are a multiple of 8."""
+        count = self.flying.instants
+        lanes = 8  # numbers that the kernel takes at once
+        count += -(nodes.nodes + count + len(WINDOW_SHARES) * len(self._windows)) % lanes
+        return nodes.also(np.linspace(0.0, 1.0, count))
+
     def between(self, begin: float, end: float) -> Any:
         """Where a motion between two times, s, is evaluated, as shares of the remaining time: nodes, W more instants.
 
         Among these are the ends and middles of obstacles' windows.
         """
+        share = (end - begin) / self._duration
+        grid = self.grids[0][1]
+        for most, coarser in self.grids:
+            if share <= most:
+                grid = coarser
         if not len(self._windows):
-            return self._always
+            return grid
         low, high = np.clip(self._windows, begin, end).T
         times = low[:, None] + (high - low)[:, None] * WINDOW_SHARES
-        return self._always.also((times.ravel() - begin) / (end - begin))
+        return grid.also((times.ravel() - begin) / (end - begin))
 
 
 def _second_derivatives(form: Form) -> Array:

@@ -139,9 +139,9 @@ class Replanner:
         self._update.aim_as_planned()
         self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, self._along(plan.angular_momentum))
         positions, velocities, _ = self.motion.at(0.0)
-        rate = self.views.flying.base_rate(positions, velocities)
+        turning = self.views.flying.base_rate(positions, velocities)
         orientation = plan.at(0.0).orientation
-        self.update(0.0, orientation, rate, positions[0], velocities[0])  # what is made once is made now
+        self.update(0.0, orientation, turning, positions[0], velocities[0])  # what is made once is made now
         self.reset()
 
     def __copy__(self) -> Replanner:

@@ -71,6 +71,7 @@ class Update:
         self._instants = grid
         self._constraints = constraints.struct
         self._block_first = constraints.block_first
+        self._prepared = {filled.nodes: self._of_instants(filled) for _, filled in views.grids}
         self._called = _called_arrays(constraints, n, len(grid.s), width, motors, flying.orientations.size)
         self._struct = Struct(
             "Flight",
@@ -88,7 +89,7 @@ class Update:
             **self._compiled.members,
             **_of_limits(blocks, constraints.block_first),
             **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
-            **self._of_instants(grid),
+            **self._prepared[grid.nodes],
             **self._called,
         )
         compiled = kernel()
@@ -99,7 +100,9 @@ class Update:
     @property
     def row_values(self) -> Array:
         """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
-        return self._called["row_values"]
+        values = self._called["row_values"]
+        instants = len(self._instants.s)
+        return values.ravel()[: len(values) * instants].reshape(len(values), instants)
 
     @property
     def _flight(self) -> Any:
@@ -122,7 +125,7 @@ class Update:
         landing = int(np.argmax(self._instants.s))
         blocks = []
         for rows, (begin, end) in zip(self.views.rows, pairwise(self._block_first), strict=True):
-            blocks.append(rows.as_planned(self._called["row_values"][begin:end], landing))
+            blocks.append(rows.as_planned(self.row_values[begin:end], landing))
         self.views.rows = blocks
         self._struct.point_to(aim=doubles([rows.aim for rows in blocks]))
 
@@ -194,14 +197,18 @@ class Update:
         """Let the kernel evaluate the flight from now to a landing, s."""
         self._flight.now = now
         self._flight.landing = landing
-        if not self.views.has_distances:
-            return
-        position, velocity = self.estimate.com_at(self._compiled.path_begin(now))
-        self._compiled.path[:] = (*position, *velocity, self.estimate.gravity)
+        if self.views.has_distances:
+            position, velocity = self.estimate.com_at(self._compiled.path_begin(now))
+            self._compiled.path[:] = (*position, *velocity, self.estimate.gravity)
         instants = self.views.between(now, landing)
-        if instants is not self._instants:
-            self._instants = instants
-            self._struct.point_to(**self._of_instants(instants))
+        if instants is self._instants:
+            return
+        self._instants = instants
+        self._flight.instants = len(instants.s)
+        self._flight.nodes = instants.nodes
+        self._compiled.integrate_at(self._flight, instants)
+        prepared = any(instants is grid for _, grid in self.views.grids)
+        self._struct.point_to(**(self._prepared[instants.nodes] if prepared else self._of_instants(instants)))
 
     def _judged(self, motion: RemainingMotion) -> Corrected:
         result = self._flight.corrected
@@ -240,7 +247,7 @@ class Update:
             self._compiled.robot.pointer, self._constraints.pointer, self._struct.pointer, step, compiled.instructions
         )
 
-    def _of_instants(self, grid: Any) -> dict[str, Array]:
+    def _of_instants(self, grid: Any) -> dict[str, Array | None]:
         """What a motion, and its changes y, are made of at the instants of a grid."""
         value, first, second = self.views.functions.values(grid.s)
         free = np.stack([order[:, CONDITIONS:] @ self.views.whitening for order in (value, first, second)])

@@ -14,6 +14,7 @@ from floatplan.arrays import Array
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import flight_of
 from floatplan.planning.variables import decision_variables
+from floatplan.problem.attitude import required
 
 
 def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Plan:
@@ -111,5 +112,5 @@ class DriftingInSpace:
     @property
     def off(self) -> Array:
         """The rotation (3,) from the goal to its attitude, rad, in the goal's axes."""
-        goal = self.plan.problem.final.attitude.matrix
+        goal = required(self.plan.problem.final.attitude).matrix
         return np.asarray(pin.log3(goal.T @ self.attitude))

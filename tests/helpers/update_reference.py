@@ -17,6 +17,7 @@ from floatplan.inflight.remaining_motion import RemainingMotion
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
 from floatplan.motion.planar.closed_form import Dynamics
+from floatplan.motion.planar.flight import GaussGrid, PlanarFlight
 from floatplan.motion.sine_polynomial import SinePolynomials
 from floatplan.planning.kernel_input.rows import DistanceRows
 from floatplan.problem.ballistics import Ballistics
@@ -133,9 +134,9 @@ class Reference:
 
     def __init__(self, views: Views, motion: RemainingMotion, present: Present) -> None:
         self._views, self.motion, self.present = views, motion, present
-        self._instants = views.between(motion.begin, motion.end)
+        self._instants: GaussGrid = views.between(motion.begin, motion.end)
         goal = views.flight.final_orientation
-        self._flight = replace(
+        self._flight: PlanarFlight = replace(
             views.flight,
             other_equations=present.dynamics,
             ballistics=present.com,
