@@ -13,7 +13,13 @@ from floatplan.robot.urdf.tree import robots_folder
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
 RATE = 200.0  # [Hz]
 SEED = 2026
-FLOWN = {"gymnast's somersault": "somersault", "Go2's backflip": "gallery/go2", "B, obstacle": "obstacle"}
+FLOWN = {
+    "gymnast's somersault": "somersault",
+    "Go2's backflip": "gallery/go2",
+    "B, obstacle": "obstacle",
+    "Go2's barrel roll": "space/go2_barrel_roll",
+    "Go2's half twist": "space/go2_half_twist",
+}
 
 
 def inflight(counts: Counts) -> None:
@@ -21,8 +27,8 @@ def inflight(counts: Counts) -> None:
     heading(f"inflight: {counts.flights} flights each, {PERTURBED}, corrected at {RATE:g} Hz or not")
     rows = []
     for name, file in FLOWN.items():
-        if file.startswith("gallery") and robots_folder() is None:
-            print("  example-robot-data is not installed: Go2 left out")
+        if "go2" in file and robots_folder() is None:
+            print(f"  example-robot-data is not installed: {name} left out")
             continue
         plan = fp.plan(fp.load_problem(PROBLEMS / f"{file}.toml"))
         flown = fp.closed_loop(plan, RATE, perturb=PERTURBED, flights=counts.flights, seed=SEED, budget=None)

@@ -419,17 +419,21 @@ def flights_summary(
     if closed_loop is not None:
         parts += [Text(summary(closed_loop), "bold"), _table(LANDING_TITLES, landing_rows(closed_loop))]
     if authority is not None:
-        parts.append(_table(("corrections begin at", "momentum", "inertia"), authority_rows(authority)))
+        in_plane = authority.momentum.ndim == 2
+        of_momentum = ("momentum",) if in_plane else ("momentum x", "momentum y", "momentum z")
+        titles = ("corrections begin at", *of_momentum, "inertia")
+        parts.append(_table(titles, authority_rows(authority)))
     if page is not None:
         parts.append(Text(escaped(str(page)), overflow="fold"))
     return Group(*parts)
 
 
 def authority_rows(authority: fp.Authority) -> list[Sequence[str]]:
-    """Return rows of (begin, momentum, inertia), for reading."""
+    """Return rows of (begin, momentum, in space each of its components, inertia), for reading."""
     rows: list[Sequence[str]] = []
     for time, momentum, inertia in zip(authority.times.tolist(), authority.momentum, authority.inertia, strict=True):
-        rows.append((f"{time:.3g} s", _errors(*momentum.tolist()), _errors(*inertia.tolist())))
+        components = [_errors(*component) for component in momentum.reshape(-1, 2).tolist()]
+        rows.append((f"{time:.3g} s", *components, _errors(*inertia.tolist())))
     return rows
 
 

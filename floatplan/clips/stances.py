@@ -56,7 +56,7 @@ class Seam:
         return self.sign * shape[:, None] * self.change
 
     def loose(self, times: Array) -> Array:
-        """Heights (K, F), m, from which on feet are free at times (K,), s: they are at the flight, so that no speed jumps."""
+        """Heights (K, F), m, from which on feet are free at times (K,), s; at the flight all are: no speed jumps."""
         passed = self.sign * (times - self.instant)
         own = np.clip(self.clearances, FIXED + LEAST_FADE, LOOSE)
         return np.where(((passed >= 0) & (passed < self.span))[:, None], own, LOOSE)

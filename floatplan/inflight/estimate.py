@@ -10,10 +10,15 @@ changes by (4), they are constant. D is linear in the inertias; by a mass m_b th
 :mod:`floatplan.motion.planar.closed_form` changes by ``conj(w_b) w_b``, w_b the weights of its centre of mass. With
 only masses wrong by a few per cent, ``D . (theta0', q')`` of the plan's masses wanders by as much while the robot
 tucks and stretches: a filter of only h would lag behind it. The angles, too, depend on h: by the base's rotation.
+
+In space orientation and h are three numbers each: with I and A of (S1), ``h = R (I omega + A q')`` has
+three rows, and a small turn zeta of the estimated attitude, ``dR = [zeta]x R``, changes what is measured of h by
+``[h]x zeta``. That is also what makes turns grow: ``zeta' = R I^-1 R^T (dh + [h]x zeta - what the masses add)``, (S2).
 """
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -51,38 +56,56 @@ FILTER = FilterSettings()
 
 
 class Identification:
-    """The filter's ``state``: orientation, rad, h, kg m^2/s, and relative errors of masses and inertias (m,) each.
+    """The filter's ``state``: e numbers of orientation, rad, e of h, kg m^2/s, and relative errors of the bodies.
 
-    Its arrays, with ``covariance`` and how many ``surprises`` came one after the other, are changed in place.
-    ``inertia`` is that of the robot with fixed joints at takeoff, kg m^2.
+    These are of masses and of inertias, (m,) each. In space the orientation is ``attitude`` (3, 3), of which the state
+    has a small turn, zero between measurements. All these arrays, with ``covariance`` and how many ``surprises`` (e,)
+    came one after the other, are changed in place. ``inertia`` is that of the robot with fixed joints at takeoff.
     """
 
-    def __init__(self, bodies: int, orientation: float, angular_momentum: float, inertia: float) -> None:
-        momentum_error = FILTER.momentum_error * max(abs(angular_momentum), FILTER.slowest_rate * inertia)
+    def __init__(
+        self, bodies: int, orientation: float | Array, angular_momentum: float | Array, inertia: float
+    ) -> None:
+        momentum = np.atleast_1d(angular_momentum)
+        self.size = len(momentum)
+        momentum_error = FILTER.momentum_error * max(float(np.linalg.norm(momentum)), FILTER.slowest_rate * inertia)
+        of_orientation = np.full(self.size, FILTER.orientation_error)
+        of_momentum = np.full(self.size, momentum_error)
         mass_errors = np.full(2 * bodies, FILTER.mass_error)
-        self.deviations = np.concatenate(([FILTER.orientation_error, momentum_error], mass_errors))
+        self.deviations = np.concatenate((of_orientation, of_momentum, mass_errors))
         self.covariance = np.diag(self.deviations**2)
         self.wander = (FILTER.wander * self.deviations) ** 2
-        self.wander[0] = FILTER.orientation_wander**2
-        self.state = np.zeros(2 + 2 * bodies)
-        self.state[:2] = orientation, angular_momentum
-        self.surprises = np.zeros(1, dtype=np.int64)  # negative: to the other side
+        self.wander[: self.size] = FILTER.orientation_wander**2
+        self.state = np.zeros(2 * (self.size + bodies))
+        self.state[self.size : 2 * self.size] = momentum
+        self.surprises = np.zeros(self.size, dtype=np.int64)  # negative: to the other side
+        self.attitude: Array | None = None
+        if isinstance(orientation, np.ndarray):
+            self.attitude = orientation.copy()
+        else:
+            self.state[0] = orientation
 
     @property
-    def orientation(self) -> float:
-        """Estimate of the orientation, rad, with the joints on their reference."""
-        return float(self.state[0])
+    def orientation(self) -> Any:
+        """Estimate of the orientation, rad, in space (3, 3), with the joints on their reference."""
+        return float(self.state[0]) if self.attitude is None else self.attitude.copy()
 
     @property
-    def angular_momentum(self) -> float:
-        """Estimate of h, kg m^2/s."""
-        return float(self.state[1])
+    def angular_momentum(self) -> Any:
+        """Estimate of h, kg m^2/s, in space (3,)."""
+        return float(self.state[1]) if self.size == 1 else self.state[3:6].copy()
+
+    @property
+    def errors(self) -> Array:
+        """Estimates of the relative errors of masses and inertias (2m,), which can be changed."""
+        return self.state[2 * self.size :]
 
     def forget(self) -> None:
         """Orientation and momentum are as uncertain as at takeoff: the robot was hit, or was not measured for long."""
-        self.covariance[:2] = self.covariance[:, :2] = 0.0
-        self.covariance.flat[: 2 * len(self.state) : len(self.state) + 1] = self.deviations[:2] ** 2
-        self.surprises[0] = 0
+        known = 2 * self.size
+        self.covariance[:known] = self.covariance[:, :known] = 0.0
+        self.covariance.flat[: known * len(self.state) : len(self.state) + 1] = self.deviations[:known] ** 2
+        self.surprises[:] = 0
 
 
 def adapted(tree: PlanarTree, errors: Array) -> Dynamics:
@@ -109,9 +132,10 @@ class Estimate:
     com_measurements: int = 0
 
     def com_at(self, time: float) -> tuple[Array, Array]:
-        """Position and velocity (2,) of the centre of mass at a time."""
+        """Position and velocity of the centre of mass at a time."""
         dt = time - self.com_time
-        fall = np.array([0.0, self.gravity * dt])
+        fall = np.zeros(len(self.com_position))
+        fall[-1] = self.gravity * dt
         return self.com_position + dt * (self.com_velocity - fall / 2), self.com_velocity - fall
 
     def add(self, measured: Measurement) -> None:
@@ -129,8 +153,8 @@ class Estimate:
 
     def landing(self, height: float) -> float | None:
         """Time at which the centre of mass comes down to a height, m; None where it does not."""
-        climb = height - self.com_position[1]
-        speed = self.com_velocity[1]
+        climb = height - self.com_position[-1]
+        speed = self.com_velocity[-1]
         speed_squared = speed * speed - 2 * self.gravity * climb  # at that height
         if self.gravity <= 0 or speed_squared < 0:
             return None

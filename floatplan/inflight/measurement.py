@@ -1,14 +1,16 @@
 """A measurement in flight, and whether it can be one: numbers of the right shapes, near what is expected."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from operator import le, sub
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from floatplan.arrays import Array
+from floatplan.inflight.orientation import Orientations
 from floatplan.plans.plan import Plan
 
 
@@ -50,11 +52,14 @@ PLAUSIBLE = PlausibilitySettings()
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update
 class Measurement:
-    """The robot at a time, s since takeoff; units and shapes as of :meth:`floatplan.inflight.replanner.Replanner`."""
+    """The robot at a time, s since takeoff; units and shapes as of :meth:`floatplan.inflight.replanner.Replanner`.
+
+    The orientation is one of :class:`~floatplan.inflight.orientation.Orientations`, the base's rates (e,) a list.
+    """
 
     time: float
-    orientation: float
-    orientation_rate: float
+    orientation: Any
+    orientation_rate: list[float]
     positions: Array
     velocities: Array
     com_position: Array | None = None
@@ -62,9 +67,10 @@ class Measurement:
 
 
 def read(
+    orientations: Orientations,
     t: float,
-    orientation: float,
-    orientation_rate: float,
+    orientation: npt.ArrayLike,
+    orientation_rate: npt.ArrayLike,
     joints: tuple[npt.ArrayLike, npt.ArrayLike],
     com: tuple[npt.ArrayLike | None, npt.ArrayLike | None],
     size: int,
@@ -72,58 +78,52 @@ def read(
     """Return a measurement of ``size`` joints; None where anything is no finite number or of another shape."""
     try:
         time = float(t)
-        angle = float(orientation)
-        rate = float(orientation_rate)
+        attitude, rates = orientations.read(orientation, orientation_rate)
         positions = np.array(joints[0], dtype=np.float64).reshape(size)
         velocities = np.array(joints[1], dtype=np.float64).reshape(size)
-        com_position = None if com[0] is None else np.array(com[0], dtype=np.float64).reshape(2)
-        com_velocity = None if com[1] is None else np.array(com[1], dtype=np.float64).reshape(2)
+        com_position = None if com[0] is None else np.array(com[0], dtype=np.float64).reshape(orientations.com)
+        com_velocity = None if com[1] is None else np.array(com[1], dtype=np.float64).reshape(orientations.com)
     except Exception:  # whatever a caller's object raises: the flight goes on
         return None
     if (com_position is None) != (com_velocity is None):
         return None
-    numbers = [time, angle, rate]
+    numbers = [time, *rates]
+    if isinstance(attitude, float):
+        numbers.append(attitude)
     for array in (positions, velocities, com_position, com_velocity):
         if array is not None:
             numbers += array.tolist()
     if not all(map(math.isfinite, numbers)):
         return None
-    return Measurement(time, angle, rate, positions, velocities, com_position, com_velocity)
+    return Measurement(time, attitude, rates, positions, velocities, com_position, com_velocity)
 
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update
 class Expected:
     """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
 
-    ``orientation`` and ``rate`` are the base's; with the joints as they are measured it would differ by ``offset``.
-    ``variance``, rad^2, is the filter's of that orientation; ``noise`` is the variance of a measured one, over that of
-    all angles: the joints' count as well.
+    ``orientation`` and ``rate`` (e,) are the base's; with the joints as they are measured it would differ by the turn
+    ``offset`` (e,). ``variance`` (e,), rad^2, is the filter's of that orientation; ``noise`` (e,) is the
+    variance of a measured one, over that of all angles: the joints' count as well.
     """
 
     positions: Array
     velocities: Array
-    orientation: float
-    rate: float
-    offset: float
-    variance: float
-    noise: float
+    orientation: Any
+    rate: list[float]
+    offset: list[float]
+    variance: list[float]
+    noise: list[float]
 
     @property
-    def orientation_as_measured(self) -> float:
-        """The base's orientation with the joints as they are measured, rad."""
-        return self.orientation + self.offset
-
-    @property
-    def deviation(self) -> float:
-        """Standard deviation of a measured orientation from that, rad: the filter's, and the noise of all angles."""
-        return math.sqrt(max(self.variance, 0.0) + PLAUSIBLE.noise**2 * self.noise)
+    def deviations(self) -> list[float]:
+        """Standard deviations (e,) of a measured orientation from that, rad."""
+        return [*map(_deviation, self.variance, self.noise)]
 
 
-def unwrapped(orientation: float, expected: float) -> float:
-    """Return the orientation by so many turns more or less that it is nearest to the expected one, rad."""
-    turns = (orientation - expected) / (2 * math.pi)
-    most = 100  # turns: farther off it is no orientation
-    return orientation - 2 * math.pi * round(turns) if 0.5 < abs(turns) < most else orientation
+def _deviation(variance: float, noise: float) -> float:
+    """Standard deviation of a measured orientation, rad: the filter's, and the noise of all angles."""
+    return math.sqrt(max(variance, 0.0) + PLAUSIBLE.noise**2 * noise)
 
 
 class Plausibility:
@@ -141,15 +141,16 @@ class Plausibility:
         rates_off = _differences(measured.velocities.tolist(), expected.velocities.tolist())
         return max(off) <= PLAUSIBLE.position and all(map(le, rates_off, self._joint_rate))
 
-    def base(self, measured: Measurement, expected: Expected) -> bool:
-        """Whether the base is near what is expected, in view of its uncertainty."""
-        off = abs(measured.orientation - expected.orientation_as_measured)
-        rate_off = abs(measured.orientation_rate - expected.rate)
-        return off <= PLAUSIBLE.gate * expected.deviation and rate_off <= self._base_rate
+    def base(self, off: Sequence[float], measured: Measurement, expected: Expected) -> bool:
+        """Whether the base, its orientation ``off`` (e,), rad, is near what is expected, in view of its uncertainty."""
+        for part, variance, noise in zip(off, expected.variance, expected.noise, strict=True):
+            if not part <= PLAUSIBLE.gate * _deviation(variance, noise):
+                return False
+        return max(_differences(measured.orientation_rate, expected.rate)) <= self._base_rate
 
     @staticmethod
     def mistaken(measured: Measurement, expected: Expected) -> str:
-        """What explains angles that are not where they are expected: degrees, or joints in another order."""
+        """What explains joints that are not where they are expected: degrees, or another order."""
         angles = measured.positions.tolist()
         reference = expected.positions.tolist()
         off = _differences(angles, reference)
@@ -159,10 +160,6 @@ class Plausibility:
                 return "the joints fit their reference as degrees: give radians"
             if sum(_differences(sorted(angles), sorted(reference))) <= unexplained:
                 return "the joints fit their reference in another order: give them as robot.joints lists them"
-        off_as_radians = abs(measured.orientation - expected.orientation)
-        off_as_degrees = abs(math.radians(measured.orientation) - expected.orientation)
-        if off_as_radians > math.pi / 2 and off_as_degrees <= PLAUSIBLE.gate * expected.deviation:
-            return "the orientation is where it is expected in degrees: give radians"
         return ""
 
     @staticmethod
@@ -183,7 +180,8 @@ def _differences(one: Iterable[float], other: Iterable[float]) -> list[float]:
 class _Chain:
     """Measurements that follow from one another, and how many they are."""
 
-    def __init__(self, measured: Measurement, count: int) -> None:
+    def __init__(self, orientations: Orientations, measured: Measurement, count: int) -> None:
+        self._orientations = orientations
         self.count = count
         self._last = measured
         self._off: Array | float = 0.0  # [rad] of the angles, from where the rates lead
@@ -192,11 +190,11 @@ class _Chain:
         """Whether a measurement is where the last one's rates and its own lead; if so it is the last one."""
         last = self._last
         dt = measured.time - last.time
-        moved = np.append(measured.positions, measured.orientation) - np.append(last.positions, last.orientation)
+        turned = self._orientations.turned(measured.orientation, last.orientation)
+        moved = np.append(measured.positions - last.positions, turned)
         if not moved.any() or dt > PLAUSIBLE.longest_gap:  # a sensor that stands still
             return False
-        before = np.append(last.velocities, last.orientation_rate)
-        rates = (before + np.append(measured.velocities, measured.orientation_rate)) / 2
+        rates = (self._rates(last) + self._rates(measured)) / 2
         off = self._off + (moved - dt * rates)
         if (np.abs(off) > PLAUSIBLE.deviation).any():
             return False
@@ -204,6 +202,11 @@ class _Chain:
         self._last = measured
         self._off = off
         return True
+
+    def _rates(self, measured: Measurement) -> Array:
+        """Rates (n + e,) of joints and base."""
+        turning = self._orientations.world_rates(measured.orientation, measured.orientation_rate)
+        return np.append(measured.velocities, turning)
 
 
 class Recovery:
@@ -213,12 +216,13 @@ class Recovery:
     follow from one another: the robot was hit.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, orientations: Orientations) -> None:
+        self._orientations = orientations
         self._chains: list[_Chain] = []
 
     def believe(self, measured: Measurement) -> None:
         """One was as expected."""
-        self._chains = [_Chain(measured, PLAUSIBLE.chain)]
+        self._chains = [_Chain(self._orientations, measured, PLAUSIBLE.chain)]
 
     def again(self, measured: Measurement) -> bool:
         """Add one that was not; return whether it is to be believed."""
@@ -227,5 +231,5 @@ class Recovery:
         is_believed = own is not None and own.count >= PLAUSIBLE.chain
         self._chains = believed[-1:]
         if not is_believed:
-            self._chains.append(own or _Chain(measured, 1))
+            self._chains.append(own or _Chain(self._orientations, measured, 1))
         return is_believed

@@ -6,34 +6,33 @@ its margin over ``LENGTH_SCALE``, as in the planner's constraints.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
+from floatplan.inflight.in_plane import InPlane
+from floatplan.inflight.in_space import InSpace
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import GaussGrid, LinkShapes, PlanarFlight, gauss_grid, planar_flight
+from floatplan.motion.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.planning.kernel_input.rows import SUMMED, Block, DistanceRows, can_write
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem, Shares
-from floatplan.robot.robot import LinkCapsule, PlanarTree
+from floatplan.problem.spatial_obstacles import SpatialObstacle
 from floatplan.tables import LIMIT_TABLE
 
-LEAST_INSTANTS = 40  # [-] in addition to the nodes; with 8, torques between exceeded limits by 5 %
-MOST_INSTANTS = 160  # [-] where an obstacle could be passed unseen between so few
 LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
 SHARE_AIM = 0.02  # [-] of limits, see :class:`LimitRows`
 SHARE_SOFTNESS = 0.01  # [-] likewise
 DISTANCE_AIM = 0.1  # [LENGTH_SCALE] likewise
 WINDOW_SHARES = np.array([0.0, 0.5, 1.0])  # [-] of an obstacle's window, instants in addition
 ALWAYS = (-np.inf, np.inf)
+Flying: TypeAlias = InPlane | InSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +99,8 @@ def sensible_rows(plan: Plan) -> list[LimitRows]:
     return [LimitRows(shares, SHARE_AIM, SHARE_SOFTNESS)]
 
 
-def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[LimitRows]:
-    """Return the rows of all obstacles and pairs of links, measured to ``shapes``.
+def distance_rows(problem: Problem, links: Sequence[str]) -> list[LimitRows]:
+    """Return the rows of all obstacles and pairs of links, measured to shapes of these ``links``.
 
     Raises
     ------
@@ -111,7 +110,7 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
     softness = 0.02  # [LENGTH_SCALE]
     between: list[tuple[Any, float, tuple[float, float]]] = []
     for obstacle in [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]:
-        if not can_write(obstacle):
+        if not (can_write(obstacle) or isinstance(obstacle, SpatialObstacle)):
             raise InputError(
                 f"corrections in flight do not know obstacles of kind {obstacle.kind!r}",
                 element="obstacles",
@@ -119,8 +118,8 @@ def distance_rows(problem: Problem, shapes: Sequence[LinkCapsule]) -> list[Limit
             )
         between.append((obstacle, obstacle.margin, obstacle.window or ALWAYS))
     for pair in problem.self_clearances:
-        first = [index for index, shape in enumerate(shapes) if shape.link == pair.links[0]]
-        second = [index for index, shape in enumerate(shapes) if shape.link == pair.links[1]]
+        first = [index for index, link in enumerate(links) if link == pair.links[0]]
+        second = [index for index, link in enumerate(links) if link == pair.links[1]]
         between.append(((first, second), pair.margin, ALWAYS))
     rows = []
     for shapes_between, margin, window in between:
@@ -139,81 +138,47 @@ class Views:
 
     def __init__(self, plan: Plan, form: Form) -> None:
         problem = plan.problem
-        flight = planar_flight(problem)
-        shapes = problem.robot.shapes if problem.self_clearances else _distinct(flight.tree, problem.robot.shapes)
-        hulls = _distinct(flight.tree, problem.ground_shapes) if problem.ground else ()
-        self.flight = replace(flight, other_shapes=LinkShapes(flight.tree, shapes, hulls))
-        distances = distance_rows(problem, shapes)
+        obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
+        self.flying: Flying = InPlane(plan, obstacles) if plan.robot.in_plane else InSpace(plan, obstacles)
+        distances = distance_rows(problem, self.flying.links)
         self.has_distances = bool(distances)
         self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]
-        obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self.functions = basis(form)
         products = _second_derivatives(form)
         self.whitening = np.linalg.inv(np.linalg.cholesky(products[:, CONDITIONS:])).T
         self.unwhitening = self.whitening.T @ products
-        nodes = gauss_grid(NODE_COUNTS[_level(plan)])
-        count = _instants_needed(plan, self.flight, obstacles)
-        lanes = 8  # numbers that the kernel takes at once: of instants there are a multiple
-        count += -(nodes.nodes + count + len(WINDOW_SHARES) * len(self._windows)) % lanes
-        self._always = nodes.also(np.linspace(0.0, 1.0, count))
+        self._duration = plan.duration
+        self.grids: list[tuple[float, Any]] = [(share, self._filled(grid)) for share, grid in self.flying.grids]
         self.instants = self.between(0.0, plan.duration)
 
-    def between(self, begin: float, end: float) -> GaussGrid:
+    @property
+    def flight(self) -> Any:
+        """What the problem fixes of every motion."""
+        return self.flying.flight
+
+    def _filled(self, nodes: Any) -> Any:
+        """A grid of nodes with the instants in addition, so many that with all windows there are a multiple of 8."""
+        count = self.flying.instants
+        lanes = 8  # numbers that the kernel takes at once
+        count += -(nodes.nodes + count + len(WINDOW_SHARES) * len(self._windows)) % lanes
+        return nodes.also(np.linspace(0.0, 1.0, count))
+
+    def between(self, begin: float, end: float) -> Any:
         """Where a motion between two times, s, is evaluated, as shares of the remaining time: nodes, W more instants.
 
         Among these are the ends and middles of obstacles' windows.
         """
+        share = (end - begin) / self._duration
+        grid = self.grids[0][1]
+        for most, coarser in self.grids:
+            if share <= most:
+                grid = coarser
         if not len(self._windows):
-            return self._always
+            return grid
         low, high = np.clip(self._windows, begin, end).T
         times = low[:, None] + (high - low)[:, None] * WINDOW_SHARES
-        return self._always.also((times.ravel() - begin) / (end - begin))
-
-
-def _instants_needed(plan: Plan, flight: PlanarFlight, obstacles: Sequence[Obstacle]) -> int:
-    """Number of instants between which, on the plan, no link passes an obstacle from one side to the other."""
-    if not obstacles:
-        return LEAST_INSTANTS
-    times = np.linspace(0.0, plan.duration, MOST_INSTANTS)
-    state = plan.at(times)
-    com = flight.ballistics.positions(times)
-    angles = flight.tree.absolute_angles(state.orientation, state.positions)
-    shapes = flight.link_shapes.place(com[:, 0] + 1j * com[:, 1], angles)
-    passes = []
-    for obstacle in obstacles:
-        moved = times[:, None] * complex(*obstacle.velocity)
-        start_steps = np.abs(np.diff(shapes.start - moved, axis=0)).max(axis=0)
-        end_steps = np.abs(np.diff(shapes.end - moved, axis=0)).max(axis=0)
-        thickness = np.maximum(obstacle.thickness + 2 * shapes.radius, 1e-3)  # m
-        passes.append(float((np.maximum(start_steps, end_steps) / thickness).max()))
-    return min(max(LEAST_INSTANTS, math.ceil(MOST_INSTANTS * max(passes))), MOST_INSTANTS)
-
-
-def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCapsule, ...]:
-    """Return the shapes without those that always are where another is: of legs that move as one."""
-    postures = np.random.default_rng(0).uniform(-1.0, 1.0, (3, tree.turns.shape[1]))
-    segments = LinkShapes(tree, shapes).place(np.zeros(3, complex), tree.absolute_angles(np.zeros(3), postures))
-    ends = np.concatenate((segments.start, segments.end)).T
-    keys = np.concatenate((ends.real, ends.imag, segments.radius[:, None]), axis=1)
-    same = 1e-9  # [m] by which shapes that are one may differ
-    _, first = np.unique(np.rint(keys / same), axis=0, return_index=True)
-    return tuple(shapes[index] for index in sorted(first))
-
-
-def _level(plan: Plan) -> int:
-    """Level of nodes that resolves theta0' of the plan well enough."""
-    flight = planar_flight(plan.problem)
-    # Gauss nodes integrate theta0' to about the square of the tail of its series, relative to its largest.
-    largest_tail = 1e-3
-    level = 0
-    for level, count in enumerate(NODE_COUNTS):  # noqa: B007
-        quadrature = gauss_grid(count).quadrature
-        positions, velocities, _ = plan.joint_motion(quadrature.nodes * plan.duration)
-        rates = flight.equations.base_rate(positions, velocities, plan.angular_momentum)
-        if quadrature.tail(rates) <= largest_tail * max(float(np.abs(rates).max()), 1e-300):
-            break
-    return level
+        return grid.also((times.ravel() - begin) / (end - begin))
 
 
 def _second_derivatives(form: Form) -> Array:

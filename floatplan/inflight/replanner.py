@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass, replace
+from operator import sub
 from pathlib import Path
-from typing import ClassVar, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,8 @@ from floatplan.arguments import Outlined, optional, outline, positive
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.inflight.estimate import Estimate, Identification
-from floatplan.inflight.measurement import PLAUSIBLE, Measurement, Plausibility, Recovery, read, unwrapped
+from floatplan.inflight.measurement import PLAUSIBLE, Measurement, Plausibility, Recovery, read
+from floatplan.inflight.orientation import Orientations
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.inflight.update import Corrected, Update
@@ -47,12 +49,13 @@ class Correction(Outlined):
     reason : why it is not "applied"
     landing : s
         When the robot lands.
-    angular_momentum : kg m^2/s
+    angular_momentum : kg m^2/s, in space (3,) in the world's axes
         As it is estimated.
     motion : RemainingMotion
         The joints' from now on.
-    predicted_miss : rad
-        Orientation at landing less the goal, under that motion.
+    predicted_miss : rad, in space (3,)
+        Orientation at landing less the goal, under that motion; in space the vector of the rotation from the goal to
+        that attitude, in the goal's axes.
     torque_peak : (m,) N m
         Largest magnitude of each motor's torque for the rest of the flight, in the order of ``robot.motors``.
     """
@@ -60,9 +63,9 @@ class Correction(Outlined):
     status: Status
     reason: str
     landing: float
-    angular_momentum: float
+    angular_momentum: Any
     motion: RemainingMotion
-    predicted_miss: float
+    predicted_miss: Any
     torque_peak: Array
     shown: ClassVar[Sequence[str]] = ("status", "reason", "predicted_miss", "landing", "angular_momentum")
 
@@ -128,16 +131,17 @@ class Replanner:
         # Peak acceleration of a quintic that moves by 1 in a time of 1, with rates of 0 at both ends.
         quintic = 10 / math.sqrt(3)
         self._pace = scale / (quintic * fastest) if fastest else math.inf
-        self._update = Update(plan.robot.tree, self.views, rewriting, float(sigma), scale)
+        self._update = Update(self.views, rewriting, float(sigma), scale)
+        self._orientations: Orientations = self.views.flying.orientations
         self._plausible = Plausibility(plan)
-        self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, 1])
+        self._landing_height = float(plan.ballistics.positions(np.array([plan.duration]))[0, -1])
         self.reset()
         self._update.aim_as_planned()
-        self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, plan.angular_momentum)
+        self._warm_starts = WarmStarts(self.motion, self._corrected_at_takeoff, self._along(plan.angular_momentum))
         positions, velocities, _ = self.motion.at(0.0)
-        rate = self.views.flight.equations.base_rate(positions, velocities, plan.angular_momentum)[0]
-        orientation = plan.problem.initial.orientation
-        self.update(0.0, orientation, rate, positions[0], velocities[0])  # what is made once is made now
+        turning = self.views.flying.base_rate(positions, velocities)
+        orientation = plan.at(0.0).orientation
+        self.update(0.0, orientation, turning, positions[0], velocities[0])  # what is made once is made now
         self.reset()
 
     def __copy__(self) -> Replanner:
@@ -156,7 +160,7 @@ class Replanner:
         path = plan.ballistics
         momentum = plan.angular_momentum
         inertial = self.identification(momentum)
-        self._recovery = Recovery()
+        self._recovery = Recovery(self._orientations)
         self._estimate = Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity)
         self._measured = -math.inf
         self._now = 0.0
@@ -166,16 +170,19 @@ class Replanner:
         corrected = self._update.predicted(self.motion)
         self._last = _correction("applied", "", corrected, plan.duration, momentum)
 
-    def identification(self, angular_momentum: float) -> Identification:
-        """Return the filter's state at takeoff, with an angular momentum, kg m^2/s."""
-        initial = self.plan.problem.initial
-        inertia = float(self.views.flight.equations.momentum_map(initial.positions[None, :])[0, 0])
-        return Identification(len(self.plan.robot.tree.mass), initial.orientation, angular_momentum, inertia)
+    def identification(self, angular_momentum: Any) -> Identification:
+        """Return the filter's state at takeoff, with an angular momentum, kg m^2/s, in space (3,)."""
+        return self.views.flying.identification(angular_momentum)
+
+    def _along(self, angular_momentum: Any) -> float:
+        """The component of an angular momentum along the plan's, kg m^2/s; in a plane itself."""
+        return float(self.views.flying.direction @ np.atleast_1d(angular_momentum))
 
     def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
-        """Return a motion from takeoff, corrected for an angular momentum, kg m^2/s."""
+        """Return a motion from takeoff, corrected for an angular momentum along the plan's, kg m^2/s."""
         self.reset()
-        self._estimate.inertial.state[1] = angular_momentum
+        inertial = self._estimate.inertial
+        inertial.state[inertial.size : 2 * inertial.size] = angular_momentum * self.views.flying.direction
         self._update.remember(motion)
         return self._update.corrected(0.0, self.plan.duration, evaluations)
 
@@ -210,8 +217,8 @@ class Replanner:
     def update(
         self,
         t: float,
-        orientation: float,
-        orientation_rate: float,
+        orientation: npt.ArrayLike,
+        orientation_rate: npt.ArrayLike,
         positions: npt.ArrayLike,
         velocities: npt.ArrayLike,
         now: float | None = None,
@@ -224,16 +231,19 @@ class Replanner:
         ----------
         t : s since takeoff, of the measurement; later than that of the last one
         orientation, orientation_rate : rad, rad/s
-            Whole turns more or less do not matter.
+            Whole turns more or less do not matter. In space a quaternion (4,) x, y, z, w, of either sign, and the
+            angular velocity (3,) in the base's axes.
         positions, velocities : (n,) rad, rad/s
             Of the planned joints.
         now : s since takeoff
             From when on the motion may change; left out, ``t``. It is later where measurements arrive with a delay.
-        com_position, com_velocity : (2,) m, m/s, optional
+        com_position, com_velocity : (2,) m, m/s, in space (3,), optional
             Of the centre of mass; with both, the time of the landing is estimated again.
         """
         size = len(self.plan.robot.joints)
-        measured = read(t, orientation, orientation_rate, (positions, velocities), (com_position, com_velocity), size)
+        joints = positions, velocities
+        com = com_position, com_velocity
+        measured = read(self._orientations, t, orientation, orientation_rate, joints, com, size)
         if measured is None:
             return self._unchanged("invalid", "not finite numbers of the right shapes")
         present = _time(measured.time if now is None else now)
@@ -259,15 +269,20 @@ class Replanner:
         if measured.com_position is not None and not plausible.com(measured, *estimate.com_at(measured.time)):
             return FAR_OFF
         expected = self._update.expected(measured, now)
+        orientations = self._orientations
+        turn = orientations.turned(measured.orientation, expected.orientation)
         mistake = plausible.mistaken(measured, expected)
+        if not mistake and max(map(abs, turn)) > orientations.suspicious:
+            allowed = PLAUSIBLE.gate * max(expected.deviations)
+            mistake = orientations.misread(measured.orientation, expected.orientation, allowed)
         if mistake:
             return mistake
-        measured.orientation = unwrapped(measured.orientation, expected.orientation_as_measured)
-        off = abs(measured.orientation - expected.orientation_as_measured)
-        base = plausible.base(measured, expected)
+        measured.orientation = orientations.unwrapped(measured.orientation, turn, expected.offset)
+        off = [*map(abs, map(sub, turn, expected.offset))]
+        base = plausible.base(off, measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (off <= PLAUSIBLE.orientation and self._recovery.again(measured)):
+        elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.again(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
@@ -283,7 +298,7 @@ class Replanner:
         if landing - now <= 1e-4 * self.plan.duration:
             return self._unchanged("refused", "too late to correct anything")
         momentum = self._estimate.inertial.angular_momentum
-        warm_start = self._warm_starts.at(now, momentum) if first else None
+        warm_start = self._warm_starts.at(now, self._along(momentum)) if first else None
         evaluations = 8 if first else CORRECTION_GAINS.evaluations_near  # the first correction is the largest
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
@@ -311,7 +326,7 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _correction(status: Status, reason: str, corrected: Corrected, landing: float, momentum: float) -> Correction:
+def _correction(status: Status, reason: str, corrected: Corrected, landing: float, momentum: Any) -> Correction:
     return Correction(
         status=status,
         reason=reason,
@@ -330,7 +345,7 @@ def _judged(corrected: Corrected) -> tuple[Status, str]:
         return "limited", "the whole correction breaks a limit"
     if min(corrected.worst.tolist(), default=0.0) < -CORRECTION_GAINS.kept:
         return "limited", "a limit will be broken, as without the correction"
-    if not abs(corrected.miss) <= REACHED:
+    if not corrected.missed <= REACHED:
         return "limited", f"it lands more than {REACHED:g} rad from the goal"
     return "applied", ""
 

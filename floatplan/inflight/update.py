@@ -6,7 +6,6 @@ read. The remaining flight, joint motions (12) from now to the landing, is writt
 
 from collections import deque
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -20,16 +19,13 @@ from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, integers
-from floatplan.kernel.tolerances import CORRECTION_GAINS
+from floatplan.kernel.tolerances import CORRECTION_GAINS, CORRECTION_GAINS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import GaussGrid
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.planning.kernel_input.bodies import Bodies
-from floatplan.planning.kernel_input.rows import PlanarRows
-from floatplan.robot.planar.tree import PlanarTree
+from floatplan.planning.kernel_input.rows import KernelRows
 
 ROUNDING = 1e-9  # [s] of instants at the ends of a window
-FILTER_ARRAYS = ("state", "covariance", "surprises", "wander", "deviations")  # of the filter of an estimate
+FILTER_ARRAYS = ("state", "covariance", "attitude", "surprises", "wander", "deviations")  # of the filter of an estimate
 STEPS = enumeration("Step").__members__
 
 
@@ -37,14 +33,20 @@ STEPS = enumeration("Step").__members__
 class Corrected:
     """The motion that was chosen and its prediction: its miss, rad, the least value of each block of rows.
 
+    In space the miss is the vector (3,) of the rotation from the goal to the attitude at landing, in the goal's axes.
     ``torque_peak`` (m,) N m is each motor's largest; ``share`` of the correction was taken.
     """
 
     motion: RemainingMotion
-    miss: float
+    miss: Any
     worst: Array
     torque_peak: Array
     share: float
+
+    @property
+    def missed(self) -> float:
+        """Size of the miss, rad."""
+        return abs(self.miss) if isinstance(self.miss, float) else float(np.linalg.norm(self.miss))
 
 
 class Update:
@@ -53,31 +55,24 @@ class Update:
     A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``gains`` say the rest.
     """
 
-    def __init__(self, tree: PlanarTree, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
+    def __init__(self, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
-        self.gains = CORRECTION_GAINS
+        self.gains = CORRECTION_GAINS_IN_SPACE if views.flying.in_space else CORRECTION_GAINS
         self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants
-        constraints = PlanarRows(tree, [rows.block for rows in blocks], flight=views.flight)
-        bodies = constraints.own_bodies
-        n = tree.turns.shape[1]
+        flying: Any = views.flying  # whose rows and compiled part are of one kind
+        constraints = flying.rows([rows.block for rows in blocks])
+        self._compiled: Any = flying.compiled(constraints, self.gains.gap_nodes)
+        n = len(rewriting.first.centre)
         width = len(views.whitening)
-        motors = tree.motor_turns.shape[1]
+        motors = self._compiled.members["turns"].shape[1] - n
         self._first = rewriting.first
         self._instants = grid
         self._constraints = constraints.struct
-        self._path = constraints.path
         self._block_first = constraints.block_first
-        # The robot's C is of the masses that are estimated, which the kernel writes: no longer real, for one.
-        real = np.zeros_like(bodies.real)
-        imaginary = np.zeros_like(bodies.real)
-        link_real = np.zeros(bodies.links.shape)
-        link_imaginary = np.zeros(bodies.links.shape)
-        self._robot = copy(bodies.struct)
-        self._robot.point_to(real=real, imaginary=imaginary, link_real=link_real, link_imaginary=link_imaginary)
-        self._robot.pointer.is_real = False
-        self._called = _called_arrays(constraints, n, len(grid.s), width, motors)
+        self._prepared = {filled.nodes: self._of_instants(filled) for _, filled in views.grids}
+        self._called = _called_arrays(constraints, n, len(grid.s), width, motors, flying.orientations.size)
         self._struct = Struct(
             "Flight",
             instants=len(grid.s),
@@ -86,32 +81,28 @@ class Update:
             blocks=len(blocks),
             motors=motors,
             law=Struct.of_numbers(self.gains),
-            goal=views.flight.final_orientation,
             sigma=sigma,
             acceleration=acceleration,
-            mass=doubles(tree.mass),
-            inertia=doubles(tree.inertia),
-            turns=np.concatenate((tree.turns, tree.motor_turns), axis=1),
-            link_real=link_real,
-            link_imaginary=link_imaginary,
-            real=real,
-            imaginary=imaginary,
             motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
             room=None,  # allocated below
             **dict.fromkeys(FILTER_ARRAYS),  # see begin()
-            **_of_masses(tree, bodies),
+            **self._compiled.members,
             **_of_limits(blocks, constraints.block_first),
             **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
-            **self._of_instants(grid),
+            **self._prepared[grid.nodes],
             **self._called,
         )
-        size = kernel().flight_room(self._robot.pointer, self._constraints.pointer, self._flight)
+        compiled = kernel()
+        room = getattr(compiled, self._compiled.room)
+        size = room(self._compiled.robot.pointer, self._constraints.pointer, self._flight, compiled.instructions)
         self._struct.point_to(room=np.zeros(size))
 
     @property
     def row_values(self) -> Array:
         """Values (rows, K) of the rows at all instants under the motion predicted last; infinite where none applies."""
-        return self._called["row_values"]
+        values = self._called["row_values"]
+        instants = len(self._instants.s)
+        return values.ravel()[: len(values) * instants].reshape(len(values), instants)
 
     @property
     def _flight(self) -> Any:
@@ -123,7 +114,7 @@ class Update:
         flight = self._flight
         self._struct.point_to(**{name: getattr(estimate.inertial, name) for name in FILTER_ARRAYS})
         flight.known = 0
-        flight.turn_after = 0.0
+        self._compiled.begin()
         self._step(STEPS["adapt_masses"])
         self.estimate = estimate
         self.motions.clear()
@@ -134,7 +125,7 @@ class Update:
         landing = int(np.argmax(self._instants.s))
         blocks = []
         for rows, (begin, end) in zip(self.views.rows, pairwise(self._block_first), strict=True):
-            blocks.append(rows.as_planned(self._called["row_values"][begin:end], landing))
+            blocks.append(rows.as_planned(self.row_values[begin:end], landing))
         self.views.rows = blocks
         self._struct.point_to(aim=doubles([rows.aim for rows in blocks]))
 
@@ -147,20 +138,22 @@ class Update:
         self._called["measured_positions"][:] = measured.positions
         self._called["measured_velocities"][:] = measured.velocities
         self._step(STEPS["expect_state"])
+        called = self._called
+        orientation = self._compiled.expected_orientation(self.estimate.inertial.orientation)
         return Expected(
-            positions=self._called["positions"],
-            velocities=self._called["velocities"],
-            orientation=self.estimate.inertial.orientation + flight.turn_before,
-            rate=flight.expected_rate,
-            offset=flight.aside,
-            variance=flight.variance,
-            noise=flight.noise,
+            positions=called["positions"],
+            velocities=called["velocities"],
+            orientation=orientation,
+            rate=called["expected_rate"].tolist(),
+            offset=called["aside"].tolist(),
+            variance=called["variance"].tolist(),
+            noise=called["noise"].tolist(),
         )
 
     def learn(self, measured: Measurement) -> None:
         """Update the filter by a measurement that is plausible."""
-        self._flight.measured_orientation = measured.orientation
-        self._flight.measured_rate = measured.orientation_rate
+        self._compiled.measure(measured.orientation)
+        self._called["measured_rate"][:] = measured.orientation_rate
         self._step(STEPS["learn_state"])
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
@@ -170,9 +163,9 @@ class Update:
         return self._called["torques"].copy()
 
     @property
-    def turned(self) -> float:
-        """Rotation of the base from the last measurement that was learnt from until ``now``, rad."""
-        return float(self._flight.turn_after)
+    def turned(self) -> Any:
+        """Rotation of the base from the last measurement that was learnt from until ``now``, rad, in space (3, 3)."""
+        return self._compiled.turned
 
     def corrected(self, now: float, landing: float, evaluations: int, warm_start: Array | None = None) -> Corrected:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the present one from now on."""
@@ -204,20 +197,24 @@ class Update:
         """Let the kernel evaluate the flight from now to a landing, s."""
         self._flight.now = now
         self._flight.landing = landing
-        if not self.views.has_distances:
-            return
-        position, velocity = self.estimate.com_at(now)
-        self._path[:] = (*position, *velocity, self.estimate.gravity)
+        if self.views.has_distances:
+            position, velocity = self.estimate.com_at(self._compiled.path_begin(now))
+            self._compiled.path[:] = (*position, *velocity, self.estimate.gravity)
         instants = self.views.between(now, landing)
-        if instants is not self._instants:
-            self._instants = instants
-            self._struct.point_to(**self._of_instants(instants))
+        if instants is self._instants:
+            return
+        self._instants = instants
+        self._flight.instants = len(instants.s)
+        self._flight.nodes = instants.nodes
+        self._compiled.integrate_at(self._flight, instants)
+        prepared = any(instants is grid for _, grid in self.views.grids)
+        self._struct.point_to(**(self._prepared[instants.nodes] if prepared else self._of_instants(instants)))
 
     def _judged(self, motion: RemainingMotion) -> Corrected:
         result = self._flight.corrected
         return Corrected(
             motion=motion,
-            miss=result.miss,
+            miss=self._compiled.miss(result),
             worst=self._called["worst"].copy(),
             torque_peak=self._called["torque_peak"].copy(),
             share=result.share,
@@ -245,16 +242,19 @@ class Update:
 
     def _step(self, step: int) -> None:
         compiled = kernel()
-        compiled.flight(self._robot.pointer, self._constraints.pointer, self._flight, step, compiled.instructions)
+        compute = getattr(compiled, self._compiled.step)
+        compute(
+            self._compiled.robot.pointer, self._constraints.pointer, self._struct.pointer, step, compiled.instructions
+        )
 
-    def _of_instants(self, grid: GaussGrid) -> dict[str, Array]:
+    def _of_instants(self, grid: Any) -> dict[str, Array | None]:
         """What a motion, and its changes y, are made of at the instants of a grid."""
         value, first, second = self.views.functions.values(grid.s)
         free = np.stack([order[:, CONDITIONS:] @ self.views.whitening for order in (value, first, second)])
         basis = (free[:, :, None, :] / self._first.amplitude[:, None]).reshape(*free.shape[:2], -1).swapaxes(1, 2)
         return {
             "s": doubles(grid.s),
-            "integrals": doubles(grid.integrals[grid.nodes :]),
+            "integrals": self.views.flying.integrals(grid),
             "basis": doubles(basis),
             "value": doubles(value.T),
             "first": doubles(first.T),
@@ -262,15 +262,21 @@ class Update:
         }
 
 
-def _called_arrays(constraints: PlanarRows, n: int, instants: int, width: int, motors: int) -> dict[str, Array]:
-    """What the kernel reads and writes at each call, by the names of its struct ``Flight``."""
+def _called_arrays(
+    constraints: KernelRows, n: int, instants: int, width: int, motors: int, size: int
+) -> dict[str, Array]:
+    """What the kernel reads and writes at each call, by the names of its struct ``Flight``; ``size`` is e."""
     coefficients = (CONDITIONS + width, n)
     return {
         "measured_positions": np.zeros(n),
         "measured_velocities": np.zeros(n),
+        "measured_rate": np.zeros(size),
         "positions": np.zeros(n),
         "velocities": np.zeros(n),
-        "map": np.zeros(n + 1),
+        "expected_rate": np.zeros(size),
+        "aside": np.zeros(size),
+        "variance": np.zeros(size),
+        "noise": np.zeros(size),
         "asked": np.zeros((3, n)),
         "torques": np.zeros(n + motors),
         "warm_start": np.zeros((width, n)),
@@ -282,7 +288,7 @@ def _called_arrays(constraints: PlanarRows, n: int, instants: int, width: int, m
     }
 
 
-def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int) -> dict[str, Array | IntArray]:
+def _of_plan(rewriting: Rewriting, views: Views, grid: Any, gap_nodes: int) -> dict[str, Array | IntArray | None]:
     """The plan's motion, and what its changes and motions on a shorter time are made of."""
     first = rewriting.first
     width = len(views.whitening)
@@ -291,7 +297,7 @@ def _of_plan(rewriting: Rewriting, views: Views, grid: GaussGrid, gap_nodes: int
     return {
         "centre": doubles(first.centre),
         "amplitude": doubles(first.amplitude),
-        "weights": doubles(grid.weights),
+        "weights": None if grid.weights is None else doubles(grid.weights),
         "columns": integers(width * np.arange(len(first.centre) + 1)),
         "whitening": doubles(views.whitening),
         "unwhitening": doubles(views.unwhitening),
@@ -313,21 +319,4 @@ def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array
         "aim": doubles([rows.aim for rows in blocks]),
         "softness": doubles([rows.softness for rows in blocks]),
         "row_window": doubles(np.repeat(windows, np.diff(first), axis=0)),
-    }
-
-
-def _of_masses(tree: PlanarTree, bodies: Bodies) -> dict[str, Array]:
-    """C, by what it changes with each mass, and the centres of mass, by the rotations of the bodies."""
-    by_links = tree.point_weights(np.arange(len(tree.mass)), tree.center)
-    own = by_links * bodies.rotations.sum(axis=0)
-    weights = bodies.of_points(by_links)
-    conjugate = (own if bodies.is_mirrored else own.conj()) * tree.mass[:, None]
-    by_mass = conjugate[:, :, None] * weights[:, None, :]
-    return {
-        "by_mass_real": doubles(by_mass.real),
-        "by_mass_imaginary": doubles(by_mass.imag),
-        "weights_real": doubles(weights.real),
-        "weights_imaginary": doubles(weights.imag),
-        "nominal_real": doubles(bodies.links.real),
-        "nominal_imaginary": doubles(bodies.links.imag),
     }

@@ -25,6 +25,7 @@ class WarmStarts:
     corrected : callable
         A motion from takeoff corrected for an angular momentum, kg m^2/s, with so many evaluations at most.
     planned : kg m^2/s
+        Momenta are components along one direction, in space the plan's own.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class WarmStarts:
             least = shortest * abs(step)
             while abs(step) >= least > 0 and abs(momentum + step - planned) <= farthest * (1 + 1e-9):
                 further = corrected(changed, momentum + step, evaluations)
-                if abs(further.miss) > CORRECTION_GAINS.far or (further.worst < -CORRECTION_GAINS.kept).any():
+                if further.missed > CORRECTION_GAINS.far or (further.worst < -CORRECTION_GAINS.kept).any():
                     step /= 2
                     continue
                 changed = further.motion

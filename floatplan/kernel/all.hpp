@@ -30,6 +30,8 @@
 #include "ranked.hpp"
 #include "starts.hpp"
 #include "prediction.hpp"
+#include "remaining_in_plane.hpp"
+#include "remaining_in_space.hpp"
 #include "correcting.hpp"
 #include "flight.hpp"
 #include "cosines.hpp"

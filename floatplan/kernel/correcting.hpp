@@ -2,27 +2,31 @@
 // With the miss c, the change y from the plan's motion and the rows g of the limits that are near, each of one instant,
 // a few Gauss-Newton steps on
 //
-//     c^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
+//     |c|^2 / sigma^2 + |y|^2 / (a^2 tau^4) + sum_j min(g_j - aim_j, 0)^2 / softness_j^2,
 //
 // tau the time that remains. The second term makes the last corrections fade: what is left to correct and the time for
 // it both go to zero, and the minimal-norm correction's torque would grow like 1 / tau^2. It is of the change from the
 // plan, not from the motion at hand: what many corrections did for estimates that have changed since is taken back.
 
-class Correcting {
+template <typename Remaining> class Correcting {
   public:
-    Correcting(const Flight &flight, RestOfFlight &rest, Index joints)
+    using At = Predicted<Remaining>;
+    static constexpr Index e = Remaining::equalities;
+
+    Correcting(const Flight &flight, RestOfFlight<Remaining> &rest, Index joints)
         : f(flight), rest(rest), n(joints), width(f.width), size(n * width) {}
 
     void lay_out(Arena &arena) {
-        const Index most = 1 + f.law.most_rows * f.blocks;
+        const Index most = e + f.law.most_rows * f.blocks;
         for (double **each : {&best, &y, &step, &begun}) arena.take(*each, size);
+        arena.take(of_miss, e * size);
         arena.take(hessian, size * size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
         arena.take(first, (6 + width) * n);
         arena.take(worst, f.blocks);
         arena.take(sorted, f.block_first[f.blocks] * f.instants);
-        for (Predicted *each : {present, tried}) rest.lay_out(arena, *each);
+        for (At *each : {present, tried}) rest.lay_out(arena, *each);
     }
 
     // What comes of a motion as it is.
@@ -41,8 +45,8 @@ class Correcting {
         begin_at_present();
         found.evaluated = 1;
         const bool warm = f.is_warm && warm_start(found);
-        const double missed = present->miss;
-        const bool far = f.blocks && std::fabs(missed) > f.law.far;
+        const double missed = present->missed();
+        const bool far = f.blocks && missed > f.law.far;
         if (far) evaluations = evaluations > f.law.evaluations_far ? evaluations : f.law.evaluations_far;
         const bool landed = far && rest.has_distances && solve_as_landed(evaluations, missed, found);
         if (far && rest.has_distances) evaluations = f.law.evaluations_near;
@@ -54,7 +58,7 @@ class Correcting {
             for (double scale : {f.law.scales[0], f.law.scales[1]}) {
                 for (Index k = 0; k < size; ++k) step[k] = begun[k] + scale * (y[k] - begun[k]);
                 change(*tried, step, found);
-                if (!keeps(*tried) || !(std::fabs(tried->miss) < std::fabs(missed))) continue;
+                if (!keeps(*tried) || !(tried->missed() < missed)) continue;
                 found.share = scale;
                 copy(best, step, size);
                 std::swap(present, tried);
@@ -72,17 +76,20 @@ class Correcting {
 
   private:
     const Flight &f;
-    RestOfFlight &rest;
-    Predicted two[2] = {}, *present = two, *tried = two + 1;
+    RestOfFlight<Remaining> &rest;
+    At two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
     double *best, *y, *step, *begun, *hessian, *jacobian, *residual, *first, *worst, *sorted;
+    double *of_miss;  // (e, size): of the present motion
 
     // What is kept, and what changes are of: the present motion.
     void begin_at_present() {
         copy(first, present->coefficients, (6 + width) * n);
         copy(worst, present->worst, f.blocks);
     }
+
+    static constexpr double alike = 1e-12;  // [-] of squares: what is left of a row that is rounding alone
 
     // By how much that differs from the plan's, but for what turns the base: what the miss needs is not taken back.
     void compare_with_plan() {
@@ -93,14 +100,26 @@ class Correcting {
                     change += f.unwhitening[k * (6 + width) + c] * (first[c * n + i] - f.planned[c * n + i]);
                 begun[i * width + k] = f.amplitude[i] * change;
             }
-        rest.differentiate_miss(*present, jacobian);
-        const double square = dot(jacobian, jacobian, size);
-        if (square > 0) add(-dot(jacobian, begun, size) / square, jacobian, size, begun);
+        rest.differentiate_miss(*present, of_miss);
+        copy(jacobian, of_miss, e * size);
+        for (Index a = 0; a < e; ++a) {  // each row less what those before it do
+            double *row = jacobian + a * size;
+            const double whole = dot(row, row, size);
+            for (Index b = 0; b < a; ++b) take_off(jacobian + b * size, row);
+            if (dot(row, row, size) > alike * whole) take_off(row, begun);
+            else zero(row, size);
+        }
         for (Index k = 0; k < size; ++k) begun[k] *= f.law.taken_back;
     }
 
+    // The component along a row, taken off.
+    void take_off(const double *row, double *from) const {
+        const double square = dot(row, row, size);
+        if (square > 0) add(-dot(row, from, size) / square, row, size, from);
+    }
+
     void report(Corrected &found) {
-        found.miss = present->miss;
+        copy(found.miss, present->miss, e);
         copy(f.worst, present->worst, f.blocks);
         rest.find_torque_peaks(*present);
     }
@@ -111,7 +130,7 @@ class Correcting {
         add(1, f.warm_start, size, tried->coefficients + 6 * n);
         rest.evaluate(*tried);
         ++found.evaluated;
-        if (!(std::fabs(tried->miss) < smaller(std::fabs(present->miss), f.law.far) && keeps(*tried))) return false;
+        if (!(tried->missed() < smaller(present->missed(), f.law.far) && keeps(*tried))) return false;
         std::swap(present, tried);
         begin_at_present();
         return true;
@@ -120,25 +139,25 @@ class Correcting {
     // With distances as if the base were to reach the goal, so that feet in the ground do not keep it from turning
     // there; false, and back at the first motion, where it is no nearer then or something is broken.
     bool solve_as_landed(Index evaluations, double missed, Corrected &found) {
-        rest.landed = true;
+        rest.land(true);
         rest.evaluate(*present);
         solve(evaluations, found);
-        rest.landed = false;
+        rest.land(false);
         rest.evaluate(*present);
         found.evaluated += 2;
-        if (std::fabs(present->miss) < std::fabs(missed) && keeps(*present)) return true;
+        if (present->missed() < missed && keeps(*present)) return true;
         copy(present->coefficients, first, (6 + width) * n);
         rest.evaluate(*present);
         return false;
     }
 
-    bool keeps(const Predicted &a) const {
+    bool keeps(const At &a) const {
         for (Index b = 0; b < f.blocks; ++b)
             if (!(a.worst[b] >= -f.law.kept || worst[b] < -f.law.kept)) return false;
         return true;
     }
 
-    void change(Predicted &a, const double *to, Corrected &found) const {
+    void change(At &a, const double *to, Corrected &found) const {
         for (Index c = 0; c < 6 + width; ++c)
             for (Index i = 0; i < n; ++i) {
                 double part = 0;
@@ -150,13 +169,14 @@ class Correcting {
         ++found.evaluated;
     }
 
-    double tolerance(double miss) const {
-        return f.blocks ? larger(f.sigma, std::fabs(miss) / f.law.weighed) : f.sigma;
+    double tolerance(double missed) const {
+        return f.blocks ? larger(f.sigma, missed / f.law.weighed) : f.sigma;
     }
 
-    double cost(const Predicted &a, const double *of, double sigma) const {
-        const double part = a.miss / sigma;
-        return part * part + stiffness * dot(of, of, size) + a.square;
+    double cost(const At &a, const double *of, double sigma) const {
+        double squares = 0;
+        for (double miss : a.miss) squares += (miss / sigma) * (miss / sigma);
+        return squares + stiffness * dot(of, of, size) + a.square;
     }
 
     // Gauss-Newton steps from the present motion, which is left the best one, by `best` from the plan's.
@@ -165,7 +185,7 @@ class Correcting {
         stiffness = 1 / (square * square);
         compare_with_plan();
         copy(best, begun, size);
-        double sigma = tolerance(present->miss), least = cost(*present, best, sigma);
+        double sigma = tolerance(present->missed()), least = cost(*present, best, sigma);
         next_step(sigma);
         for (Index number = 0; number < evaluations; ++number) {
             if (least - expected < enough) break;
@@ -180,22 +200,23 @@ class Correcting {
             bool settled = now - expected <= f.law.settled * now + enough;
             copy(best, y, size);
             std::swap(present, tried);
-            double nearer = tolerance(present->miss);
+            double nearer = tolerance(present->missed());
             if (settled && nearer > sigma / 2) break;
             sigma = nearer;
             least = cost(*present, best, sigma);
-            if (number + 1 < evaluations) next_step(sigma);
+            if (number + 1 == evaluations) continue;
+            rest.differentiate_miss(*present, of_miss);
+            next_step(sigma);
         }
     }
 
     // The step, and the cost that it would have if everything were linear.
     void next_step(double sigma) {
-        rest.differentiate_miss(*present, jacobian);
-        for (Index k = 0; k < size; ++k) jacobian[k] /= sigma;
-        residual[0] = present->miss / sigma;
-        rows = 1;
+        for (Index k = 0; k < e * size; ++k) jacobian[k] = of_miss[k] / sigma;
+        for (Index a = 0; a < e; ++a) residual[a] = present->miss[a] / sigma;
+        rows = e;
         for (Index block = 0; block < f.blocks; ++block) gather(block);
-        if (rows == 1) step_along_miss();
+        if (rows == e) step_along_miss();
         else step_along_all();
         expected = 0;
         for (Index r = 0; r < rows; ++r) {
@@ -205,11 +226,17 @@ class Correcting {
         for (Index a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
     }
 
-    // No limit is near: in closed form.
+    // No limit is near: in closed form, by a system of as many equations as there are numbers of the miss.
     void step_along_miss() {
-        const double along = dot(jacobian, best, size), square = dot(jacobian, jacobian, size);
-        const double share = (along - residual[0]) / (stiffness + square);
-        for (Index a = 0; a < size; ++a) step[a] = jacobian[a] * share - best[a];
+        double system[e * e], shares[e];
+        for (Index a = 0; a < e; ++a) {
+            const double *row = jacobian + a * size;
+            shares[a] = dot(row, best, size) - residual[a];
+            for (Index b = 0; b < e; ++b) system[a * e + b] = (a == b) * stiffness + dot(row, jacobian + b * size, size);
+        }
+        eliminate(system, shares, e);
+        for (Index k = 0; k < size; ++k) step[k] = jacobian[k] * shares[0] - best[k];
+        for (Index a = 1; a < e; ++a) add(shares[a], jacobian + a * size, size, step);
     }
 
     void step_along_all() {

@@ -1,13 +1,30 @@
 // What an update of a flight's corrections computes, see floatplan/inflight/update.py: the expected state, the filter
-// of orientation, momentum and masses, and the rest of the flight written anew and corrected.
+// of orientation, momentum and masses, and the remaining flight written anew and corrected.
+//
+// What is measured of a flight in a plane and in space is a Filter, of remaining_in_plane.hpp or remaining_in_space.hpp. Its
+// state is that of `equalities` numbers each of orientation and momentum, then of masses and inertias. In space the attitude
+// R is Flight::attitude, and the first three numbers are a small turn dR = [zeta]x R, which it takes on after each measurement.
+//
+//     Body, Remaining, equalities, joints, masses
+//     motion               its joints, at the instants between measurements
+//     move                 what the next need of the joints there
+//     turn_before, turn_after  how the base turns until the measurement, and from there until now
+//     expect               the state at the measurement, as far as it follows
+//     momentum_rows        how h less the momentum with the plan's masses depends on the state, at rates of the base
+//     turns_by_momentum    how the base turns in some time with that; momentum_variance: of h that is measured
+//     go_on, off, take_correction  the orientation until the measurement; by what it is off; that is taken over
+//     adapt                the robot is one of the masses found
+//     find_moments         torques of a state
 
-class FlightUpdate {
+template <typename Filter> class FlightUpdate {
   public:
-    FlightUpdate(const Robot &robot, const Constraints &constraints, Flight &flight, double *memory)
-        : robot(robot), f(flight), n(robot.joints), g(robot.bodies), m(robot.links), columns(6 + f.width),
-          state_size(2 + 2 * m), rest(robot, constraints, flight), correcting(flight, rest, n), arena(aligned(memory)) {
-        lay_out_motion(arena, look, robot, 0, 2 * f.law.gap_nodes + 2);
-        for (double **each : {&row, &other, &gain}) arena.take(*each, state_size);
+    static constexpr Index e = Filter::equalities;
+
+    FlightUpdate(const typename Filter::Body &robot, const Constraints &constraints, Flight &flight, double *memory)
+        : f(flight), filter(robot, flight), n(filter.joints), columns(6 + f.width), state_size(2 * e + 2 * filter.masses),
+          rest(robot, constraints, flight), correcting(flight, rest, n), arena(aligned(memory)) {
+        filter.lay_out(arena, 2 * f.law.gap_nodes + 2);
+        for (double **each : {&row, &other, &gain}) arena.take(*each, e * state_size);
         arena.take(values, (columns + 1) * n);
         rest.lay_out(arena);
         correcting.lay_out(arena);
@@ -31,6 +48,7 @@ class FlightUpdate {
     // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
     void expect() {
         const Index nodes = f.law.gap_nodes, here = nodes, measured = 2 * nodes + 1;
+        Motion &look = filter.motion();
         for (Index k = 0; k < nodes; ++k) {
             look_at(k, f.began + (f.measured - f.began) * f.gap[k]);
             look_at(nodes + 1 + k, f.measured + (f.now - f.measured) * f.gap[k]);
@@ -40,72 +58,55 @@ class FlightUpdate {
             look.position[i * look.stride + measured] = f.measured_positions[i];
             look.speed[i * look.stride + measured] = f.measured_velocities[i];
         }
-        turn(robot, look, f.state[1]);
-        f.turn_before = turned(0, f.measured - f.began);
-        double *inertia = other;
-        for (Index b = 0; b < g; ++b) inertia[b] = look.inertia[b * look.stride + here];
-        gather(robot, inertia, f.map + 1);
-        f.map[0] = inertia[0];
-        f.expected_rate = look.rate[here];
-        f.aside = 0;
-        f.noise = 1;
+        filter.move();
+        filter.turn_before(f.measured - f.began);
         for (Index i = 0; i < n; ++i) {
             f.positions[i] = look.position[i * look.stride + here];
             f.velocities[i] = look.speed[i * look.stride + here];
-            const double ratio = f.map[1 + i] / f.map[0];
-            f.aside -= ratio * (f.measured_positions[i] - f.positions[i]);
-            f.noise += ratio * ratio;
         }
-        momentum_row(f.expected_rate, here, row);
-        const double per_row = (f.measured - f.began) / f.map[0];
-        f.variance = f.covariance[0];
-        for (Index e = 0; e < state_size; ++e)
-            f.variance += per_row * row[e] * (2 * f.covariance[e] + per_row * covaried(e, row));
+        filter.expect(here);
+        filter.momentum_rows(f.expected_rate, here, row);
+        find_growth(f.measured - f.began);
+        for (Index a = 0; a < e; ++a) {
+            f.variance[a] = f.covariance[a * state_size + a];
+            for (Index s = 0; s < state_size; ++s)
+                f.variance[a] += grown(a, s) * (2 * f.covariance[a * state_size + s] + gain[a * state_size + s]);
+        }
     }
 
-    // The filter, see floatplan/inflight/estimate.py; right after expect(), whose row it takes.
+    // The filter, see floatplan/inflight/estimate.py; right after expect(), whose rows it takes.
     void learn() {
         const double dt = f.measured - f.began;
-        f.state[0] += f.turn_before;
-        momentum_row(f.measured_rate, 2 * f.law.gap_nodes + 1, other);
-        double momentum = 0;
-        for (Index e = 2; e < state_size; ++e) momentum -= other[e];
-        predict(row, dt / f.map[0], dt, gain);
-        for (Index e = 0; e < state_size; ++e) other[e] = e == 0;
-        const double angle_variance = f.law.angle_noise * f.law.angle_noise * f.noise;
-        correct(other, f.measured_orientation - f.aside - f.state[0], angle_variance, gain);
-        double innovation = momentum, deviation = 0;
-        for (Index e = 0; e < state_size; ++e) {
-            innovation -= row[e] * f.state[e];
-            deviation += row[e] * covaried(e, row);
+        double momentum[e];
+        filter.momentum_rows(f.measured_rate, 2 * f.law.gap_nodes + 1, other);
+        for (Index a = 0; a < e; ++a) {
+            momentum[a] = 0;
+            for (Index s = 2 * e; s < state_size; ++s) momentum[a] -= other[a * state_size + s];
         }
-        const double variance = f.law.rate_noise * f.law.rate_noise * f.noise * f.map[0] * f.map[0];
-        if (believed(innovation, std::sqrt(deviation + variance))) correct(row, innovation, variance, gain);
-        for (Index e = 2; e < state_size; ++e)
-            f.state[e] = smaller(larger(f.state[e], -f.law.largest_error), f.law.largest_error);
-        adapt();
-        turn(robot, look, f.state[1]);
-        f.turn_after = turned(f.law.gap_nodes + 1, f.now - f.measured);
+        filter.go_on();
+        predict(dt);
+        for (Index a = 0; a < e; ++a) {
+            for (Index s = 0; s < state_size; ++s) other[s] = s == a;
+            correct(other, filter.off(a), f.law.angle_noise * f.law.angle_noise * f.noise[a]);
+        }
+        for (Index a = 0; a < e; ++a) {
+            const double *own = row + a * state_size;
+            double innovation = momentum[a], deviation = 0;
+            for (Index s = 0; s < state_size; ++s) {
+                innovation -= own[s] * f.state[s];
+                deviation += own[s] * covaried(s, own);
+            }
+            const double variance = filter.momentum_variance(a);
+            if (believed(a, innovation, std::sqrt(deviation + variance))) correct(own, innovation, variance);
+        }
+        for (Index s = 2 * e; s < state_size; ++s)
+            f.state[s] = smaller(larger(f.state[s], -f.law.largest_error), f.law.largest_error);
+        filter.take_correction();
+        filter.adapt();
+        filter.turn_after(f.law.gap_nodes + 1, f.now - f.measured);
     }
 
-    // C of the masses found, and of the bodies that turn alike.
-    void adapt() {
-        const double *masses = f.state + 2, *inertias = masses + m;
-        copy(f.link_real, f.nominal_real, m * g);
-        copy(f.link_imaginary, f.nominal_imaginary, m * g);
-        for (Index e = 0; e < m; ++e) {
-            add(masses[e], f.by_mass_real + e * m * g, m * g, f.link_real);
-            add(masses[e], f.by_mass_imaginary + e * m * g, m * g, f.link_imaginary);
-        }
-        zero(f.real, g * g);
-        zero(f.imaginary, g * g);
-        for (Index b = 0; b < m; ++b) {
-            const Index own = robot.group[b];
-            f.link_real[b * g + own] += f.inertia[b] * inertias[b];
-            add(1, f.link_real + b * g, g, f.real + own * g);
-            add(1, f.link_imaginary + b * g, g, f.imaginary + own * g);
-        }
-    }
+    void adapt() { filter.adapt(); }
 
     // A motion from a time of its own to its end, written anew from now to the landing.
     void rewrite(const double *motion, double from, double *coefficients) {
@@ -125,26 +126,23 @@ class FlightUpdate {
     // The present motion.
     void rewrite() { rewrite(motion_at(f.now), f.now, f.coefficients); }
 
-    // Torques of joints and motors in the state that is asked about.
+    // Torques of joints and motors in a state of the joints.
     void find_torques() {
+        Motion &look = filter.motion();
         for (Index i = 0; i < n; ++i) {
             look.position[i * look.stride] = f.asked[i];
             look.speed[i * look.stride] = f.asked[n + i];
             look.acceleration[i * look.stride] = f.asked[2 * n + i];
         }
-        turn(robot, look, f.state[1]);
-        move_bodies(robot, look);
-        const Index torques = n + f.motors;
-        for (Index e = 0; e < torques; ++e) f.torques[e] = motor_torque(robot, look, f.turns + e, torques, 0)[0];
+        filter.find_moments();
+        const Index torques = n + f.motors, links = rest.links();
+        for (Index s = 0; s < torques; ++s) f.torques[s] = motor_torque(links, look, f.turns + s, torques, 0)[0];
     }
 
     // What comes of the motion whose coefficients are given, or of the present one, corrected.
     void follow(bool corrected) {
         if (corrected) rewrite();
-        rest.T = f.landing - f.now;
-        rest.h = f.state[1];
-        rest.orientation = f.state[0] + f.turn_after;
-        rest.change = f.goal - rest.orientation;
+        rest.begin();
         if (!corrected) return correcting.predict(f.coefficients, f.corrected);
         rewrite(f.plan, f.now / f.landing * f.plan[1], f.planned);
         correcting.correct(f.coefficients, f.evaluations, f.corrected);
@@ -152,14 +150,16 @@ class FlightUpdate {
     }
 
   private:
-    const Robot &robot;
+    using Remaining = typename Filter::Remaining;
+
     Flight &f;
-    const Index n, g, m, columns, state_size;
-    RestOfFlight rest;
-    Correcting correcting;
+    Filter filter;  // between measurements, at the last one, and where that says the joints are
+    const Index n, columns, state_size;
+    RestOfFlight<Remaining> rest;
+    Correcting<Remaining> correcting;
     Arena arena;
-    Motion look{};  // between measurements, at the last one, and where that says the joints are
-    double *row, *other, *gain, *values;  // (state_size), the last one (columns + 1, n)
+    double *row, *other, *gain, *values;  // (e, state_size), the last one (columns + 1, n)
+    double growth[e * e];                 // turns that a surplus of momentum makes until the measurement
 
     Index motion_size() const { return 2 + 3 * columns * n; }
 
@@ -178,6 +178,7 @@ class FlightUpdate {
     }
 
     void look_at(Index k, double time) {
+        Motion &look = filter.motion();
         const double *motion = motion_at(time);
         double *p = values, *rate = values + n;
         argument(motion, time, 0, p);
@@ -189,62 +190,58 @@ class FlightUpdate {
         }
     }
 
-    // By how much the base turns in `dt` s, from the nodes `from` on.
-    double turned(Index from, double dt) const {
-        if (dt == 0) return 0;
-        return dt * dot(f.gap_weights, look.rate + from, f.law.gap_nodes);
-    }
-
-    // How h less the momentum with the plan's masses depends on the state, at instant k and a rate of the base.
-    void momentum_row(double rate, Index k, double *row) const {
-        row[0] = 0;
-        row[1] = 1;
-        for (Index e = 0; e < m; ++e) {
-            double x = 0, y = 0, moving_x = 0, moving_y = 0;
-            for (Index o = 0; o < g; ++o) {
-                const Index at = o * look.stride + k;
-                double re = f.weights_real[e * g + o], im = f.weights_imaginary[e * g + o];
-                double part_x = re * look.body_cosine[at] - im * look.body_sine[at];
-                double part_y = re * look.body_sine[at] + im * look.body_cosine[at];
-                x += part_x;
-                y += part_y;
-                moving_x += part_x * (look.swing[at] + rate);
-                moving_y += part_y * (look.swing[at] + rate);
-            }
-            row[2 + e] = -f.mass[e] * (x * moving_x + y * moving_y);
-            row[2 + m + e] = -f.inertia[e] * (look.swing[robot.group[e] * look.stride + k] + rate);
-        }
-    }
-
     // Of the covariance times a row, an entry.
-    double covaried(Index e, const double *row) const { return dot(f.covariance + e * state_size, row, state_size); }
+    double covaried(Index s, const double *row) const { return dot(f.covariance + s * state_size, row, state_size); }
 
-    void predict(const double *row, double per_row, double dt, double *change) {
-        double *covariance = f.covariance, again = 0;
-        for (Index e = 0; e < state_size; ++e) covariance[e * state_size + e] += dt * f.wander[e];
-        for (Index e = 0; e < state_size; ++e) change[e] = per_row * covaried(e, row);
-        for (Index e = 0; e < state_size; ++e) {
-            covariance[e] += change[e];
-            again += row[e] * per_row * change[e];
-        }
-        for (Index e = 0; e < state_size; ++e) covariance[e * state_size] += change[e];
-        covariance[0] += again;
+    // By how much a state makes the base turn until the measurement, about an axis.
+    double grown(Index axis, Index s) const {
+        double by = growth[axis * e] * row[s];
+        for (Index b = 1; b < e; ++b) by += growth[axis * e + b] * row[b * state_size + s];
+        return by;
     }
 
-    void correct(const double *row, double innovation, double variance, double *gain) {
+    // That, and in `gain` its covariance with the state.
+    void find_growth(double dt) {
+        filter.turns_by_momentum(dt, growth);
+        for (Index s = 0; s < state_size; ++s) {
+            double covariances[e];
+            for (Index b = 0; b < e; ++b) covariances[b] = covaried(s, row + b * state_size);
+            for (Index a = 0; a < e; ++a) {
+                double &by = gain[a * state_size + s] = growth[a * e] * covariances[0];
+                for (Index b = 1; b < e; ++b) by += growth[a * e + b] * covariances[b];
+            }
+        }
+    }
+
+    void predict(double dt) {
+        double *covariance = f.covariance, again[e * e] = {};
+        for (Index s = 0; s < state_size; ++s) covariance[s * state_size + s] += dt * f.wander[s];
+        find_growth(dt);
+        for (Index a = 0; a < e; ++a)
+            for (Index s = 0; s < state_size; ++s) {
+                covariance[a * state_size + s] += gain[a * state_size + s];
+                for (Index b = 0; b < e; ++b) again[a * e + b] += grown(a, s) * gain[b * state_size + s];
+            }
+        for (Index a = 0; a < e; ++a) {
+            for (Index s = 0; s < state_size; ++s) covariance[s * state_size + a] += gain[a * state_size + s];
+            for (Index b = 0; b < e; ++b) covariance[a * state_size + b] += again[a * e + b];
+        }
+    }
+
+    void correct(const double *row, double innovation, double variance) {
         double total = variance;
-        for (Index e = 0; e < state_size; ++e) {
-            gain[e] = covaried(e, row);
-            total += row[e] * gain[e];
+        for (Index s = 0; s < state_size; ++s) {
+            gain[s] = covaried(s, row);
+            total += row[s] * gain[s];
         }
-        for (Index e = 0; e < state_size; ++e) {
-            f.state[e] += gain[e] / total * innovation;
-            add(-(gain[e] / total), gain, state_size, f.covariance + e * state_size);
+        for (Index s = 0; s < state_size; ++s) {
+            f.state[s] += gain[s] / total * innovation;
+            add(-(gain[s] / total), gain, state_size, f.covariance + s * state_size);
         }
     }
 
-    bool believed(double innovation, double deviation) {
-        Index &surprises = *f.surprises;
+    bool believed(Index axis, double innovation, double deviation) {
+        Index &surprises = f.surprises[axis];
         if (std::fabs(innovation) <= f.law.surprising * deviation) {
             surprises = 0;
             return true;
@@ -252,9 +249,9 @@ class FlightUpdate {
         Index side = innovation > 0 ? 1 : -1;
         surprises = surprises * side > 0 ? surprises + side : side;
         if (surprises * side < f.law.most_surprises) return false;
-        for (Index known = 0; known < 2; ++known) {
-            for (Index e = 0; e < state_size; ++e)
-                f.covariance[known * state_size + e] = f.covariance[e * state_size + known] = 0;
+        for (Index known = 0; known < 2 * e; ++known) {
+            for (Index s = 0; s < state_size; ++s)
+                f.covariance[known * state_size + s] = f.covariance[s * state_size + known] = 0;
             f.covariance[known * state_size + known] = f.deviations[known] * f.deviations[known];
         }
         surprises = 0;
@@ -263,12 +260,14 @@ class FlightUpdate {
 };
 
 // How many numbers an update works in.
-Index flight_room(const Robot &robot, const Constraints &constraints, Flight &flight) {
-    return FlightUpdate(robot, constraints, flight, nullptr).room();
+template <typename Filter>
+Index room_of_update(const typename Filter::Body &robot, const Constraints &constraints, Flight &flight) {
+    return FlightUpdate<Filter>(robot, constraints, flight, nullptr).room();
 }
 
-void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what) {
-    FlightUpdate update(robot, constraints, flight, flight.room);
+template <typename Filter>
+static void update(const typename Filter::Body &robot, const Constraints &constraints, Flight &flight, Index what) {
+    FlightUpdate<Filter> update(robot, constraints, flight, flight.room);
     switch (what) {
     case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);
     case expect_state: return update.expect();
@@ -279,4 +278,18 @@ void update_flight(const Robot &robot, const Constraints &constraints, Flight &f
     case predict_motion: return update.follow(false);
     default: update.follow(true);
     }
+}
+
+Index flight_room(const Robot &robot, const Constraints &constraints, Flight &flight) {
+    return room_of_update<PlanarFilter>(robot, constraints, flight);
+}
+Index flight_room_in_space(const SpatialBody &robot, const Constraints &constraints, Flight &flight) {
+    return room_of_update<SpatialFilter>(robot, constraints, flight);
+}
+
+void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what) {
+    update<PlanarFilter>(robot, constraints, flight, what);
+}
+void update_flight_in_space(const SpatialBody &robot, const Constraints &constraints, Flight &flight, Index what) {
+    update<SpatialFilter>(robot, constraints, flight, what);
 }

@@ -258,7 +258,7 @@ typedef struct {
 
 // What a correction leads to.
 typedef struct {
-    double miss, share;
+    double miss[3], share;  // in a plane the first alone
     Index evaluated;
 } Corrected;
 
@@ -268,53 +268,6 @@ typedef struct {
     double far, weighed, settled, shorter, kept, taken_back, scales[2];
     double angle_noise, rate_noise, largest_error, surprising;
 } CorrectionGains;
-
-// A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
-// n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p.
-typedef struct {
-    Eights instants;
-    Index width, nodes, blocks, motors;
-    CorrectionGains law;
-    double goal, sigma, acceleration;
-    const double *centre, *amplitude;                // (n)
-    const double *weights;                           // (nodes)
-    const double *value, *first, *second;            // (columns, K)
-    const double *basis;                             // (3, n width, K), of changes y
-    const Index *columns;                     // (n + 1): where each joint's y begin
-    const double *whitening, *unwhitening;           // (width, width), (width, columns)
-    const double *plan;                              // its motion, as one of `motions`
-    const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
-    const double *at_landing;                        // (3, n)
-    const double *gap, *gap_weights;                 // (gap_nodes)
-    const Index *block_first;                 // (blocks + 1): rows of the constraints, block by block
-    const double *aim, *softness;                    // (blocks)
-    const double *row_window;                        // (rows, 2), s
-    const double *turns;                             // (m, n + motors): of the links, by joints and motors
-    const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
-    // The filter's.
-    const double *mass, *inertia;                    // (m)
-    const double *by_mass_real, *by_mass_imaginary;  // (m, m, g): what C changes by, of relative errors of masses
-    const double *weights_real, *weights_imaginary;  // (m, g): the same by the bodies'
-    const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
-    const double *wander, *deviations;               // (2 + 2 m)
-    // What changes.
-    double *state, *covariance;                      // (2 + 2 m), square
-    Index *surprises;
-    double *link_real, *link_imaginary, *real, *imaginary;  // the robot's, of the masses found
-    double *motions;                                 // (memory, 2 + 3 columns n): begin, end, p and two derivatives
-    Index newest, known;
-    // Of one call: what is measured and when, s, and what comes of it.
-    double began, measured, now, landing, measured_orientation, measured_rate;
-    double *measured_positions, *measured_velocities;  // (n)
-    double *positions, *velocities, *map;            // (n), (n), (n + 1)
-    double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
-    double turn_before, turn_after, expected_rate, aside, variance, noise;
-    Index evaluations, is_warm;
-    double *warm_start, *coefficients, *planned, *worst;  // (width, n), twice (columns, n), (blocks)
-    double *row_values, *torque_peak;                // (rows, K), (motors)
-    Corrected corrected;
-    double *room;                                    // what floatplan_flight_room() says
-} Flight;
 
 // A tree of bodies in space; body 0 is a free base, body j + 1 is moved by joint j, which turns about an axis or slides.
 typedef struct {
@@ -375,6 +328,60 @@ typedef struct {
     const double *antiderivative;           // (stages + 1, stages): in Chebyshev polynomials of 2 s - 1
 } Cells;
 
+// A flight that is corrected, see inflight/update.py; what is of the plan first, then what changes from call to call.
+// n joints, g bodies and m links of the robot; K instants, first the nodes; 6 + width columns of the basis of p. e is 1 in a
+// plane; in space it is 3, and m counts the bodies of the tree, or where torques are meant its joints. What is of one of the two
+// alone is null, or zero, in the other.
+typedef struct {
+    Eights instants;
+    Index width, nodes, blocks, motors;
+    CorrectionGains law;
+    double goal, sigma, acceleration;                // goal: in a plane, rad
+    Cells cells, gap_cells;                          // in space, of the remaining flight and between measurements
+    const double *centre, *amplitude;                // (n)
+    const double *weights;                           // (nodes)
+    const double *value, *first, *second;            // (columns, K)
+    const double *basis;                             // (3, n width, K), of changes y
+    const Index *columns;                     // (n + 1): where each joint's y begin
+    const double *whitening, *unwhitening;           // (width, width), (width, columns)
+    const double *plan;                              // its motion, as one of `motions`
+    const double *table, *points, *of_values;        // (3, columns, columns), (columns), (columns, columns)
+    const double *at_landing;                        // (3, n)
+    const double *gap, *gap_weights;                 // (gap_nodes)
+    const Index *block_first;                 // (blocks + 1): rows of the constraints, block by block
+    const double *aim, *softness;                    // (blocks)
+    const double *row_window;                        // (rows, 2), s
+    const double *turns;                             // (m, n + motors): of the links, by joints and motors
+    const double *s, *integrals;                     // (K), and (K - nodes, nodes) of the turn until then
+    // The filter's.
+    const double *mass, *inertia;                    // (m)
+    const double *by_mass_real, *by_mass_imaginary;  // (m, m, g): what C changes by, of relative errors of masses
+    const double *weights_real, *weights_imaginary;  // (m, g): the same by the bodies'
+    const double *nominal_real, *nominal_imaginary;  // (m, g): C with the plan's masses
+    const double *wander, *deviations;               // (2 e + 2 m)
+    // What changes.
+    double *state, *covariance;                      // (2 e + 2 m), square
+    double *attitude;                                // (3, 3), in space
+    Index *surprises;                                // (e)
+    double *link_real, *link_imaginary, *real, *imaginary;  // the robot's in a plane, of the masses found
+    double *body_mass, *body_first, *body_second;    // the same of the tree in space
+    double *motions;                                 // (memory, 2 + 3 columns n): begin, end, p and two derivatives
+    Index newest, known;
+    // Of one call: what is measured and when, s, and what comes of it.
+    double began, measured, now, landing;
+    double *measured_orientation, *measured_rate;    // angle or (3, 3), (e)
+    double *measured_positions, *measured_velocities;  // (n)
+    double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
+    double *turn_before, *turn_after;                // angle or (3, 3)
+    double *expected_rate, *aside, *variance, *noise;  // (e)
+    Index evaluations, is_warm;
+    double *warm_start, *coefficients, *planned, *worst;  // (width, n), twice (columns, n), (blocks)
+    double *row_values, *torque_peak;                // (rows, K), (motors)
+    Corrected corrected;
+    double *room;                                    // what floatplan_flight_room() says
+} Flight;
+
 // A motion in cells that each begin with an attitude of their own, see lifting.hpp; gaps, rad, go from the cells' ends to the
 // next borders, at last to the goal. Instants are stage by stage, those of all cells side by side.
 typedef struct {
@@ -425,11 +432,17 @@ Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, c
                       Peaks *peaks, Index instructions);
 
 // How many numbers an update of a flight's corrections works in.
-Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight);
+Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight, Index instructions);
 
 // One step of an update of a flight's corrections.
 void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
                       Index instructions);
+
+// The same two of a flight in space.
+Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight,
+                                     Index instructions);
+void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight, Index step,
+                               Index instructions);
 
 // Solves a quadratic program; returns 1, or 0 where it does not.
 Index floatplan_quadratic(Quadratic *qp, Index instructions);

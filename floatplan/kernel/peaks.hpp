@@ -122,7 +122,7 @@ class Measured {
         const Index joint = quantity - peaks.motors, n = robot.joints;
         const double *of_joint = joint < n ? m.speed + joint * m.stride : m.acceleration + (joint - n) * m.stride;
         for (Index k = 0; k < m.instants; k += LANES)
-            store(result + k, joint < 0 ? motor_torque(robot, m, peaks.turns + quantity, peaks.motors, k)
+            store(result + k, joint < 0 ? motor_torque(robot.links, m, peaks.turns + quantity, peaks.motors, k)
                                         : load(of_joint + k));
     }
 

@@ -32,6 +32,16 @@ static inline Vector3 logarithm(const Matrix3 &rotation) {
     return (2 + angle * angle / 12) / length * along;  // of a small angle, to 1e-14 of it
 }
 
+// The rotation by a vector, rad.
+static inline Matrix3 exponential(Vector3 turn) {
+    const double half = std::sqrt(dot(turn, turn)) / 2;
+    const double share = half < 1e-3 ? 0.5 - half * half / 12 : std::sin(half) / (2 * half);  // to 1e-14
+    double quaternion[4];
+    store(quaternion, share * turn);
+    quaternion[3] = std::cos(half);
+    return rotation(quaternion);
+}
+
 // How the vector of a rotation changes with a small turn that is done after it.
 static inline Matrix3 left_jacobian_inverse(Vector3 turn) {
     const double angle = std::sqrt(dot(turn, turn)), half = angle / 2;

@@ -193,7 +193,7 @@ class Struct:
         """Return the struct of the name of a dataclass, whose fields are those of the struct."""
         return cls(type(numbers).__name__, **asdict(numbers))
 
-    def point_to(self, **arrays: Array | IntArray) -> None:
+    def point_to(self, **arrays: Array | IntArray | None) -> None:
         """Point to other arrays, which then live as long."""
         for member, address in _addresses(self.name, arrays).items():
             setattr(self.pointer, member, address)

@@ -230,9 +230,9 @@ static inline void differentiate_sum(const Robot &robot, Motion &m, Index k, con
 }
 
 // The torque of a motor at the instants from k on that are computed at once; it turns link b by turns[b * motors].
-static inline Vector motor_torque(const Robot &robot, const Motion &m, const double *turns, Index motors, Index k) {
+static inline Vector motor_torque(Index links, const Motion &m, const double *turns, Index motors, Index k) {
     Vector torque = all(0);
-    for (Index link = 0; link < robot.links; ++link)
+    for (Index link = 0; link < links; ++link)
         if (turns[link * motors] != 0)
             torque = add_product(turns[link * motors], load(m.moment + link * m.stride + k), torque);
     return torque;

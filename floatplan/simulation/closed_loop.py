@@ -6,6 +6,7 @@ import time as clock
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -14,20 +15,23 @@ from floatplan.arguments import SEED, optional, positive, whole
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight.replanner import Replanner
+from floatplan.motion.dynamics import PlacedShapes
 from floatplan.motion.flight import LinkShapes
+from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.clearance import shapes_in_space
 from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool import one_thread
-from floatplan.robot.planar.model import BASE_COORDINATES as BASE
+from floatplan.problem.attitude import required
+from floatplan.simulation.base_states import base_states
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
 from floatplan.simulation.engines import Engine, FlyingRobot, check_engine, flying_robot
 from floatplan.simulation.gains import BANDWIDTH, FASTEST, critical_gains, joint_inertia
 from floatplan.simulation.integration import State, runge_kutta_step
 from floatplan.simulation.perturbation import OF_JUMPS, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedPlanarMotion
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.results import ClosedLoop, PlanLandings, SimulatedFlight, Trace
-from floatplan.simulation.spatial_motion import perturbed_takeoff
+from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
@@ -136,7 +140,10 @@ class _Loop:
         self.deadline = deadline
         self.replanner = Replanner(plan, rate)
         self.reduced = reduced_model(plan.robot, plan.ballistics.gravity)
-        start = RecordedPlanarMotion(plan.record, self.reduced).joints(0.0)
+        self.base = base_states(self.reduced)
+        final = plan.problem.final
+        self.goal: Any = final.orientation if plan.robot.in_plane else required(final.attitude).quaternion
+        start = recorded_motion(plan.record, self.reduced).joints(0.0)
         self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         robot = plan.robot
         names = self.reduced.joints
@@ -156,13 +163,13 @@ class _Loop:
         data = true.createData()
 
         def measured_com(state: Array, measured: Array) -> tuple[Array, Array]:
-            position = reduced.axes @ pin.centerOfMass(true, data, *state)
+            position = reduced.axes @ pin.centerOfMass(true, data, *self.base.parts(state))
             return position, reduced.axes @ data.vcom[0]
 
         com = measured_com if self.perturbation.rise else None
         corrections = Corrections(self.replanner, reduced, PERIOD, com)
         guide = _PlanGuide(corrections, self.motor_columns, correct)
-        sensors = Sensors(self.perturbation, sample, PERIOD)
+        sensors = Sensors(self.perturbation, sample, PERIOD, self.base)
         control = JointControl(guide, sensors, self.gains, self.motors, sample.torque)
         takeoff = perturbed_takeoff(self.plan.record, reduced, sample)
         flying = flying_robot(self.engine, self.plan.robot, reduced, sample)
@@ -177,19 +184,19 @@ class _Loop:
         landed, _ = robot.state()
         positions = np.array([*(state[0] for state in sensors.states), landed])
         times = np.append(PERIOD * np.arange(len(sensors.states)), corrections.landing)
-        planned = (positions[:, BASE:] - reduced.resting[0]) @ reduced.planned_of_joints.T
+        joints = positions[:, self.base.size :]
+        planned = (joints - reduced.resting[0]) @ reduced.planned_of_joints.T
         shown = np.append(np.arange(0, len(times) - 1, 5), len(times) - 1)
-        goal = self.plan.problem.final
-        orientation = positions[:, BASE - 1]
         log = np.array(corrections.log).reshape(-1, 3)
+        posture = self.plan.problem.final.positions
         return SimulatedFlight(
             landing={
-                "orientation": float(orientation[-1] - goal.orientation),
-                "joints": max(float(off.max(initial=0.0)) for off in reduced.off_goal(landed[BASE:], goal.positions)),
+                "orientation": float(self.base.off(positions[-1:], self.goal)[0]),
+                "joints": max(float(off.max(initial=0.0)) for off in reduced.off_goal(joints[-1], posture)),
                 "torque_peak": peak,
                 "clearance": self._clearance(times, positions, planned),
             },
-            motion=Trace(times[shown], orientation[shown], planned[shown], log),
+            motion=Trace(times[shown], self.base.trace(positions[shown], self.goal), planned[shown], log),
             statuses=corrections.statuses,
             seconds=corrections.seconds,
         )
@@ -204,18 +211,28 @@ class _Loop:
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
         if not obstacles:
             return np.inf
-        robot = self.plan.robot
-        tree = robot.tree
-        angles = tree.absolute_angles(positions[:, BASE - 1], planned)
-        base_weights = tree.point_weights(np.array([0]), np.array([0j]))[0]
-        com = positions[:, 0] + 1j * positions[:, 1] - tree.rotations(angles) @ base_weights
-        shapes = LinkShapes(tree, robot.shapes, problem.ground_shapes if problem.ground else ())
-        segments = shapes.place(com, angles)
+        segments: PlacedShapes = self._segments(positions, planned)
         least = np.inf
         for obstacle in obstacles:
             self._stop_after_deadline()
             least = min(least, float(least_distances(segments, obstacle, times).min()))
         return least
+
+    def _segments(self, positions: Array, planned: Array) -> PlacedShapes:
+        """The links' shapes at N positions (N, B + J), with planned joints (N, n)."""
+        plan = self.plan
+        robot = plan.robot
+        attitudes = self.base.attitudes(positions)
+        if robot.in_plane is None:
+            data = self.reduced.model.createData()
+            com = np.array([pin.centerOfMass(self.reduced.model, data, row) for row in positions])
+            return shapes_in_space(robot, plan.problem.ground).place(BodyPoses.of(robot, attitudes, planned, com))
+        tree = robot.tree
+        angles = tree.absolute_angles(attitudes, planned)
+        base_weights = tree.point_weights(np.array([0]), np.array([0j]))[0]
+        com_in_plane = positions[:, 0] + 1j * positions[:, 1] - tree.rotations(angles) @ base_weights
+        shapes = LinkShapes(tree, robot.shapes, plan.problem.ground_shapes if plan.problem.ground else ())
+        return shapes.place(com_in_plane, angles)
 
 
 @dataclass(eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.inflight.replanner import Replanner
-from floatplan.robot.planar.model import BASE_COORDINATES as BASE
+from floatplan.simulation.base_states import BaseStates
 from floatplan.simulation.perturbation import Perturbation, Sample
 from floatplan.simulation.reduced_model import ReducedModel
 
@@ -24,7 +24,7 @@ class SimulatedRobot(Protocol):
     """A robot of J joints in a simulation."""
 
     def state(self) -> tuple[Array, Array]:
-        """Positions and velocities (3 + J,) in its plane, the base's first."""
+        """Configuration and velocity, the base's numbers first."""
         ...
 
     def move(self, torques: Array, duration: float) -> bool:
@@ -66,12 +66,13 @@ class Motors:
 
 
 class Sensors:
-    """All states of a flight so far: ``states`` as they were, ``measured`` with noise; (2, 3 + J) each.
+    """All states of a flight so far: ``states`` as they were, ``measured`` with noise; (2, B + J) each.
 
     ``delay`` is the number of periods after which a controller has a measurement.
     """
 
-    def __init__(self, perturbation: Perturbation, sample: Sample, period: float) -> None:
+    def __init__(self, perturbation: Perturbation, sample: Sample, period: float, base: BaseStates) -> None:
+        self.base = base
         self.delay = round(perturbation.delay / period)
         self.states: list[Array] = []
         self.measured: list[Array] = []
@@ -81,8 +82,11 @@ class Sensors:
     def measure(self, state: Array) -> None:
         """Measure orientation, joints and their rates with noise; the base's position without."""
         measured = state.copy()
-        noise = self._random.standard_normal((2, state.shape[1] - BASE + 1))
-        measured[:, BASE - 1 :] += self._deviations * noise
+        base = self.base
+        count = base.rotations + state.shape[1] - base.size
+        noise = self._deviations * self._random.standard_normal((2, count))
+        base.disturb(measured, noise[:, : base.rotations])
+        measured[:, base.size :] += noise[:, base.rotations :]
         self.states.append(state)
         self.measured.append(measured)
 
@@ -94,7 +98,7 @@ class Corrections:
     ----------
     statuses : how often a correction had which
     seconds : processor time of each
-    log : time, s, predicted miss, rad, and whether the motion was changed (1 or 0), of each
+    log : time, s, predicted miss, rad, in space its size, and whether the motion was changed (1 or 0), of each
     """
 
     def __init__(
@@ -108,9 +112,9 @@ class Corrections:
     ) -> None:
         """Begin a flight at ``begin``, s.
 
-        ``com`` measures position and velocity of the centre of mass, in the plane, from a state as it was and as it was
-        measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]`` before
-        the landing.
+        ``com`` measures position and velocity of the centre of mass, in a plane by its axes, from a state as it was and
+        as it was measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]``
+        before the landing.
         """
         self.replanner = replanner
         self.reduced = reduced
@@ -136,13 +140,14 @@ class Corrections:
         if tick % self.every or late < 0 or late * self.period < after or now >= self.landing - before:
             return
         measured = sensors.measured[late]
-        positions, velocities = (measured[:, BASE:] - self.reduced.resting) @ self.reduced.planned_of_joints.T
+        base = sensors.base
+        positions, velocities = (measured[:, base.size :] - self.reduced.resting) @ self.reduced.planned_of_joints.T
         com = (None, None) if self.com is None else self.com(sensors.states[late], measured)
         start_time = clock.process_time()
         correction = self.replanner.update(
             late * self.period - self.begin,
-            float(measured[0, BASE - 1]),
-            float(measured[1, BASE - 1]),
+            base.orientation(measured),
+            base.rate(measured),
             positions,
             velocities,
             now - self.begin,
@@ -151,7 +156,8 @@ class Corrections:
         self.seconds.append(clock.process_time() - start_time)
         self.statuses[correction.status] += 1
         changed = correction.status in ("applied", "limited")
-        self.log.append((now, correction.predicted_miss, float(changed)))
+        miss = correction.predicted_miss
+        self.log.append((now, miss if isinstance(miss, float) else float(np.linalg.norm(miss)), float(changed)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,13 +199,14 @@ class JointControl:
             now = number * period
             if now >= self.guide.end - rounding:
                 return
-            state = np.stack(robot.state())
+            base = self.sensors.base
+            state = base.joined(*robot.state())
             self.sensors.measure(state)
             target, torques = self.guide.target(number, now, self.sensors)
-            self.errors.append(target - self.sensors.measured[-1][:, BASE:])
+            self.errors.append(target - self.sensors.measured[-1][:, base.size :])
             if number >= self.feedback_delay:
                 torques = torques + (self.gains * self.errors[number - self.feedback_delay]).sum(axis=0)
-            limited = self.motors.limited(torques, state[1, BASE:])
+            limited = self.motors.limited(torques, state[1, base.size :])
             finite = robot.move(self.strength * limited, min(period, self.guide.end - now))
             yield Tick(number, now, state, torques, limited, finite)
             if not finite:

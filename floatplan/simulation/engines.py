@@ -33,8 +33,10 @@ class PinocchioRobot:
         return np.array(pin.aba(self.model, self.data, q, v, forces))
 
     def moved(self, q: Array, v: Array, duration: float) -> Array:
-        """Return the configuration after a duration, s, at a velocity, in a plane."""
-        return np.asarray(q + duration * v)
+        """Return the configuration after a duration, s, at a velocity, in space along the geodesic."""
+        if len(q) == len(v):
+            return np.asarray(q + duration * v)
+        return np.asarray(pin.integrate(self.model, q, duration * v))
 
     def rate(self, q: Array, v: Array) -> Array:
         """Return the derivative of a configuration by time."""

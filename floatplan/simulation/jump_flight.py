@@ -17,6 +17,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import BASE, JumpState
+from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact_model import ContactRobot, least_heights
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
 from floatplan.simulation.perturbation import Perturbation
@@ -83,7 +84,7 @@ class JumpControl:
         corrections = None
         if correct and self.replanner is not None:
             corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff, self.clear)
-        sensors = Sensors(perturbation, sample, PERIOD)
+        sensors = Sensors(perturbation, sample, PERIOD, base_states(self.reduced))
         guide = _JumpGuide(self, corrections)
         control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
         goal = self.jump.flight.problem.final.orientation

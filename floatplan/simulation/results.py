@@ -22,6 +22,8 @@ Motion = TypeVar("Motion")
 class Trace:
     """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; and its corrections.
 
+    In space the orientation is the angle from the goal's attitude, and a predicted miss the size of one.
+
     ``corrections`` (C, 3): time, predicted miss at once (rad), and whether the motion was changed (1 or 0).
     """
 
@@ -66,7 +68,7 @@ class PlanLandings(Landings):
     Attributes
     ----------
     orientation : (F,) rad
-        Orientation at landing less the goal.
+        Orientation at landing less the goal; in space the angle between the two attitudes.
     joints : (F,) rad
         The largest error of a joint at landing.
     torque_peak : (F, m) N m

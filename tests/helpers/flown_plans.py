@@ -1,4 +1,4 @@
-"""Plans without a search: a motion of a problem's class, its end made the goal; and flights that obey (4) alone."""
+"""Plans without a search: a motion of a problem's class, its end made the goal; flights that obey (4) or (S1) alone."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
+from scipy.integrate import solve_ivp
 
 import floatplan as fp
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.flight import flight_of
 from floatplan.planning.variables import decision_variables
+from floatplan.problem.attitude import required
 
 
 def forward_plan(problem: fp.Problem, seed: int = 0, size: float = 0.3) -> fp.Plan:
@@ -54,3 +57,60 @@ class Drifting:
         self.time, self.orientation = until, float(orientations[-1])
         ends = np.asarray(times + step / 2, dtype=np.float64)
         return ends, orientations, replanner.motion.at(ends)[0]
+
+
+class DriftingInSpace:
+    """The same in space: the base turns by (S1), Pinocchio's centroidal map, integrated by DOP853.
+
+    It has an angular momentum (3,), kg m^2/s, and relative ``errors`` (2m,) of the masses and inertias of its bodies.
+    """
+
+    def __init__(self, plan: fp.Plan, momentum: Array, errors: Array | None = None) -> None:
+        self.plan, self.momentum = plan, momentum
+        self.time, self.attitude = 0.0, pin.Quaternion(plan.at(0.0).orientation).matrix()
+        model = self.plan.robot.model.copy()
+        if errors is not None:
+            masses, inertias = np.split(1 + errors, 2)
+            for body in range(1, model.njoints):
+                own = model.inertias[body]
+                inertia = inertias[body - 1] * own.inertia
+                model.inertias[body] = pin.Inertia(masses[body - 1] * own.mass, own.lever, inertia)
+        self.model, self.data = model, model.createData()
+
+    def rate(self, positions: Array, velocities: Array, attitude: Array) -> Array:
+        """Angular velocity (3,) in the base's axes."""
+        robot, base = self.plan.robot, slice(3, 6)
+        q = robot.reference.copy()
+        q[7:] += robot.selection[6:] @ positions
+        q[:7] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+        rows = pin.computeCentroidalMap(self.model, self.data, q)[3:]
+        relative = rows[:, 6:] @ (robot.selection[6:] @ velocities)
+        return np.asarray(np.linalg.solve(rows[:, base], attitude.T @ self.momentum - relative))
+
+    def state(self, replanner: fp.Replanner) -> tuple[float, Array, Array, Array, Array]:
+        """Return the arguments of ``update`` for now."""
+        positions, velocities, _ = replanner.motion.at(self.time)
+        rate = self.rate(positions[0], velocities[0], self.attitude)
+        return self.time, pin.Quaternion(self.attitude).coeffs(), rate, positions[0], velocities[0]
+
+    def fly(self, replanner: fp.Replanner, until: float, tolerance: float = 1e-8) -> None:
+        """Fly on."""
+
+        def growth(time: float, quaternion: Array) -> Array:
+            positions, velocities, _ = replanner.motion.at(time)
+            attitude = pin.Quaternion(quaternion / np.linalg.norm(quaternion)).matrix()
+            rate = self.rate(positions[0], velocities[0], attitude)
+            vector, scalar = quaternion[:3], quaternion[3]
+            return np.append(scalar * rate + np.cross(vector, rate), -vector @ rate) / 2
+
+        start = pin.Quaternion(self.attitude).coeffs()
+        flown = solve_ivp(growth, (self.time, until), start, "DOP853", rtol=tolerance, atol=tolerance / 10)
+        end = flown.y[:, -1]
+        self.attitude = pin.Quaternion(end / np.linalg.norm(end)).matrix()
+        self.time = until
+
+    @property
+    def off(self) -> Array:
+        """The rotation (3,) from the goal to its attitude, rad, in the goal's axes."""
+        goal = required(self.plan.problem.final.attitude).matrix
+        return np.asarray(pin.log3(goal.T @ self.attitude))

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from long_cases import cases
+from needed import skip_or_fail
 
 import floatplan as fp
+from floatplan.inflight import authority as authority_module
+from floatplan.robot.urdf.tree import robots_folder
 from floatplan.simulation.replay import landing_rows, replays
 
 
@@ -61,9 +65,46 @@ def test_many_flights_are_a_table(diver, floatplan):
     assert "--save" in refused.stderr
 
 
-@pytest.mark.parametrize(
-    "command", [("replay", "--replan", "100"), ("replay", "--authority"), ("launch",)], ids=" ".join
-)
+def test_corrected_flights(diver, floatplan, monkeypatch):
+    """By forward dynamics: within half a degree, where without corrections they miss by many."""
+    monkeypatch.setattr(authority_module, "LARGEST", 0.01)
+    monkeypatch.setattr(authority_module, "SHARES", (0.0,))
+    path = diver.save("plan.json")
+    options = ("--flights", 1, "--perturb", "h=2%,noise=0.05deg,delay=5ms", "--seed", 2)
+    run = floatplan("replay", path, "--replan", 100, *options, "--authority", "--json", "-o", "out")
+    assert run.code == 0
+    facts = json.loads(run.stdout)
+    assert facts["corrected"]["orientation_error_worst"] < np.radians(0.5)
+    assert facts["uncorrected"]["orientation_error_worst"] > np.radians(5)
+    assert np.array(facts["authority"]["momentum"]).shape == (1, 3, 2)
+    assert Path("out/flights.html").read_text(encoding="utf-8").count("data:image/png") == 1
+    told = floatplan("replay", path, "--authority")
+    assert told.code == 0
+    assert "momentum y" in " ".join(told.stdout.split())
+
+
+def test_a_go2_lands_with_another_momentum(planned):
+    if robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed")
+    plan = planned("space/go2_barrel_roll")
+    flown = fp.closed_loop(plan, perturb="h=10%", flights=2, seed=1)
+    assert flown.perturbation.h == 0.1
+    assert (flown.corrected.orientation < np.radians(0.5)).all()
+    assert (flown.uncorrected.orientation > np.radians(20)).all()
+    assert (flown.corrected.torque_peak < flown.effort).all()
+    assert flown.corrected.joints.max() < np.radians(0.5)
+
+
+def test_mujoco_flies_the_same_corrected_robot(diver):
+    pytest.importorskip("mujoco")
+    flown = [
+        fp.closed_loop(diver, perturb="h=2%", flights=1, seed=1, engine=engine) for engine in ("pinocchio", "mujoco")
+    ]
+    assert all(each.corrected.orientation[0] < np.radians(0.5) for each in flown)
+    np.testing.assert_allclose(*(each.uncorrected.orientation for each in flown), atol=1e-3)
+
+
+@pytest.mark.parametrize("command", [("launch",)], ids=" ".join)
 def test_what_is_not_yet_for_flights_in_space_is_refused_in_a_line(diver, floatplan, command):
     name, *options = command
     refused = floatplan(name, diver.save("plan.json"), *options)

@@ -23,7 +23,13 @@ from floatplan.tables import A_TURN_OFF, STEEPEST
 
 
 class SpatialRows(KernelRows):
-    """Rows of a flight in space."""
+    """Rows of a flight in space.
+
+    Attributes
+    ----------
+    path : (7,)
+        Of the centre of mass: place, velocity, gravity.
+    """
 
     def __init__(self, flight: SpatialFlight, blocks: Sequence[Block], also: str = "") -> None:
         compiled = kernel()
@@ -40,10 +46,11 @@ class SpatialRows(KernelRows):
         needs_places = any(isinstance(block, DistanceRows) for block in blocks)
         shapes = flight.link_shapes if needs_places else None
         path = flight.ballistics
+        self.path = doubles([*path.position0, *path.velocity0, path.gravity])
         places = {
             "needs_places": needs_places,
             "turn": 1.0,
-            "path": doubles([*path.position0, *path.velocity0, path.gravity]),
+            "path": self.path,
             "ends_real": None,
             "ends_imaginary": None,
             **_shapes(shapes),
@@ -108,10 +115,11 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
 @cache
 def cells_of_levels() -> StructArray:
     """Return the cells of all levels."""
-    return StructArray([_cells(cells(*level)) for level in LEVELS])
+    return StructArray([struct_of_cells(cells(*level)) for level in LEVELS])
 
 
-def _cells(of: Cells) -> Struct:
+def struct_of_cells(of: Cells) -> Struct:
+    """Return cells as the kernel sees them."""
     gauss = of.gauss
     return Struct(
         "Cells",
@@ -140,7 +148,7 @@ def cells_and_stages(of: Cells, form: Form) -> tuple[Struct, Struct]:
     """Return cells, and their stages for motions of a form: stage by stage, those of all cells side by side."""
     s = of.s.reshape(of.count, of.stages).T.ravel()
     weights = np.repeat(of.gauss.weights, of.count) / of.count
-    return _cells(of), _nodes(s, weights, form)
+    return struct_of_cells(of), _nodes(s, weights, form)
 
 
 def _nodes(s: Array, weights: Array, form: Form) -> Struct:

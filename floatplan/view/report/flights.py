@@ -20,7 +20,9 @@ from floatplan.files import write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row
 from floatplan.plans.verdicts import Tone, verdict_in_words
+from floatplan.problem.attitude import required
 from floatplan.simulation.results import ClosedLoop, JumpLandings, JumpReplay
+from floatplan.simulation.spatial_motion import angle_between
 from floatplan.view.figures.animation import animate
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import COLUMN, PALETTE, legend_above, new_figure, palette, picture
@@ -168,10 +170,14 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
         size = _error_sizes(miss)
         predicted.plot(when, size, color=WITH, alpha=faint, linewidth=0.5)
         predicted.plot(when[changed == 0], size[changed == 0], ".", color=PALETTE.alarm, markersize=2)
-    for axes, columns, width in ((orientation, state.orientation, 1.0), (joints, state.positions, 0.8)):
+    planned = state.orientation
+    if plan.robot.in_plane is None:
+        goal = required(plan.problem.final.attitude).quaternion
+        planned = np.array([angle_between(quaternion, goal) for quaternion in state.orientation])
+    for axes, columns, width in ((orientation, planned, 1.0), (joints, state.positions, 0.8)):
         axes.plot(state.times, np.degrees(columns), color=PALETTE.ink, linestyle="--", linewidth=width)
     _histogram(landings, [flights.corrected.orientation, flights.uncorrected.orientation])
-    orientation.set(ylabel="orientation (°)")
+    orientation.set(ylabel="orientation (°)" if plan.robot.in_plane else "from the goal (°)")
     joints.set(ylabel="joints (°)")
     predicted.set(ylabel="predicted miss (°)", xlabel="time (s)", yscale="log")
     _label_decades(predicted.yaxis)

@@ -1,0 +1,278 @@
+"""Corrections of flights in space: continuous, to the goal's attitude, foreseen as they come; nothing stops them."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from flown_plans import DriftingInSpace
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.arrays import Array
+from floatplan.inflight import authority as authority_module
+from floatplan.inflight import prediction, update
+from floatplan.kernel.tolerances import CORRECTION_GAINS_IN_SPACE
+from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.robot.urdf.tree import robots_folder
+
+SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
+
+
+@pytest.fixture(scope="module")
+def diver() -> fp.Plan:
+    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"))
+
+
+@pytest.fixture(scope="module")
+def go2() -> fp.Plan:
+    if robots_folder() is None:
+        skip_or_fail("example-robot-data is not installed")
+    return fp.plan(fp.load_problem(SPACE / "go2_barrel_roll.toml"))
+
+
+@pytest.fixture(scope="module")
+def of_diver(diver: fp.Plan) -> fp.Replanner:
+    return fp.Replanner(diver)
+
+
+@pytest.fixture(scope="module")
+def of_go2(go2: fp.Plan) -> fp.Replanner:
+    return fp.Replanner(go2)
+
+
+@pytest.fixture
+def replanner(of_diver: fp.Replanner) -> fp.Replanner:
+    of_diver.reset()
+    return of_diver
+
+
+def instants(plan: fp.Plan, count: int) -> Sequence[float]:
+    return (plan.duration * np.arange(1, count + 1) / count).tolist()
+
+
+@pytest.mark.parametrize("error", [-0.1, 0.1])
+def test_a_go2_lands_from_another_momentum(go2: fp.Plan, of_go2: fp.Replanner, error: float) -> None:
+    of_go2.reset()
+    robot = DriftingInSpace(go2, go2.angular_momentum * (1 + error))
+    for following in instants(go2, 50):
+        before = of_go2.motion
+        correction = of_go2.update(*robot.state(of_go2))
+        assert correction.status == "applied"
+        for old, new in zip(before.at(robot.time), correction.motion.at(robot.time), strict=True):
+            np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-6)
+        robot.fly(of_go2, following)
+    assert np.linalg.norm(robot.off) < math.radians(0.02)
+    np.testing.assert_allclose(of_go2.motion.at(go2.duration)[0][0], go2.problem.final.positions, atol=1e-9)
+    np.testing.assert_allclose(correction.angular_momentum, robot.momentum, rtol=0, atol=2e-3)
+    alone = DriftingInSpace(go2, robot.momentum)
+    of_go2.reset()
+    alone.fly(of_go2, go2.duration)
+    assert np.linalg.norm(alone.off) > math.radians(20)
+
+
+def test_an_undisturbed_flight_stays_the_plan(diver: fp.Plan, replanner: fp.Replanner) -> None:
+    robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum))
+    for following in instants(diver, 40):
+        assert replanner.update(*robot.state(replanner)).status == "applied"
+        robot.fly(replanner, following)
+    late = diver.duration - 0.02
+    assert np.abs(replanner.motion.at(late)[0][0] - diver.at(late).positions).max() < 1e-3
+    assert np.linalg.norm(robot.off) < 1e-4
+
+
+def test_reference_is_the_plan_before_anything_is_measured(diver: fp.Plan, replanner: fp.Replanner) -> None:
+    state, reference = diver.at(0.0), replanner.reference(0.0)
+    np.testing.assert_allclose(reference.feedforward, state.torques, rtol=1e-7, atol=1e-6)
+    np.testing.assert_allclose(reference.motors, state.motor_torques, rtol=1e-7, atol=1e-6)
+    for time in np.linspace(0.0, diver.duration, 7):
+        state, reference = diver.at(time), replanner.reference(float(time))
+        for name in ("positions", "velocities", "accelerations"):
+            np.testing.assert_allclose(getattr(reference, name), getattr(state, name), rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("begin", [0.0, 0.3, 0.7])
+def test_what_is_foreseen_is_what_an_integration_finds(diver: fp.Plan, replanner: fp.Replanner, begin: float) -> None:
+    """Of the robot that the filter has found, by Pinocchio and DOP853; errors of h about all axes."""
+    turned = pin.exp3(np.array([0.02, -0.03, 0.01]))
+    robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 0.97 + [0.5, 0.2, -0.4])
+    if begin:
+        robot.fly(replanner, begin * diver.duration)
+    robot.attitude = turned @ robot.attitude
+    for following in begin * diver.duration + np.array([0.02, 0.05, 0.09]):
+        correction = replanner.update(*robot.state(replanner))
+        assert correction.status in ("applied", "limited")
+        now = robot.time
+        robot.fly(replanner, float(following))
+    found = replanner._estimate.inertial
+    foreseen = DriftingInSpace(diver, found.angular_momentum, found.errors)
+    foreseen.time, foreseen.attitude = now, replanner._update.turned @ found.orientation
+    foreseen.fly(replanner, diver.duration, 1e-11)
+    np.testing.assert_allclose(foreseen.off, correction.predicted_miss, rtol=0, atol=1e-6)
+
+
+def limited(plan: fp.Plan) -> fp.Plan:
+    """The plan with limits that its motion comes near to."""
+    rate = float(np.linalg.norm(plan.at(np.linspace(0, plan.duration, 50)).orientation_rate, axis=1).max())
+    peaks = plan.peaks
+    limits = fp.Limits(
+        torque=1.2 * float(np.max(peaks.motor_torque)),
+        velocity=1.2 * float(np.max(peaks.velocity)),
+        orientation_rate=1.2 * rate,
+    )
+    return replace(plan, problem=replace(plan.problem, limits=limits))
+
+
+@pytest.mark.parametrize("name", ["diver", "go2"])
+def test_a_step_is_that_of_finite_differences(
+    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the miss, and of rows beyond their aims of torques and rates."""
+    gains = replace(CORRECTION_GAINS_IN_SPACE, evaluations_far=1, far=math.inf, most_rows=1000, weighed=1e3)
+    monkeypatch.setattr(update, "CORRECTION_GAINS_IN_SPACE", gains)
+    monkeypatch.setattr(prediction, "SHARE_AIM", 0.8)
+    plan = limited(request.getfixturevalue(name))
+    sigma, acceleration = 0.01, 0.02
+    replanner = fp.Replanner(plan, sigma=sigma, acceleration=acceleration)
+    views, now = replanner.views, replanner._update
+    replanner.reset()
+    replanner._estimate.inertial.state[3:6] *= 1.01
+    begin = 0.2 * plan.duration
+    rest = replanner.rest(begin)
+    shape = (len(rest.coefficients) - CONDITIONS, len(rest.amplitude))
+
+    def looked_at(y: Array) -> tuple[Array, Array]:
+        coefficients = rest.coefficients.copy()
+        coefficients[CONDITIONS:] += views.whitening @ y.reshape(shape) / rest.amplitude
+        miss = now.predicted(replace(rest, coefficients=coefficients)).miss
+        return miss, now.row_values.copy()
+
+    miss, values = looked_at(np.zeros(shape[0] * shape[1]))
+    first = now._block_first
+    aims = np.repeat([rows.aim for rows in views.rows], np.diff(first))[:, None] + np.zeros_like(values)
+    softness = np.repeat([rows.softness for rows in views.rows], np.diff(first))[:, None] + np.zeros_like(values)
+    near = values < aims
+    assert [near[begin:end].any() for begin, end in pairwise(first)] == [True] * len(views.rows)
+    scale = np.concatenate((np.full(3, max(sigma, np.linalg.norm(miss) / gains.weighed)), softness[near]))
+    residual = np.concatenate((miss, (values - aims)[near])) / scale
+    columns = []
+    for unit in np.eye(shape[0] * shape[1]):
+        (ahead, above), (back, below) = looked_at(1e-5 * unit), looked_at(-1e-5 * unit)
+        columns.append(np.concatenate((ahead - back, (above - below)[near])) / (2e-5 * scale))
+    jacobian = np.transpose(columns)
+    stiffness = 1 / (acceleration * rest.remaining**2) ** 2
+    y = -np.linalg.solve(jacobian.T @ jacobian + stiffness * np.eye(len(columns)), jacobian.T @ residual)
+    expected = views.whitening @ y.reshape(shape) / rest.amplitude
+    found = now.corrected(begin, plan.duration, 1)
+    change = found.motion.coefficients[CONDITIONS:] - rest.coefficients[CONDITIONS:]
+    assert np.abs(change).max() > 0
+    np.testing.assert_allclose(change, expected, rtol=0, atol=2e-5 * np.abs(expected).max())
+
+
+def test_momentum_and_masses_are_found(diver: fp.Plan, replanner: fp.Replanner) -> None:
+    """With noise, of a robot of other masses: how the base turns is then foreseen, which the plan's masses do not."""
+    rng = np.random.default_rng(3)
+    bodies = len(replanner._estimate.inertial.errors) // 2
+    errors = 0.05 * rng.choice((-1.0, 1.0), 2 * bodies)
+    robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 1.03 + [0.6, 0.0, -0.3], errors)
+    for following in instants(diver, 140)[:100]:
+        time, quaternion, rate, positions, velocities = robot.state(replanner)
+        noisy = pin.Quaternion(pin.Quaternion(quaternion).matrix() @ pin.exp3(0.001 * rng.standard_normal(3)))
+        rate = rate + 0.01 * rng.standard_normal(3)
+        assert replanner.update(time, noisy.coeffs(), rate, positions, velocities).status != "invalid"
+        robot.fly(replanner, following)
+    found, ends = replanner._estimate.inertial, []
+    for momentum, masses in (
+        (robot.momentum, errors),
+        (found.angular_momentum, found.errors),
+        (np.asarray(diver.angular_momentum), None),
+    ):
+        real = DriftingInSpace(diver, momentum, masses)
+        real.time, real.attitude = robot.time, robot.attitude
+        real.fly(replanner, robot.time + 0.2)
+        ends.append(real.attitude)
+    off, off_of_plan = (np.linalg.norm(pin.log3(end.T @ ends[0])) for end in ends[1:])
+    assert off < 0.01 < 3 * off < off_of_plan
+
+
+BAD = {
+    "nan": {"orientation": [math.nan, 0.0, 0.0, 1.0]},
+    "an angle": {"orientation": 0.3},
+    "no rotation": {"orientation": [0.0, 0.0, 0.0, 0.0]},
+    "not a unit": {"orientation": [0.0, 0.0, 0.0, 2.0]},
+    "a matrix": {"orientation": np.eye(3)},
+    "text": {"orientation": "up"},
+    "scalar first": {"orientation": lambda value: np.roll(value, 1)},
+    "from the world to the base": {"orientation": lambda value: value * [-1, -1, -1, 1]},
+    "far off": {"orientation": lambda value: np.array([value[3], -value[2], value[1], -value[0]])},
+    "one rate": {"orientation_rate": 1.0},
+    "rate jump": {"orientation_rate": lambda value: value + 200.0},
+    "joint jump": {"positions": lambda value: value + 2.0},
+    "joints in degrees": {"positions": np.degrees, "velocities": np.degrees},
+    "com of a plane": {"com_position": [0.0, 0.0], "com_velocity": [0.0, 0.0]},
+}
+WORDS = {"scalar first": "w, x, y, z", "from the world to the base": "conjugate", "joints in degrees": "degrees"}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_cannot_be_is_invalid_and_changes_nothing(diver: fp.Plan, replanner: fp.Replanner, case: str) -> None:
+    robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 1.01)
+    for following in (0.1, 0.2, 0.3):
+        replanner.update(*robot.state(replanner))
+        robot.fly(replanner, following)
+    names = ("t", "orientation", "orientation_rate", "positions", "velocities")
+    good = dict(zip(names, robot.state(replanner), strict=True))
+    wrong = {key: value(good[key]) if callable(value) else value for key, value in BAD[case].items()}
+    before = replanner.motion
+    correction = replanner.update(**{**good, **wrong})
+    assert correction.status == "invalid"
+    assert WORDS.get(case, "") in correction.reason
+    assert correction.motion is replanner.motion is before
+    opposite = {**good, "orientation": -good["orientation"]}  # the same attitude
+    assert replanner.update(**opposite).status != "invalid"
+
+
+def test_copies_go_on_alike(diver: fp.Plan, replanner: fp.Replanner) -> None:
+    robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 0.98)
+    for following in (0.05, 0.1):
+        replanner.update(*robot.state(replanner))
+        robot.fly(replanner, following)
+    others = copy.copy(replanner), pickle.loads(pickle.dumps(replanner))
+    state = robot.state(replanner)
+    own = replanner.update(*state).motion.coefficients
+    for other in others:
+        np.testing.assert_array_equal(other.update(*state).motion.coefficients, own)
+
+
+def test_the_landing_follows_the_centre_of_mass(diver: fp.Plan, replanner: fp.Replanner) -> None:
+    path, robot = diver.ballistics, DriftingInSpace(diver, np.asarray(diver.angular_momentum))
+    higher = replace(path, velocity0=path.velocity0 * [1.0, 1.0, 1.02])
+    height = path.positions(np.array([diver.duration]))[0, 2]
+    climb, speed = height - path.position0[2], higher.velocity0[2]
+    landing = (speed + math.sqrt(speed**2 - 2 * path.gravity * climb)) / path.gravity
+    for number in range(1, 60):
+        time = np.array([robot.time])
+        com = {"com_position": higher.positions(time)[0], "com_velocity": higher.velocities(time)[0]}
+        correction = replanner.update(*robot.state(replanner), **com)
+        robot.fly(replanner, landing * number / 60)
+    assert correction.landing == pytest.approx(landing, abs=1e-6)
+
+
+def test_authority_has_three_momenta(diver: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(authority_module, "LARGEST", 0.01)
+    monkeypatch.setattr(authority_module, "SHARES", (0.0, 0.9))
+    found = fp.authority(diver)
+    assert found.momentum.shape == (2, 3, 2)
+    assert found.inertia.shape == (2, 2)
+    assert (found.momentum[0] == [-0.01, 0.01]).all()
+    assert (np.abs(found.momentum[1]) < 0.01).any()
+    assert found.until(0.01) == 0.0
+    assert found.to_dict()["momentum"] == found.momentum.tolist()
