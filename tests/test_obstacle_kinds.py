@@ -10,6 +10,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
+from floatplan.certificate.spatial.obstacles import SPATIAL_SEPARATIONS
 from floatplan.motion.planar.clearance import OBSTACLE_DISTANCES
 from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES
 from floatplan.plans.record import OBSTACLES, OBSTACLES_IN_SPACE
@@ -49,6 +50,7 @@ def test_plan_files_hold_every_field_of_its_own(kind):
 
 def test_every_room_knows_every_kind_in_space():
     assert SPATIAL_DISTANCES.keys() == OBSTACLES_IN_SPACE.keys() == SPATIAL_OBSTACLE_KINDS.keys()
+    assert SPATIAL_SEPARATIONS.keys() == SPATIAL_OBSTACLE_KINDS.keys()
     for kind, known in SPATIAL_OBSTACLE_KINDS.items():
         assert OBSTACLES_IN_SPACE[kind].keys() == known.keys.keys() - SpatialObstacle.keys.keys()
 

@@ -265,3 +265,35 @@ def test_clearances_are_in_the_answer_of_certify(tmp_path, root):
     again = fp.certify(plan.save(tmp_path / "plan.json"))
     assert again.proved
     assert again.clearance_min == plan.certificate.clearance_min
+
+
+STANDING = """<mujoco><worldbody><body name="trunk"><freejoint/><geom type="box" size="0.1 0.1 0.3" mass="10"/>
+<body name="left" pos="0 0.15 0.25"><joint name="left" axis="1 0 0" range="-120 120"/>
+<geom type="capsule" fromto="0 0 0 0 0.4 0" size="0.05" mass="2"/></body>
+<body name="right" pos="0 -0.15 0.25"><joint name="right" axis="1 0 0" range="-120 120"/>
+<geom type="capsule" fromto="0 0 0 0 -0.4 0" size="0.05" mass="2"/></body>
+<body name="leg" pos="0 0 -0.35"><joint name="leg" axis="0 1 0" range="-120 120"/>
+<geom type="cylinder" pos="0 0 -0.2" size="0.05 0.2" mass="2"/></body></body></worldbody></mujoco>"""
+
+
+def test_a_robot_of_an_mjcf_that_stands_on_a_disc(tmp_path):
+    """Its leg tilts, and leaves the ground with the rim."""
+    path = tmp_path / "standing.xml"
+    path.write_text(STANDING)
+    robot = fp.Robot.from_mjcf(path, base="free-flyer")
+    start = fp.Posture(fp.Attitude(angles=(0, 0, 0), axes="yxz"), (0.1, 0.2, 0.0))
+    goal = fp.Posture(fp.Attitude(angles=(0.5, 0, 0), axes="yxz"), (0.3, -0.2, 0.3))
+    problem = fp.Problem(
+        robot,
+        start,
+        goal,
+        fp.Flight(0.6, "free", takeoff=fp.Takeoff("leg")),
+        fp.Motion(degree="auto"),
+        ground=True,
+        obstacles=(fp.Sphere(center=(0.9, 0, 1.5), radius=0.1), fp.HalfSpace(point=(0, 0, 1.8), normal=(0, 0, -1))),
+        self_clearances=(fp.SelfClearance(("left", "right"), 0.01),),
+    )
+    certificate = fp.certify(fp.plan(problem))
+    assert certificate.proved, certificate.unproved
+    assert finding(certificate, "ground").bound == pytest.approx(0, abs=1e-8)
+    assert finding(certificate, "self_clearance left right").bound == pytest.approx(0.2, abs=0.01)

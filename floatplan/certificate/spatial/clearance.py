@@ -135,10 +135,13 @@ class SegmentPairs:
         """Bernstein forms where the smallest distance of all may be."""
         vectors = (self.between, self.first, self.second)
         middle = [vector.c[cells, :, 0, :, 0] for vector in vectors]
-        distance = np.linalg.norm(_shortest(*middle), axis=-1) - self.radius.mid
+        shortest = _shortest(*middle)
+        distance = np.linalg.norm(shortest, axis=-1) - self.radius.mid
+        heights = [(_unit(shortest) * vector).sum(axis=-1) for vector in middle]
+        proved = _lowest_corner(*heights) - self.radius.mid
         known, change = (sum(sizes) for sizes in zip(*(_variation(vector, cells) for vector in vectors), strict=True))
         known = known + self.radius.rad + ROUGH * (1.0 + sum(np.linalg.norm(vector, axis=-1) for vector in middle))
-        return self.forms(*may_be_least(distance - known - change, distance + known, cells))
+        return self.forms(*may_be_least(proved - known - change, distance + known, cells))
 
     def forms(self, cell: IntArray, pair: IntArray) -> Items:
         """Bernstein forms of all nine coordinates, of single pairs on single cells."""
@@ -154,16 +157,13 @@ class SegmentPairs:
         order = forms.order
         c = forms.c.reshape(order, 3, 3, -1)  # of the three vectors, x, y and z
         between, first, second = (np.moveaxis(c[[0, -1], k], 1, -1) for k in range(3))  # (ends, items, 3)
-        normals = _shortest(between, first, second)
-        lengths = np.linalg.norm(normals, axis=-1, keepdims=True)
-        normals = normals / np.where(lengths > 0.0, lengths, 1.0)
-        heights = np.einsum("eix,kvxi->ekvi", normals, c)
+        heights = np.einsum("eix,kvxi->ekvi", _unit(_shortest(between, first, second)), c)
         share = np.arange(order + 1)[:, None, None] / order
         nothing = np.zeros((1, *heights.shape[2:]))
         early = np.concatenate([heights[0], nothing])
         late = np.concatenate([nothing, heights[1]])
         product = (1.0 - share) * early + share * late  # (K + 1, vectors, items)
-        corner = product[:, 0] + np.minimum(0.0, product[:, 1]) + np.minimum(0.0, -product[:, 2])
+        corner = _lowest_corner(product[:, 0], product[:, 1], product[:, 2])
         sizes = np.abs(forms.c).max(axis=0).sum(axis=0)
         radii = forms.e.sum(axis=0) * (1.0 + ROUNDING)
         apart = np.maximum(0.0, corner.min(axis=0) - radii - ROUNDING * sizes) * (1.0 - 8.0 * ROUND)
@@ -178,6 +178,17 @@ class SegmentPairs:
         radius = self.radius[pair]
         sizes = np.abs(values.mid).sum(axis=0) + radius.mid
         return np.asarray(distance - radius.mid + up(values.rad.sum(axis=0) + radius.rad + ROUNDING * sizes))
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (..., 3) made of length 1; zero where they are."""
+    lengths = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(lengths > 0.0, lengths, 1.0))
+
+
+def _lowest_corner(between: Array, first: Array, second: Array) -> Array:
+    """The least height of the corners of a parallelogram, from heights of the three vectors along one direction."""
+    return np.asarray(between + np.minimum(0.0, first) + np.minimum(0.0, -second))
 
 
 def _shortest(between: Array, first: Array, second: Array) -> Array:
