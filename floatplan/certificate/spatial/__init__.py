@@ -7,6 +7,6 @@ joints' rates make, ``omega`` the base's angular velocity. SI units and radians.
 
 The data flow is the order of the files: ``robot`` (constants), ``bodies`` (what the joints do alone), ``attitude`` (an
 approximation) and ``bound`` (how far it is off), ``torques``, ``flight`` (on cells that are as fine as needed),
-``findings``. What a plan
-in a plane leaves out is ``out_of_plane``. Obstacles, self-clearance and ground are not proved yet: ``clearance_findings`` is their place.
+``findings``. Obstacles, self-clearance and ground are not proved yet: ``clearance_findings`` is their place.
+``out_of_plane`` is about plans in a plane.
 """
