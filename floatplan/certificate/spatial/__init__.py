@@ -8,4 +8,5 @@ joints' rates make, ``omega`` the base's angular velocity. SI units and radians.
 The data flow is the order of the files: ``robot`` (constants), ``bodies`` (what the joints do alone), ``attitude`` (an
 approximation) and ``bound`` (how far it is off), ``torques``, ``flight`` (on cells that are as fine as needed),
 ``findings``; ``clearance`` (where the links' shapes are, and how far apart) and ``obstacles`` (from what).
+``out_of_plane`` is about plans in a plane.
 """

@@ -28,6 +28,8 @@ Quaternion: TypeAlias = tuple[float, float, float, float]
 
 SIGNS = (-1.0) ** np.arange(ORDER)
 STEPS = 4  # of Runge and Kutta's method in a cell, from whose result Newton's method begins
+MORE_STEPS = 16  # where that leads nowhere
+FAR = 1e-9  # [rad] of a gap where Newton's method came to no end
 SWEEPS = 8  # of Newton's method at most
 CLOSED = 2e-15  # [rad] of a gap between cells that is rounding
 
@@ -50,7 +52,20 @@ def approximate(
     half = cells.half.mid
     inverse, relative = motion.inverse.c[:, 0], motion.relative.c[:, 0, :, :, 0]
     if middles is None:
-        middles = _integrated(inverse, relative, half, momentum, start)
+        middles = _integrated(inverse, relative, half, momentum, start, STEPS)
+    approximation, gap = _by_newton(inverse, relative, half, momentum, start, middles)
+    if gap > FAR:
+        middles = _integrated(inverse, relative, half, momentum, start, MORE_STEPS)
+        again, gap_again = _by_newton(inverse, relative, half, momentum, start, middles)
+        if gap_again < gap:
+            return again
+    return approximation
+
+
+def _by_newton(
+    inverse: Array, relative: Array, half: Array, momentum: Array, start: Array, middles: Array
+) -> tuple[Approximation, float]:
+    """The approximation to which Newton's method leads from middles (cells, 4), and its largest gap, rad."""
     least = math.inf
     best = None
     for _ in range(SWEEPS):
@@ -64,7 +79,7 @@ def approximate(
         if largest < CLOSED:
             break
         middles = _closed(quaternions, transitions, gaps)
-    return best or Approximation(quaternions, transitions)
+    return best or Approximation(quaternions, transitions), least
 
 
 def _closed(quaternions: Array, transitions: Array, gaps: Array) -> Array:
@@ -118,9 +133,9 @@ def _series(inverse: Array, relative: Array, half: Array, momentum: Array, middl
     return quaternions, transitions
 
 
-def _integrated(inverse: Array, relative: Array, half: Array, momentum: Array, start: Array) -> Array:
-    """Attitudes (cells, 4) in the cells' middles, by Runge and Kutta's method of fourth order."""
-    powers = np.linspace(-1.0, 1.0, 2 * STEPS + 1)[:, None] ** np.arange(ORDER)
+def _integrated(inverse: Array, relative: Array, half: Array, momentum: Array, start: Array, steps: int) -> Array:
+    """Attitudes (cells, 4) in the cells' middles, by so many steps of Runge and Kutta's method of fourth order."""
+    powers = np.linspace(-1.0, 1.0, 2 * steps + 1)[:, None] ** np.arange(ORDER)
     mobility = np.einsum("mk,ckab->cmab", powers, inverse)
     drift = np.einsum("cmab,cmb->cma", mobility, np.einsum("mk,cka->cma", powers, relative))
     mobility *= half[:, None, None, None]
@@ -128,10 +143,10 @@ def _integrated(inverse: Array, relative: Array, half: Array, momentum: Array, s
     h = tuple(momentum.tolist())
     q = tuple((start / np.linalg.norm(start)).tolist())
     middles = []
-    du = 2.0 / STEPS
+    du = 2.0 / steps
     for matrices, drifts in zip(mobility.tolist(), drift.tolist(), strict=True):
-        for step in range(STEPS):
-            if 2 * step == STEPS:
+        for step in range(steps):
+            if 2 * step == steps:
                 middles.append(q)
             instants = [(matrices[2 * step + m], drifts[2 * step + m]) for m in range(3)]
             first = _rate(q, h, *instants[0])
