@@ -298,7 +298,7 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
     words = f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {_counted(len(check.flights), 'flight')}"
     return Group(
         Text(escaped(words), f"bold {COLOURS['good' if check.ok else 'bad']}"),
-        *(Text(remark, "dim") for remark in clip.remarks),
+        *(Text(remark, "dim") for remark in check.remarks),
         *([_table(CLIP_COLUMNS, rows)] if rows else []),
         *faults[:MOST_FINDINGS_SHOWN],
         *_more(len(faults) - MOST_FINDINGS_SHOWN, " faults"),
