@@ -258,7 +258,7 @@ def _mimickit(data: Mapping[str, Any]) -> Recording:
         raise InputError("has a rotation vector that is none", element="frames")
     return Recording(
         position=frames[:, :3],
-        quaternion=Rotation.from_rotvec(frames[:, 3:6]).as_quat(),
+        quaternion=Rotation.from_rotvec(np.array(frames[:, 3:6])).as_quat(),  # of a copy: it may be read-only
         joints=frames[:, 6:],
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",

@@ -60,7 +60,7 @@ class Seam:
         return self.sign * shape[:, None] * self.change
 
     def loose(self, times: Array) -> Array:
-        """Heights (K, F), m, from where on feet are not held at times (K,), s: at the flight none is, so no speed jumps."""
+        """Heights (K, F), m, where feet are held no more at times (K,), s: at the flight its own, so no speed jumps."""
         passed = self.sign * (times - self.instant)
         own = np.clip(self.clearances, HELD + LEAST_FADE, LOOSE)
         return np.where(((passed >= 0) & (passed < self.room))[:, None], own, LOOSE)
