@@ -1,8 +1,9 @@
-"""Runs floatplan on spoiled input: ``scripts/fuzz N [--first SEED] [--processes | --kills | --load] [--jobs J]``.
+"""Runs floatplan on spoiled input: ``scripts/fuzz N [--first SEED] [--clips | --processes | --kills | --load]``.
 
 Each of the N cases is a problem, URDF, mesh or plan file spoiled by its seed and met by a command, or a command line
 with strange options. In process they run in batches, so that a crash is seen and costs one case; ``--processes``
-starts the command line anew for each.
+starts the command line anew for each; ``--jobs J`` run at once. ``--clips`` spoils recorded motions instead, in all of
+their formats, and judges or repairs them.
 ``--kills`` kills sound commands at random moments instead, and looks at the files that they leave. ``--load`` makes
 1000 plans in one process, and tells what it grew by.
 """
@@ -35,6 +36,7 @@ MOST_GROWTH = 5.0  # MB
 
 MODES = {
     "here": fuzz_runs.run_here,
+    "clips": fuzz_runs.run_clip,
     "processes": fuzz_runs.run_process,
     "kills": fuzz_runs.run_killed,
 }
@@ -43,7 +45,7 @@ MODES = {
 def worker(seeds: range, mode: str) -> None:
     """Run cases and print what they break, a line of JSON each; a line before each says which comes next."""
     run = MODES[mode]
-    if mode == "here":
+    if mode in ("here", "clips"):
         resource.setrlimit(resource.RLIMIT_DATA, (fuzz_runs.LARGEST, fuzz_runs.LARGEST))
     out = sys.stdout
     for seed in seeds:
@@ -83,6 +85,7 @@ def main() -> None:
     parser.add_argument("cases", type=int, nargs="?", default=300)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--processes", dest="mode", action="store_const", const="processes", default="here")
+    parser.add_argument("--clips", dest="mode", action="store_const", const="clips")
     parser.add_argument("--kills", dest="mode", action="store_const", const="kills")
     parser.add_argument("--load", action="store_true")
     parser.add_argument("--mode", choices=MODES, help=argparse.SUPPRESS)

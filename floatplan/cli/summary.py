@@ -312,7 +312,7 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
     words = f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {_counted(len(check.flights), 'flight')}"
     return Group(
         Text(escaped(words), f"bold {COLOURS['good' if check.ok else 'bad']}"),
-        *(Text(remark, "dim") for remark in clip.remarks),
+        *(Text(remark, "dim") for remark in check.remarks),
         *([_table(titles, rows)] if rows else []),
         *faults[: SHOWN.findings],
         *_more(len(faults) - SHOWN.findings, " faults"),

@@ -14,6 +14,8 @@ from floatplan.clips.clip import Clip
 from floatplan.clips.judge import GRAVITY, PHYSICAL, UNPHYSICAL, FlightJudgement, judge_flight
 from floatplan.pool import one_thread
 
+LEVELS_APART = 0.3  # [m] from the lowest to the highest ground of a clip, above which it is remarked
+
 
 @dataclass(frozen=True, eq=False)
 class ClipCheck:
@@ -46,6 +48,17 @@ class ClipCheck:
         """Share of the flights that are unphysical; 0 of none."""
         return sum(flight.verdict == UNPHYSICAL for flight in self.flights) / max(len(self.flights), 1)
 
+    @cached_property
+    def remarks(self) -> tuple[str, ...]:
+        """What was assumed of the clip, a sentence each: when it was read, and of the ground under it."""
+        heights = self.clip.ground.heights
+        low = round(float(heights.min()), 2) + 0.0  # which is not -0.00
+        high = round(float(heights.max()), 2)
+        if high - low <= LEVELS_APART:
+            return self.clip.remarks
+        levels = f"still feet are taken to stand on ground from {low:.2f} to {high:.2f} m high"
+        return (*self.clip.remarks, f"{levels}: of a robot that hangs, or of a level ground, give its height, --ground")
+
     def table(self) -> list[dict[str, Any]]:
         """One row a flight, with the keys of the command line's ``--json``."""
         return [_row(flight) for flight in self.flights]
@@ -58,7 +71,7 @@ class ClipCheck:
             "fps": self.clip.fps,
             "frames": self.clip.frames,
             "feet": list(self.clip.scene.foot_names),
-            "remarks": list(self.clip.remarks),
+            "remarks": list(self.remarks),
             "flights": self.table(),
         }
 

@@ -259,7 +259,7 @@ def _mimickit(data: Mapping[str, Any]) -> Recording:
         raise InputError("has a rotation vector that is none", element="frames")
     return Recording(
         position=frames[:, :3],
-        quaternion=Rotation.from_rotvec(frames[:, 3:6]).as_quat(),
+        quaternion=Rotation.from_rotvec(np.array(frames[:, 3:6])).as_quat(),  # of a copy: it may be read-only
         joints=frames[:, 6:],
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
@@ -276,7 +276,7 @@ def _loco_mujoco(data: Mapping[str, Any]) -> Recording:
         raise InputError(reason, element="jnt_type", advice="give a trajectory of a model whose base is a free joint")
     splits = np.ravel(data.get("split_points", np.array([0, len(qpos)]))).tolist()
     if splits != [0, len(qpos)]:
-        reason = f"holds {len(splits) - 1} trajectories"
+        reason = f"are {splits[:4]}, which is not one trajectory of {len(qpos)} frames"
         raise InputError(reason, element="split_points", advice="give a file of one")
     if qpos.shape[1] != 6 + len(names):
         reason = f"has {qpos.shape[1]} columns for {len(names)} joints: {6 + len(names)} are theirs"

@@ -19,6 +19,7 @@ from floatplan.export.model_names import own_names
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.links import missing_meshes
 
 XYZW = "xyzw"
 WXYZ = "wxyz"
@@ -98,9 +99,14 @@ def load_clip(
 
 
 def _of_shapes(robot: Robot) -> str:
-    """What is remarked of a model whose links have no collision shapes."""
+    """What is remarked of a model whose links have no collision shapes, or whose meshes are not there."""
     if any(link.collisions for link in robot.file_tree.links.values()):
-        return ""
+        missing = missing_meshes(robot.file_tree, robot.path.parent)
+        if not missing:
+            return ""
+        link, mesh = missing[0]
+        others = f" and {len(missing) - 1} more are" if len(missing) > 1 else " is"
+        return f"the mesh {mesh} of {link}{others} not found: lines between the joints are in place of it"
     return "the model has no collision shapes: what touches the ground is taken for lines between its joints"
 
 

@@ -96,7 +96,7 @@ def clip_facts(check: ClipCheck) -> str:
     words = (
         f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {check.physical} of {len(check.flights)} physical"
     )
-    remarks = "".join(f"<br>{html.escape(remark)}" for remark in clip.remarks)
+    remarks = "".join(f"<br>{html.escape(remark)}" for remark in check.remarks)
     rows = [_table_row(judged) for judged in check.flights]
     titles = ("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "force to add, N", "feet slide, mm")
     return f"<p><b>{html.escape(words)}</b>{remarks}</p>{html_table('', rows, titles) if rows else ''}"

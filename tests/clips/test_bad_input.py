@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import pickle
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -13,6 +15,7 @@ from typing import Any
 import clip_samples as samples
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 
@@ -39,6 +42,16 @@ def arrays(**changes: Any) -> Callable[[Path], Path]:
         data = samples.mjlab_data(samples.hops(FPS)) | changes
         np.savez(folder / "clip.npz", **{key: value for key, value in data.items() if value is not None})
         return folder / "clip.npz"
+
+    return write
+
+
+def split(points: list[int]) -> Callable[[Path], Path]:
+    """Write an archive of LocoMuJoCo's whose trajectories begin at other frames."""
+
+    def write(folder: Path) -> Path:
+        data = samples.loco_data(samples.hops(FPS)) | {"split_points": np.array(points)}
+        return samples.save_arrays(folder / "clip.npz", data)
 
     return write
 
@@ -83,6 +96,7 @@ FRAMES = samples.hops(FPS).frames
 WRONG = {
     "a number that is none": (table(frame=7, column=9, value=np.nan), r"clip\.csv.*joints of frame 7"),
     "an endless place": (table(frame=3, column=2, value=np.inf), r"clip\.csv.*place of frame 3"),
+    "no number a second": (pickled(fps=float("nan")), r"clip\.pkl.*fps.*nan frames a second"),
     "degrees": (table(frame=5, column=8, value=150.0), r"clip\.csv.*l_knee.*rad outside .*radians"),
     "a quaternion of no length": (
         pickled(root_rot=np.zeros((FRAMES, 4))),
@@ -96,6 +110,7 @@ WRONG = {
     "too many frames": (content("clip.csv", b"0,0,0,0,0,0,1,0\n" * 200_010), r"clip\.csv.*more than 200000 frames"),
     "another robot": (pickled(dof_pos=np.zeros((FRAMES, 7))), r"clip\.pkl.*7 joints, the model 4"),
     "frames of two counts": (pickled(dof_pos=np.zeros((FRAMES - 1, 4))), rf"clip\.pkl.*{FRAMES - 1} frames .*{FRAMES}"),
+    "frames that go back": (split([40, 0]), r"clip\.npz.*split_points.*\[40, 0\].*one trajectory"),
     "no rate": (arrays(fps=None), r"clip\.npz.*fps"),
     "a rate of 0": (arrays(fps=np.array([0.0])), r"clip\.npz.*fps.*0 frames a second"),
     "rates": (arrays(fps=np.array([1.0, 2.0])), r"clip\.npz.*fps.*2 numbers"),
@@ -119,6 +134,53 @@ def test_what_is_wrong_is_said(name: str, robot: fp.Robot, tmp_path: Path, monke
     with pytest.raises(fp.InputError, match=message):
         fp.load_clip(write(tmp_path), model=robot)
     assert not (tmp_path / "was_run").exists()
+
+
+@pytest.mark.parametrize("command", ["check", "repair"])
+@pytest.mark.parametrize("name", WRONG)
+def test_commands_refuse_the_same(
+    name: str, command: str, model: Path, tmp_path: Path, floatplan: Callable[..., Any]
+) -> None:
+    write, message = WRONG[name]
+    path = write(tmp_path)
+    run = floatplan("clip", command, path, "--model", model)
+    assert run.code == 2
+    assert len(run.stderr.splitlines()) == 1
+    assert re.match(rf"error: .*{message}", run.stderr)
+    assert not run.stdout
+    assert list(tmp_path.glob("*_repaired*")) == []
+
+
+def test_quaternions_that_change_their_sign_are_the_same_motion(robot: fp.Robot, tmp_path: Path) -> None:
+    path = samples.write_csv(samples.hops(FPS), tmp_path / "clip.csv")
+    rows = np.loadtxt(path, delimiter=",")
+    rows[1::2, 3:7] *= -1.0
+    np.savetxt(tmp_path / "signs.csv", rows, delimiter=",")
+    plain, signs = (fp.load_clip(each, model=robot, fps=FPS) for each in (path, tmp_path / "signs.csv"))
+    np.testing.assert_allclose(signs.configurations, plain.configurations, atol=1e-12)
+    assert fp.check_clip(signs).table() == fp.check_clip(plain).table()
+
+
+def test_a_foot_whose_mesh_is_not_there_is_remarked(tmp_path: Path) -> None:
+    model = tmp_path / "hopper.urdf"
+    model.write_text(samples.robot_text().replace('<sphere radius="0.02"/>', '<mesh filename="foot.stl"/>'))
+    clip = fp.load_clip(samples.write_csv(samples.hops(FPS), tmp_path / "clip.csv"), model=model, fps=FPS)
+    assert any(re.search(r"foot\.stl of l_shank and 1 more are not found", remark) for remark in clip.remarks)
+
+
+def test_a_robot_that_hangs_is_remarked(robot: fp.Robot, tmp_path: Path) -> None:
+    """It hangs by its hands, its feet 1 m above the ground, and lets go."""
+    times = np.arange(150) / FPS
+    fallen = 0.5 * 9.81 * np.clip(times - 1.0, 0.0, math.sqrt(2.0 / 9.81)) ** 2
+    still = samples.hops(FPS)
+    places = np.stack((0.0 * times, 0.0 * times, still.places[0, 2] + 1.0 - fallen), axis=1)
+    hanging = samples.Sample(places, Rotation.identity(len(times)), np.tile(still.joints[0], (len(times), 1)), FPS)
+    path = samples.write_csv(hanging, tmp_path / "clip.csv")
+    check = fp.check_clip(fp.load_clip(path, model=robot, fps=FPS))
+    assert any(re.search(r"ground from 0\.00 to 1\.00 m high: of a robot that hangs", each) for each in check.remarks)
+    level = fp.check_clip(fp.load_clip(path, model=robot, fps=FPS, ground=0.0))
+    assert not any("hangs" in remark for remark in level.remarks)
+    assert level.flights[0].flight.begin == 0.0
 
 
 def test_options_that_contradict_the_file(robot: fp.Robot, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from fuzz_runs import judge, run_here, run_killed
+from fuzz_runs import judge, run_clip, run_here, run_killed
 from long_cases import cases
 
 CASES, BATCH = 200, 25
@@ -24,6 +24,16 @@ def test_every_promise_is_kept(first, tmp_path):
         folder = tmp_path / str(seed)
         folder.mkdir()
         broken += run_here(seed, folder)
+    assert not broken, "\n".join(map(str, broken))
+
+
+@pytest.mark.parametrize("first", cases(range(0, CASES, BATCH), range(EVERY_TIME, CASES)))
+def test_spoiled_clips_are_refused_or_judged(first, tmp_path):
+    broken = []
+    for seed in range(first, first + BATCH):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        broken += run_clip(seed, folder)
     assert not broken, "\n".join(map(str, broken))
 
 

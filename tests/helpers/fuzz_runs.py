@@ -28,6 +28,7 @@ from typing import NoReturn
 from unittest import mock
 
 from fuzz_cases import Case
+from fuzz_clips import prepare_clip
 from fuzz_mutations import ROOT
 from fuzz_sources import FORMATS, PROBLEMS, plan_of
 from own_process import started
@@ -95,9 +96,17 @@ def judge(seed: int, arguments: Sequence[str], code: object, output: str, errors
 
 def run_here(seed: int, folder: Path) -> list[Finding]:
     """Run a case in this process."""
+    return _run_command(seed, folder, Case(seed).prepare(folder))
+
+
+def run_clip(seed: int, folder: Path) -> list[Finding]:
+    """Run a command on a spoiled recorded motion in this process."""
+    return _run_command(seed, folder, prepare_clip(random.Random(seed), folder))
+
+
+def _run_command(seed: int, folder: Path, arguments: Sequence[str]) -> list[Finding]:
     from floatplan.cli.commands import app
 
-    arguments = Case(seed).prepare(folder)
     output = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
     errors = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="backslashreplace")
     code: object = 0
@@ -105,7 +114,7 @@ def run_here(seed: int, folder: Path) -> list[Finding]:
     with warnings.catch_warnings(record=True) as caught, _surroundings(folder), _streams(output, errors):
         warnings.simplefilter("always")
         try:
-            app(prog_name="floatplan", args=arguments)
+            app(prog_name="floatplan", args=list(arguments))
         except SystemExit as stopped:
             code = stopped.code or 0
         except BaseException:  # whatever comes out is what is looked for
