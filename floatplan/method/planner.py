@@ -55,39 +55,36 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     began = time.perf_counter()
     problem = as_problem(problem)
     refuse(problem)
-    results = []
-    minima = 0
+    solutions = []
     for program, x in starts(problem, np.random.default_rng(SEED(seed, "seed"))):
-        solution = solve(program, x)
-        motion = Plan.of_motion(
-            problem,
-            program.motions.polynomials,
-            program.motions.coefficients(solution.x[: program.motions.size]),
-            program.angular_momentum(solution.x),
-            status="optimal" if solution.converged else "feasible",
-            ok=True,
-            explanation="Every constraint holds at all times.",
-            solver={},
-        )
-        violation = max(motion.whole.missed, solution.violation, ORIENTATION)  # (14) by the plan's own dynamics
-        results.append((violation, motion.objective_value, solution.steps, motion))
-        minima += int(violation == ORIENTATION and solution.converged)
-        if minima and len(results) == 1:
+        solutions.append((program, solve(program, x)))
+        if solutions[0][1].converged:
             break
-    violation, _, _, nearest = min(results, key=lambda result: result[:2])
+    program, best = min(solutions, key=lambda one: (max(one[1].violation, ORIENTATION), one[1].objective))
     solver = {
-        "starts": len(results),
-        "solved": minima,
-        "iterations": sum(steps for _, _, steps, _ in results),
+        "starts": len(solutions),
+        "solved": sum(solution.converged for _, solution in solutions),
+        "iterations": sum(solution.steps for _, solution in solutions),
         "seed": seed,
         "seconds": time.perf_counter() - began,
     }
-    if violation == ORIENTATION:
-        return replace(nearest, solver=solver)
-    reason = (
-        f"The nearest motion of {len(results)} starts violates a constraint by {violation:.3g} rad or of its scale."
+    plan = Plan.of_motion(
+        problem,
+        program.motions.polynomials,
+        program.motions.coefficients(best.x[: program.motions.size]),
+        program.angular_momentum(best.x),
+        status="optimal" if best.converged else "feasible",
+        ok=True,
+        explanation="Every constraint holds at all times.",
+        solver=solver,
     )
-    return replace(nearest, ok=False, status="infeasible", explanation=reason, solver=solver)
+    violation = max(plan.whole.missed, best.violation)  # (14) by the plan's own dynamics
+    if violation <= ORIENTATION:
+        return plan
+    reason = (
+        f"The nearest motion of {len(solutions)} starts violates a constraint by {violation:.3g} rad or of its scale."
+    )
+    return replace(plan, ok=False, status="infeasible", explanation=reason)
 
 
 def refuse(problem: Problem) -> None:
@@ -130,12 +127,15 @@ def solve(program: Program, x: Array) -> Solution:
     for _ in range(EXCHANGES):
         solution = minimise(program, x, instants)
         steps += solution.steps
-        violation, added = violated(program, solution.x)
+        between, added = violated(program, solution.x)
         if not len(added) or solution.violation > ORIENTATION:
             break
         instants = np.union1d(instants, added)
         x = solution.x
-    return solution._replace(violation=max(solution.violation, violation), steps=steps)
+    violation = max(solution.violation, between)
+    return solution._replace(
+        violation=violation, converged=solution.converged and violation <= ORIENTATION, steps=steps
+    )
 
 
 def violated(program: Program, x: Array) -> tuple[float, Array]:

@@ -20,9 +20,10 @@ LEAST_CURVATURE = 1e-12  # [-] of the Hessian's largest
 
 
 class Solution(NamedTuple):
-    """Where it ended: x (m,), the violation there, whether that is a minimum, and after how many steps."""
+    """Where it ended: x (m,), objective and violation there, whether that is a minimum, and after how many steps."""
 
     x: Array
+    objective: float
     violation: float
     converged: bool
     steps: int
@@ -69,7 +70,8 @@ def minimise(program: Program, x: Array, instants: Array) -> Solution:
         if gained > 0:
             x = x + d
             here = there
-    return Solution(x, here.violation, here.violation < FEASIBLE and steps < MOST_STEPS, steps)
+    is_minimum = here.violation < FEASIBLE and steps < MOST_STEPS
+    return Solution(x, here.objective, here.violation, is_minimum, steps)
 
 
 def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> tuple[Array, Array, float]:

@@ -1,7 +1,7 @@
-"""Problems that go together: of each the kernel follows the plain motion, or so many starts as it needs, in one call.
+"""Problems of one kind in one call of the kernel: from the nominal motions, or from as many starts as they need.
 
-They differ in numbers alone, so that the structs of one of them are copied for all. What holds is an answer; the others
-are ready for a search of their own.
+They differ in numbers only, so that the structs of one of them are copied for all. What holds is a solution; the others
+can have a search of their own.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from floatplan.problem.problem import Problem, shares_of_limits
 
 @dataclass(frozen=True, eq=False)
 class NominalMotions:
-    """Motions of N problems with no free part, the arcsine on its first branch, as the variables of a search.
+    """Motions of N problems without free coefficients, the arcsine on its first branch, as the variables of a search.
 
     Attributes
     ----------
     like : Problem
         One of them; they share joint ranges and degrees.
     free : (n,) int
-        Free polynomials of each joint.
+        Free polynomials of the joints.
     duration, momentum, change : (N,) s, kg m^2/s, rad
         The last one is of the orientation.
     boundary : (N, n, 6)
@@ -128,17 +128,17 @@ class StructRow:
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one for every plan without inequalities
 class Batch:
-    """N problems of which the kernel has followed starts, each ready for further ones.
+    """N problems of which the kernel has followed starts, and can follow more.
 
     Attributes
     ----------
     template : KernelProblem
-        Of one problem, from which they differ in numbers alone.
+        Of one problem, from which they differ in numbers only.
     motions : PlainMotions
-        Where each began.
-    attempts, draws, classes, constraints : structs (N,)
+        Their nominal motions.
+    searches, sampling, classes, constraints : structs (N,)
     x, branch, coefficients : (N, size), (N, n), (N, n, k+1)
-        Where each ended, with b of (12).
+        Their results, with b of (12).
     minima : three arrays (N, most)
     """
 
@@ -194,7 +194,7 @@ class Batch:
         )
 
     def follow(self) -> None:
-        """Follow starts of each problem, as the structs say."""
+        """Follow starts of every problem, as the structs say."""
         whole = replace(
             self.template,
             constraints=self.constraints,
@@ -206,7 +206,7 @@ class Batch:
 
     @property
     def solved(self) -> IntArray:
-        """Those that need no more starts: the best of several holds, or the plain motion led to the optimum."""
+        """Those that need no more starts: the best of several holds, or the nominal motion led to the optimum."""
         status = self.status
         return np.flatnonzero(status == OPTIMAL if self.template.rows.rows else status != INFEASIBLE)
 
@@ -218,7 +218,7 @@ class Batch:
 
     @property
     def residual(self) -> Array:
-        """By how much (N,) each misses the goal, rad; infinite where the nodes do not resolve the motion."""
+        """By how much (N,) they miss the goal, rad; infinite where the nodes do not resolve the motion."""
         numbers = self.searches.numbers
         return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
 
@@ -247,14 +247,14 @@ class Batch:
         return own.result(FlightSpec(problem, own.start.variables.momentum))
 
     def search(self, row: int, problem: Problem, options: SearchOptions) -> Search:
-        """A search of one of the problems, whose first attempt is done."""
+        """A search of one of the problems, whose first attempt was in the batch."""
         own = self.problem(row)
         return Search(problem, options, FlightSpec(problem, own.start.variables.momentum), batched=own)
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What problems without inequalities share that are followed together, and one of them."""
+    """What problems without inequalities share that are planned in one batch, and one of them."""
 
     key: tuple[Any, ...]
     problem: Problem = field(compare=False)
@@ -268,7 +268,7 @@ def _template(kind: _Kind) -> KernelProblem:
 
 
 def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: int) -> Batch:
-    """Follow starts of problems without inequalities, which ``problem`` is one of, until so many of each are solved."""
+    """Follow starts of problems without inequalities, as ``problem``, until so many of every one are solved."""
     template = _template(_Kind(key(problem), problem))
     motions = NominalMotions.of(numbers)
     count = len(motions.x)
@@ -281,7 +281,7 @@ def follow_unconstrained(problem: Problem, numbers: Numbers, wanted: int, seed: 
 
 
 def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
-    """Follow the plain motions of problems with inequalities, which that of ``spec`` is one of; each as if alone."""
+    """Follow the nominal motions of problems with inequalities, which that of ``spec`` is one of."""
     motions = NominalMotions.of(numbers)
     count = len(motions.x)
     template = KernelProblem.of(spec, motions.start(0))
@@ -298,7 +298,7 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
         count=1,
         most_work=most_work,
         thickness=thickness,
-        reach=spec.flight.central_reach,  # it is asked first whether there is a chance
+        reach=spec.flight.central_reach,  # to examine first whether there is a chance
         minima=minima,
     )
     batch.follow()
@@ -306,7 +306,7 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
 
 
 def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str, Array]:
-    """What of the rows each problem has for itself: obstacles, the margins to them, limits."""
+    """What of the rows every problem has for itself: obstacles, the margins to them, limits."""
     rows = spec.rows
     members: dict[str, Array] = {}
     if numbers.obstacles:

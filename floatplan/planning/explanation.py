@@ -20,7 +20,7 @@ NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
 
 
 def explain(result: SearchResult) -> str:
-    """Say, in sentences for a person, why what a search found is no plan."""
+    """Say, in sentences for a person, why the result of a search is no plan."""
     problem = result.spec.problem
     reasons = result.impossible
     interrupted = [INTERRUPTED] if result.interrupted and not reasons else []
@@ -52,9 +52,9 @@ def _wrong_way(best: AttemptResult) -> str:
 
 
 def _near_miss(result: SearchResult) -> list[str]:
-    """What would make a plan of a nearest motion that violates next to nothing: more freedom is no answer to that.
+    """What would make a plan of a nearest motion that violates next to nothing: more freedom does not help there.
 
-    All of it is said: of each limit that the motion exceeds, by how much, so that with these it is a plan.
+    All of it is listed: by how much the motion exceeds every limit, so that with these it is a plan.
     """
     best = result.best
     residual = _residual(result)
@@ -128,7 +128,7 @@ def _nearest(result: SearchResult) -> list[str]:
 
 
 def impossible_ends(spec: FlightSpec, start: Start, of_rows: Array) -> Iterator[str]:
-    """Yield what already fails at takeoff or landing, where positions, rates and accelerations are given.
+    """Yield what already fails at takeoff or landing, where positions, rates and accelerations are fixed.
 
     What the search can still change there, with a free h or free accelerations, does not count. ``of_rows``
     (rows, 2) are the values of all rows at both ends.

@@ -2,7 +2,7 @@
 
 From a path of attitudes that the physics of twisting suggests, a damped Gauss-Newton method closes the gaps between the
 cells: each step is the shortest change of the motion that closes them to first order. A second stage descends the size
-of the motion's free part along motions without gaps.
+of the motion's free coefficients along motions without gaps.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ LIFTING = LiftingSettings()
 
 @dataclass(frozen=True, eq=False)
 class LiftedFlight:
-    """What is asked: the joints' motions of a class, in a flight, with the choice of h; and the work done with them."""
+    """The joints' motions of a class, in a flight, with the choice of h; and the work done with them."""
 
     spec: FlightSpec
     variables: DecisionVariables
@@ -93,7 +93,7 @@ class LiftedFlight:
         )
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
-        """Fly the motion x in all cells, each from its border (C, 3, 3); errors as of :func:`turn`."""
+        """Fly the motion x in all cells, from their borders (C, 3, 3); errors as of :func:`turn`."""
         self.work.evaluated(len(cells.s) * self.flight.bodies, entries=3 * cells.count * len(x))
         count = cells.count
         size = len(x)
@@ -166,7 +166,7 @@ class LiftedMotion:
     turns : (C, 3, size)
         Small turns of the ends by x, where no gap changes.
     spun : (2, C, S, 4), see :class:`~floatplan.motion.spatial.attitude.Turning`
-    makes_right_turns : whether turns and tilt are those that are asked for
+    makes_right_turns : whether turns and tilt are as requested
     """
 
     lifted: LiftedFlight
@@ -182,7 +182,7 @@ class LiftedMotion:
 
     @property
     def size(self) -> float:
-        """Root mean square of p's free part, over time, joints together, rad."""
+        """Root mean square of p's free polynomials over time and all joints, rad."""
         return float(np.linalg.norm(self.x[: self.lifted.variables.coefficients]))
 
     def is_closed(self, gap: float = LIFTING.closed) -> bool:
@@ -190,7 +190,7 @@ class LiftedMotion:
         return float(np.einsum("ca,ca->c", self.gaps, self.gaps).max()) < gap * gap
 
     def at(self, instants: Array) -> Array:
-        """Attitudes (K, 3, 3) at instants (K,) of [0, 1], each from the border before it."""
+        """Attitudes (K, 3, 3) at instants (K,) of [0, 1], from the borders before them."""
         spun = self.spun if self.lifted.variables.angular_momentum(self.x).any() else self.spun[1:]
         return attitudes_at(self.cells, self.lifted.flight.duration, self.borders, spun, instants)
 
@@ -264,7 +264,7 @@ def _size(change: Array, turns: Array) -> float:
 
 
 def descend(motion: LiftedMotion) -> LiftedMotion:
-    """Make a closed motion's free part smaller, along closed motions with the same turns."""
+    """Make a closed motion's free coefficients smaller, along closed motions with the same turns."""
     radius = LIFTING.first_radius
     free = motion.lifted.variables.coefficients
     for _ in range(LIFTING.descent_steps):
@@ -293,7 +293,7 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
 
 
 def is_least(motion: LiftedMotion) -> bool:
-    """Whether no closed motion beside a closed one has a smaller free part, to first order."""
+    """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
     free = motion.lifted.variables.coefficients
     downhill = np.zeros_like(motion.x)
     downhill[:free] = -motion.x[:free]
@@ -348,7 +348,7 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     A goal that is a rotation is reached by the shortest one, from rest to rest, where there is no h; else from the way
     that the motion x turns the base, whose error at landing is taken away evenly. For angles the body of the start
     posture is taken for a symmetric top: with the momentum h along the first axis, a tilt by beta makes it twist at
-    ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the twist that is asked.
+    ``h sin(beta) (1/I_3 - 1/I_t)``, so that a bump of tilt makes the requested twist.
     """
     flight = lifted.flight
     angular_momentum = lifted.variables.angular_momentum(x)

@@ -1,4 +1,4 @@
-"""What comes of an attempt, one start or several that were followed together, and of a search: all its attempts."""
+"""The results of an attempt, which is one call of the kernel with one start or several, and of a search."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Worst:
 class Work:
     """Work that was done, instants of one body: a measure without a clock, the same on every machine, busy or quiet.
 
-    Where answers are compared or repeated, a search must end at the same place each time; the instants evaluated cost
+    Where plans are compared or repeated, a search must end at the same place each time; the instants evaluated cost
     nearly all of its time.
     """
 
@@ -65,11 +65,11 @@ class AttemptResult:
     ----------
     spec : FlightSpec
     start_variables : DecisionVariables
-        Of the motions that the attempt began with; those of its end are ``variables``.
+        Of the motions of the start; those of the result are ``variables``.
     x : (size,)
         The motion.
     status : "optimal", "feasible" or "infeasible"
-    iterations, evaluations : of all starts that were followed
+    iterations, evaluations : of all starts
     level : of the grid that the motion was judged on
     violation : rad, or of a row's scale
         The largest one of (14) or of a constraint's row; 0 where everything holds.
@@ -77,8 +77,8 @@ class AttemptResult:
     residual : (e,) rad
         Residual of (14), with its sign.
     work : instants of one body
-        What the attempt took, the drawing of its starts included.
-    starts, solved : starts that were followed, and those of them that hold
+        What the attempt took, the sampling of its starts included.
+    starts, solved : number of starts, and of those whose motions hold
     coefficients : (n, k+1), optional
         b of (12), powers of t in seconds, where the kernel has computed them.
     integral : float, optional
@@ -111,12 +111,12 @@ class AttemptResult:
 
     @property
     def is_optimal(self) -> bool:
-        """Whether it holds, and no motion beside it costs less."""
+        """Whether it holds, and no motion near it costs less."""
         return self.holds and self.status == "optimal"
 
     @property
     def is_exhaustive(self) -> bool:
-        """Whether the kernel has followed, in one call, as many starts as promise anything."""
+        """Whether one call of the kernel has tried as many starts as promise anything."""
         return self.starts > 1
 
     @cached_property
@@ -131,7 +131,7 @@ class AttemptResult:
 
     @property
     def motion(self) -> tuple[SinePolynomials, Array, Array]:
-        """Where it ended: a class of motions, their free coefficients z (n, width), and h (e,), kg m^2/s."""
+        """The motion: a class of motions, their free coefficients z (n, width), and h (e,), kg m^2/s."""
         variables = self.variables
         x = self.x
         h = variables.angular_momentum(x)
@@ -177,11 +177,11 @@ class SearchResult:
     results : sequence of AttemptResult
         In the order of the attempts.
     impossible : list of str
-        Sentences about why no motion whatever can be a plan, as far as that is known, where none was found.
+        Sentences about why no motion whatever can be a plan, as far as that is proved, where there is none.
     ran_out_of_time, ran_out_of_patience, interrupted : bool
         Why there are no more.
     other_momentum : (e,) kg m^2/s, optional
-        An h with which there is a plan, where the given one led to none.
+        An h with which there is a plan, where the fixed one led to none.
     seconds : float
         What the search took.
     """
@@ -200,7 +200,7 @@ class SearchResult:
     def best(self) -> AttemptResult:
         """The result of the least violation, of equals the best, the first of these; others have no objective.
 
-        Of several that ended at the same motion it is one that is known to be optimal.
+        Of several with the same motion it is one that is optimal.
         """
         least = min(result.violation for result in self.results)
         nearest = [result for result in self.results if result.violation == least]
@@ -219,7 +219,7 @@ class SearchResult:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
+        """Starts and those solved, iterations of the solver and motions evaluated, in all attempts."""
         return {
             "iterations": sum(result.iterations for result in self.results),
             "evaluations": sum(result.evaluations for result in self.results),
@@ -259,7 +259,7 @@ class SearchedPlan:
 
 
 def count_starts(results: Sequence[AttemptResult]) -> int:
-    """How many starts were followed."""
+    """How many starts there were."""
     return sum(result.starts for result in results)
 
 
@@ -270,7 +270,7 @@ def summary(results: Sequence[AttemptResult]) -> str:
     degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))
     start = count_starts(results)
     steps = f"start {start}, degree {degrees}, {result.iterations} steps"
-    least = f"best violation {min(each.violation for each in results):.3g}"
+    least = f"best violation {min(attempt.violation for attempt in results):.3g}"
     if result.holds:
         return f"{steps}; {result.status}, {spec.problem.motion.objective} {result.objective_value:.6g}; {least}"
     if result.violation == np.inf:

@@ -51,7 +51,7 @@ class Boundary:
 
 @dataclass(frozen=True, eq=False)
 class DecisionVariables:
-    """How the search's variables x make a motion: ``z = offset + scaling @ x[:m]``, ``h`` by the rest.
+    """How the search's variables x make a motion: ``z = offset + scaling @ x[:m]``, ``h`` by the others.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class DecisionVariables:
     following : Boundary, optional
         The conditions (13) where they change with h; the polynomials' own are those of the middle h.
     offset_map : (m, g), optional
-        By which the offset follows a joint's given conditions (13), where it does.
+        By which the offset follows a joint's fixed conditions (13), where it does.
     has_reference : whether x = 0 is the motion nearest to a recorded one
     coefficients : number m of free coefficients
     size : number of variables
@@ -96,9 +96,9 @@ class DecisionVariables:
 
     @property
     def degrees(self) -> tuple[int, ...]:
-        """Degree of p of each joint."""
-        given = CONDITIONS - len(self.polynomials.free_ends)
-        return tuple(free + given - 1 for free in self.polynomials.free)
+        """Degree of p of every joint."""
+        fixed = CONDITIONS - len(self.polynomials.free_ends)
+        return tuple(free + fixed - 1 for free in self.polynomials.free)
 
     @cached_property
     def metric(self) -> Array:
@@ -145,7 +145,7 @@ class DecisionVariables:
 
     @cached_property
     def nominal_motion(self) -> Array:
-        """The x of the motion with no free part, or of the one nearest to a recorded one; h is in the middle."""
+        """The x of the motion without free coefficients, or of that nearest to a recorded one; h is in the middle."""
         x = np.zeros(self.size)
         if self.has_reference:
             return x
@@ -158,8 +158,8 @@ class DecisionVariables:
 class Start:
     """A class of motions (with its arcsine branches) and a point x in it, from which the kernel follows the motion.
 
-    ``at_once`` says that it is followed to the objective at once, and only where that fails made feasible before, as
-    promises most of plain motions and of ones that were solved already.
+    ``at_once`` says that the objective counts from the first step; only where that fails is the motion made feasible
+    first. That promises most for nominal motions and for solutions.
     """
 
     variables: DecisionVariables
@@ -211,8 +211,8 @@ def scaled_variables(
         return DecisionVariables(polynomials, offset, scaling, momentum, following, has_reference=True)
     if not (problem.minimises_b and size):
         return DecisionVariables(polynomials, np.zeros(size), identity(size), momentum, following)
-    given = polynomials.fixed_boundary[None]
-    offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), given)
+    boundary = polynomials.fixed_boundary[None]
+    offset, scaling, offset_map = whitened(polynomials.form, polynomials.free, (polynomials.duration,), boundary)
     return DecisionVariables(polynomials, offset[0], scaling[0], momentum, following, offset_map[0])
 
 
@@ -228,7 +228,7 @@ def near_reference(reference: Array, polynomials: SinePolynomials) -> tuple[Arra
     recorded = reference_at(reference, s)
     columns = basis(polynomials.form).values(s)[0]
     free = columns[:, columns.shape[1] - polynomials.width :]
-    plain = columns[:, : columns.shape[1] - polynomials.width] @ polynomials.fixed_boundary.T
+    nominal = columns[:, : columns.shape[1] - polynomials.width] @ polynomials.fixed_boundary.T
     sine = np.clip((recorded - polynomials.centre) / polynomials.amplitude, -1.0, 1.0)
     arguments = np.arcsin(sine)
     weights = np.sqrt(grid.weights / len(polynomials.free))[:, None] * polynomials.amplitude
@@ -239,7 +239,7 @@ def near_reference(reference: Array, polynomials: SinePolynomials) -> tuple[Arra
         own = slice(end - width, end)
         orthogonal, triangular = np.linalg.qr(weights[:, joint, None] * free[:, :width])
         inverse = np.linalg.inv(triangular)
-        difference = weights[:, joint] * (arguments[:, joint] - plain[:, joint])
+        difference = weights[:, joint] * (arguments[:, joint] - nominal[:, joint])
         offset[own] = inverse @ (orthogonal.T @ difference)
         scaling[own, own] = inverse
     return offset, scaling
@@ -251,7 +251,7 @@ def whitened(
     """Offsets (N, m), scaling (N, m, m), the offsets' maps (N, m, g) for which (17) is ``constant + unit^2 |x|^2``.
 
     A joint's b is affine in its z, ``b = b_0 + C z``; with ``C = Q R``, ``x = (R z + Q^T b_0) / unit``. The unit makes
-    the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g) is what is given.
+    the most sensitive direction of x move p by one radian (root mean square). ``boundary`` (N, n, g): fixed conditions.
     """
     compute = scale if len(durations) == 1 else scale.__wrapped__  # what many need is large, and not needed again
     scaling, offset_map, _ = compute(form, free, durations)
@@ -264,11 +264,11 @@ def whitened(
 
 @lru_cache(maxsize=64)
 def scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tuple[Array, Array, Array]:
-    """The scaling (N, m, m), the offsets' maps (N, m, g) and the unit (N,) of each duration, s."""
+    """The scaling (N, m, m), the offsets' maps (N, m, g) and the unit (N,) of every duration, s."""
     powers = powers_map(form, np.array(durations))
-    given = len(basis(form).fixed)
-    by_boundary = powers[..., :given]
-    orthogonal, triangular = np.linalg.qr(powers[..., given:])  # of a joint with all of the form's coefficients
+    fixed = len(basis(form).fixed)
+    by_boundary = powers[..., :fixed]
+    orthogonal, triangular = np.linalg.qr(powers[..., fixed:])  # of a joint with all of the form's coefficients
     inverse = np.linalg.inv(triangular)
     longest = np.linalg.svd(inverse, compute_uv=False)[:, 0] if form.width else np.ones(len(durations))
     unit = np.asarray(1 / longest)
