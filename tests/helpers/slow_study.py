@@ -1,10 +1,11 @@
-"""A study in small chunks, for processes that are to be killed in the middle: they wait for that after some chunks."""
+"""A study in small chunks, in a process that is killed in the middle: after some chunks it waits for that."""
 
 from __future__ import annotations
 
-import time
-from multiprocessing.context import ForkServerProcess
+import signal
+from multiprocessing.connection import Connection
 from pathlib import Path
+from threading import Event
 
 import floatplan as fp
 from floatplan.pool import start_server
@@ -12,16 +13,16 @@ from floatplan.studies import driver
 from floatplan.studies.study import planned_study
 
 ROWS = 4  # of a chunk
-FOR_EVER = 3600.0  # [s]
 
 
-def run(path: str, folder: str, chunks: int, shard: str = "") -> None:
-    """Run a study in this process, or a shard of it, until there are so many chunks."""
+def run(path: str, folder: str, last: int, shard: str, progress_of: Connection) -> None:
+    """Run a study in this process, or a shard of it, until there are so many chunks, and send how many there are."""
     driver.FIRST_CHUNK = driver.MOST_IN_CHUNK = ROWS
 
     def wait(progress: driver.Progress) -> None:
-        if progress.done >= chunks * ROWS:
-            time.sleep(FOR_EVER)
+        progress_of.send(progress.done // ROWS)
+        if progress.done >= last * ROWS:
+            Event().wait()
 
     if shard:
         planned_study(Path(path), Path(folder), False, driver.started("processes", 1, None), wait, shard)
@@ -29,8 +30,15 @@ def run(path: str, folder: str, chunks: int, shard: str = "") -> None:
         fp.study(path, folder=folder, jobs=1, progress=wait)
 
 
-def started(path: str, folder: str, chunks: int, shard: str = "") -> ForkServerProcess:
-    """Start a process that does so, with the package loaded already."""
-    process = start_server("floatplan.studies.study").Process(target=run, args=(path, folder, chunks, shard))
+def killed_after(chunks: int, path: Path, folder: Path, more: int = 0, shard: str = "") -> None:
+    """Run it in a process of its own, killed once there are so many chunks, and while it may make so many more."""
+    context = start_server("floatplan.studies.study")
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=run, args=(str(path), str(folder), chunks + more, shard, theirs))
     process.start()
-    return process
+    theirs.close()
+    while ours.recv() < chunks:
+        continue
+    process.kill()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL

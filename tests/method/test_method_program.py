@@ -1,4 +1,4 @@
-"""The reference method's program, its SQP and its inner QPs."""
+"""The reference method's dynamics, its program, its SQP and its inner QPs."""
 
 from __future__ import annotations
 
@@ -10,12 +10,35 @@ from method_flights import plan_there
 from plain_problems import plain_problems
 
 import floatplan as fp
+from floatplan.method.dynamics import Dynamics
 from floatplan.method.planner import starts
 from floatplan.method.program import LENGTH_SCALE, Evaluation, Program
 from floatplan.method.sqp import elastic_step, minimise
+from floatplan.motion.planar.closed_form import tree_dynamics
+from floatplan.motion.planar.full_model import PinocchioDynamics
 
 STEP, SLOPE = 1e-6, 2e-6
 INSTANTS = np.array([0.11, 0.37, 0.52, 0.83])
+
+
+def test_momentum_rates_and_torques_are_those_of_the_closed_form_and_of_the_full_model(any_robot):
+    """The closed form is what the kernel computes; the full model gives a finished plan's numbers."""
+    choices = {"plane": any_robot.plane.name, "locked": any_robot.locked, "coupled": any_robot.coupled}
+    armed = fp.Robot.from_urdf(any_robot.path, **choices, armature=0.02)
+    dynamics, n = Dynamics(armed), len(armed.joints)
+    closed, full = tree_dynamics(armed.tree), PinocchioDynamics(armed)
+    for u in np.random.default_rng(1).normal(size=(20, 3 * n + 2)):  # q, q', q'', h, theta_0
+        state = u[None, :n], u[None, n : 2 * n]
+        assert dynamics.momentum_map(u[:n]) == pytest.approx(closed.momentum_map(state[0])[0], rel=1e-9, abs=1e-12)
+        rate = closed.base_rate(*state, u[-2])
+        assert dynamics.base_rate(u)[0] == pytest.approx(rate, rel=1e-9)
+        moments = closed.moments(*state, u[None, 2 * n : 3 * n], rate)
+        own = dynamics.quantities(u)
+        assert own["torques"][0] == pytest.approx((moments @ armed.tree.turns)[0], rel=1e-8, abs=1e-8)
+        motors = (moments @ armed.tree.motor_turns)[0]
+        assert own["motor_torques"][0] == pytest.approx(motors, rel=1e-8, abs=1e-8)
+        forces = full.full_forces(*state, u[None, 2 * n : 3 * n], rate)[0]
+        assert dynamics.torques(u)[0] == pytest.approx(forces, rel=1e-8, abs=1e-8)
 
 
 @pytest.fixture

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import shutil
-import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
-import slow_study
 from long_cases import cases
+from slow_study import killed_after
 
 import floatplan as fp
 from floatplan.studies import driver, rows
@@ -170,12 +169,8 @@ def test_what_an_executor_does_wrong_is_one_error_and_loses_nothing(asked, monke
 
 def test_a_killed_shard_goes_on(asked, shard, floatplan):
     path, out, table = asked
-    process = slow_study.started(str(path), str(out), 3, "1/2")
+    killed_after(3, path, out, shard="1/2")
     chunks = out / "shards" / "1-of-2" / "chunks"
-    while process.is_alive() and len(list(chunks.glob("*.parquet"))) < 3:
-        time.sleep(0.005)
-    process.kill()
-    process.join()
     assert len(list(chunks.glob("*.parquet"))) == 3, "killed in the middle"
     shard("2/2")
     run = floatplan("study", "merge", path, "-o", out)

@@ -8,7 +8,6 @@ import os
 import random
 import signal
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
@@ -17,8 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import slow_study
 from needed import skip_or_fail
+from slow_study import ROWS, killed_after
 
 import floatplan as fp
 from floatplan import InputError, files
@@ -273,24 +272,13 @@ class TestFolder:
             fp.study(study_file(), folder=tmp_path / "out", jobs=1)
 
 
-MOMENT = 0.02  # [s] in which a chunk is planned and written
-
-
 def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     path, study = done
-    rng = random.Random(5)
-    chunks, kept = tmp_path / "out" / "chunks", 0
+    rng, kept = random.Random(5), 0
     for _ in range(4):
-        wanted = kept + rng.randint(1, 4)
-        process = slow_study.started(str(path), str(tmp_path / "out"), wanted + 1)
-        while process.is_alive() and kept < wanted:
-            time.sleep(0.001)
-            kept = len(list(chunks.glob("*.parquet")))
-        time.sleep(rng.uniform(0, MOMENT))
-        process.kill()
-        process.join()
-        assert process.exitcode == -signal.SIGKILL
-    assert 0 < kept < 96 / slow_study.ROWS, "killed in the middle"
+        killed_after(kept + rng.randint(1, 4), path, tmp_path / "out", more=1)
+        kept = len(list((tmp_path / "out" / "chunks").glob("*.parquet")))
+    assert 0 < kept < 96 / ROWS, "killed in the middle"
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
