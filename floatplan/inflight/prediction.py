@@ -14,8 +14,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.in_plane import InPlane
-from floatplan.inflight.in_space import InSpace
+from floatplan.inflight.planar import InPlane
+from floatplan.inflight.spatial import InSpace
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
