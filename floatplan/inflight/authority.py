@@ -85,11 +85,10 @@ def authority(plan: Plan | str | Path) -> Authority:
     """
     plan = as_plan(plan)
     replanner = Replanner(plan, CORRECTIONS / plan.duration)
-    flying = replanner.views.flying
     times = plan.duration * np.array(SHARES)
     foreseen = Update(replanner.views, Rewriting(plan), 1.0, 1.0)
     planned = np.atleast_1d(plan.angular_momentum)
-    size = float(np.linalg.norm(planned)) if flying.in_space else float(planned[0])
+    size = float(np.linalg.norm(planned)) if len(planned) > 1 else float(planned[0])
     bodies = len(replanner.identification(plan.angular_momentum).errors) // 2
     links = np.ones(2 * bodies)
     links[[0, bodies]] = 0.0
@@ -101,11 +100,11 @@ def authority(plan: Plan | str | Path) -> Authority:
     def with_inertia(error: float, begin: float) -> bool:
         return _lands(replanner, foreseen, planned, error * links, begin)
 
-    step = STEP_IN_SPACE if flying.in_space else STEP
+    step = STEP if len(planned) == 1 else STEP_IN_SPACE
     of_momentum = [_intervals(partial(with_momentum, axis), times, step) for axis in np.eye(len(planned))]
     return Authority(
         times=read_only(times),
-        momentum=read_only(np.stack(of_momentum, axis=1) if flying.in_space else of_momentum[0]),
+        momentum=read_only(np.stack(of_momentum, axis=1) if len(planned) > 1 else of_momentum[0]),
         inertia=_intervals(with_inertia, times, step),
         largest=LARGEST,
         reached=REACHED,
@@ -154,7 +153,7 @@ def _lands(replanner: Replanner, foreseen: Update, momentum: Array, errors: Arra
     plan = replanner.plan
     flying: Any = replanner.views.flying  # whose momenta are of one kind
     replanner.reset()
-    own_momentum = momentum if flying.in_space else float(momentum[0])
+    own_momentum = momentum if len(momentum) > 1 else float(momentum[0])
     inertial = replanner.identification(own_momentum)
     inertial.errors[:] = errors
     path = plan.ballistics

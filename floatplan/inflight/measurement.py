@@ -102,8 +102,8 @@ def read(
 class Expected:
     """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
 
-    ``orientation`` and ``rate`` (e,) are the base's; with the joints as they are measured it would differ by the turn
-    ``offset`` (e,). ``variance`` (e,), rad^2, is the filter's of that orientation; ``noise`` (e,) is the
+    ``orientation`` and ``rate`` (e,) are the base's; with the joints as they are measured it would differ by the
+    rotation ``offset`` (e,). ``variance`` (e,), rad^2, is the filter's of that orientation; ``noise`` (e,) is the
     variance of a measured one, over that of all angles: the joints' count as well.
     """
 
@@ -190,8 +190,8 @@ class _Chain:
         """Whether a measurement is where the last one's rates and its own lead; if so it is the last one."""
         last = self._last
         dt = measured.time - last.time
-        turned = self._orientations.turned(measured.orientation, last.orientation)
-        moved = np.append(measured.positions - last.positions, turned)
+        rotated = self._orientations.difference(measured.orientation, last.orientation)
+        moved = np.append(measured.positions - last.positions, rotated)
         if not moved.any() or dt > PLAUSIBLE.longest_gap:  # a sensor that stands still
             return False
         rates = (self._rates(last) + self._rates(measured)) / 2

@@ -1,13 +1,13 @@
 """Orientations as corrections compute with them: an angle in a plane, in space a rotation from the base to the world.
 
-Both are turned by small turns of e numbers, rad: about the plane's normal, or about the world's axes.
+Small rotations have e numbers, rad: about the plane's normal, or about the world's axes.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,74 +17,47 @@ TURN = 2 * math.pi  # [rad]
 MOST_TURNS = 100  # [-] farther off than that an angle is no orientation
 
 
-class Orientations(Protocol):
-    """What is computed with orientations.
+class PlanarOrientations:
+    """Angles, rad.
 
     Attributes
     ----------
     size : e
     com : how many coordinates the centre of mass has
-    suspicious : rad, a turn from what is expected from which on another convention is suspected
+    suspicious : rad
+        A difference from what is expected from which on another convention is suspected.
     """
-
-    size: int
-    com: int
-    suspicious: float
-
-    def read(self, orientation: Any, rate: Any) -> tuple[Any, list[float]]:
-        """Return an orientation and the base's rates (e,), rad/s, of what was measured; raise where it is neither."""
-        ...
-
-    def turned(self, orientation: Any, since: Any) -> list[float]:
-        """Return the turn (e,), rad, that leads from one orientation to another."""
-        ...
-
-    def unwrapped(self, orientation: Any, turn: list[float], expected: Sequence[float]) -> Any:
-        """Return a measured orientation, of those that measure the same the nearest to the one expected.
-
-        ``turn`` (e,) leads to it from a known one, and is changed with it; ``expected`` (e,) leads to the one expected.
-        """
-        ...
-
-    def world_rates(self, orientation: Any, rates: Sequence[float]) -> list[float]:
-        """Return the rates (e,) of such a turn, rad/s, where the base turns at these."""
-        ...
-
-    def misread(self, measured: Any, expected: Any, allowed: float) -> str:
-        """Return which other convention explains an orientation, up to an angle, rad; "" where none does."""
-        ...
-
-
-class PlanarOrientations:
-    """Angles, rad."""
 
     size = 1
     com = 2
     suspicious = math.pi / 2
 
     def read(self, orientation: Any, rate: Any) -> tuple[float, list[float]]:
-        """As :class:`Orientations` says, of an angle and its rate."""
+        """Return an angle and its rate (1,), rad/s, of what was measured; raise where it is neither."""
         return float(orientation), [float(rate)]
 
-    def turned(self, orientation: float, since: float) -> list[float]:
-        """Their difference."""
-        return [orientation - since]
+    def difference(self, orientation: Any, expected: Any) -> list[float]:
+        """Return the rotation (1,), rad, that leads from one orientation to another."""
+        return [orientation - expected]
 
-    def unwrapped(self, orientation: float, turn: list[float], expected: Sequence[float]) -> float:
-        """By so many turns more or less."""
-        turns = (turn[0] - expected[0]) / TURN
+    def unwrapped(self, orientation: Any, difference: list[float], offset: Sequence[float]) -> Any:
+        """Return a measured orientation by so many turns more or less that it is nearest to the one expected.
+
+        ``difference`` (1,) leads to it from a known one, and is changed with it; ``offset`` (1,) to the one expected.
+        """
+        turns = (difference[0] - offset[0]) / TURN
         if not 0.5 < abs(turns) < MOST_TURNS:
             return orientation
         whole = TURN * round(turns)
-        turn[0] -= whole
+        difference[0] -= whole
         return orientation - whole
 
-    def world_rates(self, orientation: float, rates: Sequence[float]) -> list[float]:
-        """The same."""
+    def world_rates(self, orientation: Any, rates: Sequence[float]) -> list[float]:
+        """Return the rates (1,) of such a rotation, rad/s, where the base turns at these."""
         return [*rates]
 
-    def misread(self, measured: float, expected: float, allowed: float) -> str:
-        """Degrees."""
+    def misread(self, measured: Any, expected: Any, allowed: float) -> str:
+        """Return which other convention explains an orientation, up to an angle, rad; "" where none does."""
         off_as_degrees = abs(math.radians(measured) - expected)
         if off_as_degrees <= allowed:
             return "the orientation is where it is expected in degrees: give radians"
@@ -92,45 +65,50 @@ class PlanarOrientations:
 
 
 class SpatialOrientations:
-    """Rotations (3, 3) from the base's axes to the world's; measured are quaternions x, y, z, w."""
+    """Rotations (3, 3) from the base's axes to the world's, measured as quaternions x, y, z, w.
+
+    Members as of :class:`PlanarOrientations`.
+    """
 
     size = 3
     com = 3
     suspicious = math.pi / 4
 
     def read(self, orientation: Any, rate: Any) -> tuple[Array, list[float]]:
-        """As :class:`Orientations` says, of a quaternion (4,) and an angular velocity (3,) in the base's axes."""
+        """Return what a quaternion (4,) says, and an angular velocity (3,) in the base's axes, rad/s."""
         quaternion = np.array(orientation, dtype=np.float64).reshape(4)
         shortest = 0.5  # [-] of a quaternion that was rounded, or of which a number is missing
-        if not shortest < float(quaternion @ quaternion) < 1 / shortest:
+        if not shortest < sum(part * part for part in quaternion.tolist()) < 1 / shortest:
             raise ValueError
         return rotation(quaternion), np.array(rate, dtype=np.float64).reshape(3).tolist()
 
-    def turned(self, orientation: Array, since: Array) -> list[float]:
-        """The vector of the shortest rotation."""
-        return rotation_vector(orientation @ since.T)
+    def difference(self, orientation: Any, expected: Any) -> list[float]:
+        """Return the vector of the shortest rotation (3,), rad, in the world's axes."""
+        return rotation_vector(orientation @ expected.T)
 
-    def unwrapped(self, orientation: Array, turn: list[float], expected: Sequence[float]) -> Array:
-        """Itself."""
+    def unwrapped(self, orientation: Any, difference: list[float], offset: Sequence[float]) -> Any:
+        """Return it: whole turns do not show."""
         return orientation
 
-    def world_rates(self, orientation: Array, rates: Sequence[float]) -> list[float]:
-        """In the world's axes."""
-        turned: list[float] = (orientation @ rates).tolist()
-        return turned
+    def world_rates(self, orientation: Any, rates: Sequence[float]) -> list[float]:
+        """Return rates (3,) in the world's axes, rad/s."""
+        return [*(orientation @ rates)]
 
-    def misread(self, measured: Array, expected: Array, allowed: float) -> str:
-        """A quaternion whose scalar comes first, or the rotation from the world to the base."""
+    def misread(self, measured: Any, expected: Any, allowed: float) -> str:
+        """Return whether a scalar comes first, or the rotation is from the world to the base."""
         x, y, z, w = quaternion_of(measured)
-        if _size(self.turned(rotation(np.array([y, z, w, x])), expected)) <= allowed:
+        if _size(self.difference(rotation(np.array([y, z, w, x])), expected)) <= allowed:
             return "the quaternion is where it is expected as w, x, y, z: give x, y, z, w"
-        if _size(self.turned(measured.T, expected)) <= allowed:
+        if _size(self.difference(measured.T, expected)) <= allowed:
             return "the quaternion is where it is expected as from the world to the base: give its conjugate"
         return ""
 
 
-def _size(turn: Sequence[float]) -> float:
-    return math.sqrt(sum(part * part for part in turn))
+Orientations: TypeAlias = PlanarOrientations | SpatialOrientations
+
+
+def _size(vector: Sequence[float]) -> float:
+    return math.sqrt(sum(part * part for part in vector))
 
 
 def rotation(quaternion: Array) -> Array:

@@ -14,10 +14,10 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.inflight.in_plane import InPlane
-from floatplan.inflight.in_space import InSpace
+from floatplan.inflight.planar import InPlane
+from floatplan.inflight.spatial import InSpace
 from floatplan.motion.exact_polynomials import CONDITIONS
-from floatplan.motion.flight import gauss_grid
+from floatplan.motion.flight import PlanarFlight, flight_of, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.planning.kernel_input.rows import SUMMED, Block, DistanceRows, can_write
@@ -139,7 +139,8 @@ class Views:
     def __init__(self, plan: Plan, form: Form) -> None:
         problem = plan.problem
         obstacles = [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]
-        self.flying: Flying = InPlane(plan, obstacles) if plan.robot.in_plane else InSpace(plan, obstacles)
+        kind = InPlane if isinstance(flight_of(problem), PlanarFlight) else InSpace
+        self.flying: Flying = kind(plan, obstacles)
         distances = distance_rows(problem, self.flying.links)
         self.has_distances = bool(distances)
         self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]

@@ -270,15 +270,15 @@ class Replanner:
             return FAR_OFF
         expected = self._update.expected(measured, now)
         orientations = self._orientations
-        turn = orientations.turned(measured.orientation, expected.orientation)
+        difference = orientations.difference(measured.orientation, expected.orientation)
         mistake = plausible.mistaken(measured, expected)
-        if not mistake and max(map(abs, turn)) > orientations.suspicious:
+        if not mistake and max(map(abs, difference)) > orientations.suspicious:
             allowed = PLAUSIBLE.gate * max(expected.deviations)
             mistake = orientations.misread(measured.orientation, expected.orientation, allowed)
         if mistake:
             return mistake
-        measured.orientation = orientations.unwrapped(measured.orientation, turn, expected.offset)
-        off = [*map(abs, map(sub, turn, expected.offset))]
+        measured.orientation = orientations.unwrapped(measured.orientation, difference, expected.offset)
+        off = [*map(abs, map(sub, difference, expected.offset))]
         base = plausible.base(off, measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)

@@ -57,11 +57,11 @@ class Update:
 
     def __init__(self, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
-        self.gains = CORRECTION_GAINS_IN_SPACE if views.flying.in_space else CORRECTION_GAINS
+        flying: Any = views.flying  # whose rows and compiled part are of one kind
+        self.gains = CORRECTION_GAINS if flying.orientations.size == 1 else CORRECTION_GAINS_IN_SPACE
         self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants
-        flying: Any = views.flying  # whose rows and compiled part are of one kind
         constraints = flying.rows([rows.block for rows in blocks])
         self._compiled: Any = flying.compiled(constraints, self.gains.gap_nodes)
         n = len(rewriting.first.centre)
@@ -247,7 +247,7 @@ class Update:
             self._compiled.robot.pointer, self._constraints.pointer, self._struct.pointer, step, compiled.instructions
         )
 
-    def _of_instants(self, grid: Any) -> dict[str, Array | None]:
+    def _of_instants(self, grid: Any) -> dict[str, Any]:
         """What a motion, and its changes y, are made of at the instants of a grid."""
         value, first, second = self.views.functions.values(grid.s)
         free = np.stack([order[:, CONDITIONS:] @ self.views.whitening for order in (value, first, second)])

@@ -6,7 +6,6 @@ import time as clock
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,7 +21,6 @@ from floatplan.motion.spatial.clearance import shapes_in_space
 from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool import one_thread
-from floatplan.problem.attitude import required
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
 from floatplan.simulation.engines import Engine, FlyingRobot, check_engine, flying_robot
@@ -141,8 +139,7 @@ class _Loop:
         self.replanner = Replanner(plan, rate)
         self.reduced = reduced_model(plan.robot, plan.ballistics.gravity)
         self.base = base_states(self.reduced)
-        final = plan.problem.final
-        self.goal: Any = final.orientation if plan.robot.in_plane else required(final.attitude).quaternion
+        self.goal = self.base.goal(plan.problem)
         start = recorded_motion(plan.record, self.reduced).joints(0.0)
         self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         robot = plan.robot
@@ -223,7 +220,7 @@ class _Loop:
         plan = self.plan
         robot = plan.robot
         attitudes = self.base.attitudes(positions)
-        if robot.in_plane is None:
+        if attitudes.ndim > 1:
             data = self.reduced.model.createData()
             com = np.array([pin.centerOfMass(self.reduced.model, data, row) for row in positions])
             return shapes_in_space(robot, plan.problem.ground).place(BodyPoses.of(robot, attitudes, planned, com))

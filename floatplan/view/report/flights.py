@@ -171,13 +171,13 @@ def closed_loop_picture(plan: Plan, flights: ClosedLoop) -> Figure:
         predicted.plot(when, size, color=WITH, alpha=faint, linewidth=0.5)
         predicted.plot(when[changed == 0], size[changed == 0], ".", color=PALETTE.alarm, markersize=2)
     planned = state.orientation
-    if plan.robot.in_plane is None:
+    if planned.ndim > 1:
         goal = required(plan.problem.final.attitude).quaternion
         planned = np.array([angle_between(quaternion, goal) for quaternion in state.orientation])
     for axes, columns, width in ((orientation, planned, 1.0), (joints, state.positions, 0.8)):
         axes.plot(state.times, np.degrees(columns), color=PALETTE.ink, linestyle="--", linewidth=width)
     _histogram(landings, [flights.corrected.orientation, flights.uncorrected.orientation])
-    orientation.set(ylabel="orientation (°)" if plan.robot.in_plane else "from the goal (°)")
+    orientation.set(ylabel="orientation (°)" if state.orientation.ndim == 1 else "from the goal (°)")
     joints.set(ylabel="joints (°)")
     predicted.set(ylabel="predicted miss (°)", xlabel="time (s)", yscale="log")
     _label_decades(predicted.yaxis)

@@ -43,7 +43,6 @@ class InPlane:
         Of the momentum that is wrong in warm starts.
     """
 
-    in_space = False
     orientations = PlanarOrientations()
     direction = np.ones(1)
 

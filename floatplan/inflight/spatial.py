@@ -51,12 +51,11 @@ class CellGrid:
 
 
 class InSpace:
-    """A plan's flight in space; members as of :class:`~floatplan.inflight.in_plane.InPlane`.
+    """A plan's flight in space; members as of :class:`~floatplan.inflight.planar.InPlane`.
 
     ``direction`` (3,) is that of the plan's angular momentum, zero where it has none.
     """
 
-    in_space = True
     orientations = SpatialOrientations()
 
     def __init__(self, plan: Plan, obstacles: Sequence[Obstacle]) -> None:
@@ -106,7 +105,7 @@ class InSpace:
 
 
 class Compiled:
-    """The kernel's functions and what these are given; members as of :class:`floatplan.inflight.in_plane.Compiled`."""
+    """The kernel's functions and what these are given; members as of :class:`floatplan.inflight.planar.Compiled`."""
 
     room = "flight_room_in_space"
     step = "flight_in_space"
