@@ -28,16 +28,15 @@ if TYPE_CHECKING:
 
 
 PACKAGE = Path(__file__).resolve().parents[1]
-ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Parameters = ParamSpec("Parameters")
+Returned = TypeVar("Returned")
 
 
 def folder() -> Path | None:
     """The folder above ``urdf/`` and ``problems/``; None where they were left out."""
-    for above in ABOVE:
+    for above in (PACKAGE / "data", PACKAGE.parent):  # in a wheel, in a clone
         if all((above / kind).is_dir() for kind in KINDS):
             return above
     return None
@@ -166,11 +165,11 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
+def reporting_errors(command: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
     """Turn the errors that floatplan raises on purpose into one message on stderr and an exit code."""
 
     @functools.wraps(command)
-    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+    def run(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Returned:
         try:
             return command(*args, **kwargs)
         except InputError as error:
