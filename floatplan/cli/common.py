@@ -21,7 +21,7 @@ import floatplan as fp
 from floatplan.cli import ExitCode
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
-from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.tables import describe_objectives
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -100,7 +100,6 @@ class KeyOption(NamedTuple):
     kind: type = str
 
 
-OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 OPTIONS = {
     "start": KeyOption("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start"),
     "goal": KeyOption("O,Q1,..", "The same at landing.", "goal"),
@@ -114,7 +113,9 @@ OPTIONS = {
     "landing": KeyOption("FRAME", "Frame that lands first.", "flight.landing.frame"),
     "horizontal_velocity": KeyOption("V", "Of the centre of mass, m/s.", "flight.horizontal_velocity", float),
     "degree": KeyOption("K", "Of the polynomials: one number, one per joint, or auto.", "motion.degree"),
-    "objective": KeyOption("NAME", f"What is least; the first if left out. {OBJECTIVE_HELP}.", "motion.objective"),
+    "objective": KeyOption(
+        "NAME", f"What is least; the first if left out. {describe_objectives()}.", "motion.objective"
+    ),
 }
 ROBOT_OPTIONS = {
     "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
