@@ -10,15 +10,25 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
 CLONE = Path(__file__).resolve().parents[1]  # where pyproject.toml is, unless floatplan was installed as a wheel
-LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
-LONGEST_ITEM = 400  # characters of a reason, an element or an advice
-LONGEST_PATH = 300  # characters of a file's path
-LONGEST = 1700  # characters of all that is wrong with a problem
+
+
+@dataclass(frozen=True)
+class Lengths:
+    """How many characters of a text are shown."""
+
+    name: int = 200  # of a link, a joint, a robot or a problem; a longer one is refused
+    item: int = 400  # a reason, an element or an advice
+    path: int = 300  # of a file
+    message: int = 1700  # all that is wrong with a problem
+
+
+LENGTHS = Lengths()
 
 
 def escaped(text: str) -> str:
@@ -32,7 +42,7 @@ def printable(text: str, longest_word: int = 80) -> str:
     """Text from anywhere as it may be shown: one line without control characters, nothing in it overlong."""
     half = (longest_word - 5) // 2  # of what is left of a word, before and after what is left out
     shown = re.sub(rf"\S{{{longest_word + 1},}}", lambda word: f"{word[0][:half]} ... {word[0][-half:]}", escaped(text))
-    return shown if len(shown) <= LONGEST_ITEM else f"{shown[: LONGEST_ITEM - 4]} ..."
+    return shown if len(shown) <= LENGTHS.item else f"{shown[: LENGTHS.item - 4]} ..."
 
 
 def check_name(name: str, element: str) -> None:
@@ -41,12 +51,12 @@ def check_name(name: str, element: str) -> None:
     Raises
     ------
     InputError
-        It has control characters, or is longer than ``LONGEST_NAME``.
+        It has control characters, or is longer than ``LENGTHS.name``.
     """
     if not name.isprintable():
         raise InputError(f"the name {name!a} has characters that cannot be shown", element=element)
-    if len(name) > LONGEST_NAME:
-        raise InputError(f"the name {name!r} is longer than {LONGEST_NAME} characters", element=element)
+    if len(name) > LENGTHS.name:
+        raise InputError(f"the name {name!r} is longer than {LENGTHS.name} characters", element=element)
 
 
 class FloatplanError(Exception):
@@ -74,9 +84,9 @@ class InputError(FloatplanError, ValueError):
         self.reason = printable(reason)
         self.source = None if source is None else str(source)
         self.element = None if element is None else printable(element)
-        self.advice = None if advice is None else printable(advice, LONGEST_PATH)  # it may be a command
+        self.advice = None if advice is None else printable(advice, LENGTHS.path)  # it may be a command
         path = escaped(self.source or "")
-        shown = path if len(path) <= LONGEST_PATH else f"... {path[-(LONGEST_PATH - 4) :]}"  # its end
+        shown = path if len(path) <= LENGTHS.path else f"... {path[-(LENGTHS.path - 4) :]}"  # its end
         where = ": ".join(item for item in (shown, self.element) if item)
         super().__init__(f"{where}: {self.reason}" if where else self.reason)
 
@@ -112,8 +122,8 @@ class ProblemError(InputError):
         super().__init__("several things are wrong")
 
     def __str__(self) -> str:
-        """All of them, as far as ``LONGEST`` allows."""
-        shown, space = [], LONGEST
+        """All of them, as far as the message may be long."""
+        shown, space = [], LENGTHS.message
         for error in map(str, self.errors):
             space -= len(error) + 1
             if space < 0:

@@ -59,6 +59,12 @@ OBJECTIVE_TABLE: dict[Objective, ObjectiveRow] = {
 OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")  # that need nothing but the problem
 
 
+def describe_objectives(mark: str = "") -> str:
+    """Name, meaning and unit of all objectives in a line, each name between two marks."""
+    rows = [f"{mark}{name}{mark}: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items()]
+    return "; ".join(rows)
+
+
 LimitKey: TypeAlias = Literal["velocity", "acceleration", "torque", "orientation_rate"]
 
 

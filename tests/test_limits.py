@@ -55,7 +55,7 @@ SIZES = {  # as numbers where the program names no constant
     "bodies of an MJCF": 1000,
     "files that an MJCF is read with": mjcf_text.MOST_FILES,
     "tables and lists within each other, in any file": files.DEEPEST,
-    "characters of a name": errors.LONGEST_NAME,
+    "characters of a name": errors.LENGTHS.name,
 }
 
 

@@ -33,14 +33,14 @@ from floatplan.tables import BOUNDARY, JOINT_LIMITS, RANGE, RELATIVE
 JointState: TypeAlias = tuple[list[Any], list[Any], list[Any]]
 
 ENDS = ("start", "goal")
-QUANTITIES = ("positions", "velocities", "accelerations")
 
 
 def boundary_findings(record: PlanRecord, states: Sequence[JointState]) -> list[Finding]:
     """Positions, velocities and accelerations at both ends, (13), in Arb; ``states`` are those of :func:`at_ends`."""
     findings = []
     for end, state, instant in zip(ENDS, states, (0.0, record.duration), strict=True):
-        for quantity, values, tolerance in zip(QUANTITIES, state, BOUNDARY, strict=True):
+        quantities = ("positions", "velocities", "accelerations")
+        for quantity, values, tolerance in zip(quantities, state, BOUNDARY, strict=True):
             exact = np.array(record.problem[end][quantity], dtype=np.float64)
             upper, attained = deviations(Balls.from_arb(values, exact.shape), exact)
             findings.append(at_most(end, (quantity,), float(upper), float(attained), 0.0, tolerance, instant))

@@ -139,13 +139,13 @@ def clip_repair(
 
 def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, output: Path | None) -> NoReturn:
     """Write one flight as a problem file, with the recorded motion that it is to be near inside it."""
-    from floatplan.clips.repaired_flight import AUTO, flight_problem  # here: it loads the planner
+    from floatplan.clips.repaired_flight import flight_problem  # here: it loads the planner
 
     if not 0 <= number < len(clip.flights):
         reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
         raise InputError(reason, element="--problem")
     requested = _choice(choice)
-    made = flight_problem(clip, clip.flights[number], "retime" if requested == AUTO else requested, degree)
+    made = flight_problem(clip, clip.flights[number], "retime" if requested == "auto" else requested, degree)
     if made is None:
         raise InputError(
             "the centre of mass does not rise in this flight", element="--problem", advice="give --choice raise"

@@ -21,23 +21,22 @@ import floatplan as fp
 from floatplan.cli import ExitCode
 from floatplan.errors import FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
-from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.tables import describe_objectives
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
 PACKAGE = Path(__file__).resolve().parents[1]
-ABOVE = (PACKAGE / "data", PACKAGE.parent)  # folders that hold those of KINDS: in a wheel, in a clone
 KINDS = ("urdf", "problems")
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Parameters = ParamSpec("Parameters")
+Returned = TypeVar("Returned")
 
 
 def folder() -> Path | None:
     """The folder above ``urdf/`` and ``problems/``; None where they were left out."""
-    for above in ABOVE:
+    for above in (PACKAGE / "data", PACKAGE.parent):  # in a wheel, in a clone
         if all((above / kind).is_dir() for kind in KINDS):
             return above
     return None
@@ -101,7 +100,6 @@ class KeyOption(NamedTuple):
     kind: type = str
 
 
-OBJECTIVE_HELP = "; ".join(f"{name}: {row.description}, {row.unit}" for name, row in OBJECTIVE_TABLE.items())
 OPTIONS = {
     "start": KeyOption("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start"),
     "goal": KeyOption("O,Q1,..", "The same at landing.", "goal"),
@@ -115,7 +113,9 @@ OPTIONS = {
     "landing": KeyOption("FRAME", "Frame that lands first.", "flight.landing.frame"),
     "horizontal_velocity": KeyOption("V", "Of the centre of mass, m/s.", "flight.horizontal_velocity", float),
     "degree": KeyOption("K", "Of the polynomials: one number, one per joint, or auto.", "motion.degree"),
-    "objective": KeyOption("NAME", f"What is least; the first if left out. {OBJECTIVE_HELP}.", "motion.objective"),
+    "objective": KeyOption(
+        "NAME", f"What is least; the first if left out. {describe_objectives()}.", "motion.objective"
+    ),
 }
 ROBOT_OPTIONS = {
     "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
@@ -166,11 +166,11 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
+def reporting_errors(command: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
     """Turn the errors that floatplan raises on purpose into one message on stderr and an exit code."""
 
     @functools.wraps(command)
-    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+    def run(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Returned:
         try:
             return command(*args, **kwargs)
         except InputError as error:

@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.arguments import made, positive
 from floatplan.clips.clip import Clip
-from floatplan.clips.judge import GRAVITY, PHYSICAL, UNPHYSICAL, FlightJudgement, judge_flight
+from floatplan.clips.judge import GRAVITY, FlightJudgement, judge_flight
 from floatplan.pool import one_thread
 
 LEVELS_APART = 0.3  # [m] from the lowest to the highest ground of a clip, above which it is remarked
@@ -36,17 +36,17 @@ class ClipCheck:
     @property
     def ok(self) -> bool:
         """Whether no flight is unphysical."""
-        return all(flight.verdict != UNPHYSICAL for flight in self.flights)
+        return all(flight.verdict != "unphysical" for flight in self.flights)
 
     @cached_property
     def physical(self) -> int:
         """How many flights are physical."""
-        return sum(flight.verdict == PHYSICAL for flight in self.flights)
+        return sum(flight.verdict == "physical" for flight in self.flights)
 
     @property
     def unphysical_share(self) -> float:
         """Share of the flights that are unphysical; 0 of none."""
-        return sum(flight.verdict == UNPHYSICAL for flight in self.flights) / max(len(self.flights), 1)
+        return sum(flight.verdict == "unphysical" for flight in self.flights) / max(len(self.flights), 1)
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:

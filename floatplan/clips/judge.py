@@ -18,8 +18,6 @@ from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 
 GRAVITY = 9.81  # [m/s^2]
-PHYSICAL = "physical"
-UNPHYSICAL = "unphysical"
 STANCE_SPAN = 0.3  # [s] before and after a flight, of the stances whose feet are judged
 
 
@@ -125,8 +123,8 @@ def _verdict(fall: Fall, faults: tuple[str, ...]) -> str:
     if fall.interval <= widest and slow and fall.on_parabola:
         return "afloat"
     if faults:
-        return UNPHYSICAL
-    return PHYSICAL if fall.interval <= widest else "undecided"
+        return "unphysical"
+    return "physical" if fall.interval <= widest else "undecided"
 
 
 def _shares(

@@ -21,9 +21,6 @@ from floatplan.pool import one_thread
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.links import missing_meshes
 
-XYZW = "xyzw"
-WXYZ = "wxyz"
-
 
 @one_thread
 def load_clip(
@@ -86,9 +83,9 @@ def load_clip(
             path=source,
             fps=rate,
             base_position=read_only(recording.position),
-            base_quaternion=read_only(_xyzw(recording.quaternion, order or XYZW)),
+            base_quaternion=read_only(_xyzw(recording.quaternion, order or "xyzw")),
             positions=read_only(positions),
-            layout=FileLayout(format=name, joints=joints, quaternion=order or XYZW, others=recording.others),
+            layout=FileLayout(format=name, joints=joints, quaternion=order or "xyzw", others=recording.others),
             contacts=recording.contacts,
             contact_names=recording.contact_names,
             remarks=tuple(remark for remark in (_of_shapes(robot), of_rate, of_joints, of_quaternion) if remark),
@@ -219,7 +216,7 @@ def _check_ranges(robot: Robot, positions: Array) -> None:
 
 def _quaternion_order(recording: Recording, order: str | None) -> tuple[str, str]:
     """The order of the quaternion's numbers, "" where neither file nor caller says it; and what is remarked of it."""
-    if order is not None and order not in (XYZW, WXYZ):
+    if order is not None and order not in ("xyzw", "wxyz"):
         raise InputError(f'"{order}" is no order of a quaternion', element="quaternion", advice="give xyzw or wxyz")
     of_format = recording.quaternion_order
     if order and of_format and order != of_format:
@@ -229,7 +226,7 @@ def _quaternion_order(recording: Recording, order: str | None) -> tuple[str, str
 
 def _with_likelier_order(clip: Clip, recording: Recording) -> Clip:
     """The clip with its quaternions as x, y, z, w, unless only the other order leaves the feet on one level."""
-    other = replace(clip, base_quaternion=read_only(_xyzw(recording.quaternion, WXYZ)))
+    other = replace(clip, base_quaternion=read_only(_xyzw(recording.quaternion, "wxyz")))
     usual = _off_the_ground(clip)
     unusual = _off_the_ground(other)
     level = 0.05  # [m] that feet are off one level, of a robot that walks or hops
@@ -237,7 +234,7 @@ def _with_likelier_order(clip: Clip, recording: Recording) -> Clip:
         remark = "the file does not say the order of its quaternions: taken as x, y, z, w, as is usual"
         return replace(clip, remarks=(*clip.remarks, remark))
     remark = "quaternions taken as w, x, y, z: with x, y, z, w it does not stand on its feet"
-    return replace(other, layout=replace(clip.layout, quaternion=WXYZ), remarks=(*clip.remarks, remark))
+    return replace(other, layout=replace(clip.layout, quaternion="wxyz"), remarks=(*clip.remarks, remark))
 
 
 def _off_the_ground(clip: Clip) -> float:
@@ -255,4 +252,4 @@ def _off_the_ground(clip: Clip) -> float:
 
 def _xyzw(quaternions: Array, order: str) -> Array:
     """Quaternions (N, 4) x, y, z, w, of unit length and continuous signs."""
-    return continuous_signs(quaternions if order == XYZW else np.roll(quaternions, -1, axis=1))
+    return continuous_signs(quaternions if order == "xyzw" else np.roll(quaternions, -1, axis=1))

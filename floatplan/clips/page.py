@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.clips.check import ClipCheck
 from floatplan.clips.fall import Fall
 from floatplan.clips.flights import FOOT_CLEARANCE
-from floatplan.clips.judge import STANCE_SPAN, UNPHYSICAL, FlightJudgement
+from floatplan.clips.judge import STANCE_SPAN, FlightJudgement
 from floatplan.files import write_atomically
 from floatplan.view.report.report import asset, filled, policy
 
@@ -36,7 +36,6 @@ class ChartFrame:
 
 
 CHART = ChartFrame()
-TONES = {"physical": "good", "unphysical": "bad", "undecided": "open", "afloat": "open"}
 STYLE = """
 section { margin: 18px 0 30px; }
 h2 { font-size: 17px; margin: 6px 0; }
@@ -75,7 +74,7 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     flights = []
     for check in checks:
         flights += [(check, judged) for judged in check.flights]
-    flights.sort(key=lambda pair: pair[1].verdict != UNPHYSICAL)
+    flights.sort(key=lambda pair: pair[1].verdict != "unphysical")
     parts = [clip_facts(check) for check in checks]
     parts += [_flight_section(check, judged) for check, judged in flights[:MOST_FLIGHTS]]
     if len(flights) > MOST_FLIGHTS:
@@ -114,7 +113,8 @@ def _table_row(judged: FlightJudgement) -> list[str]:
 def _flight_section(check: ClipCheck, judged: FlightJudgement) -> str:
     flight = judged.flight
     when = html.escape(f"{check.clip.path.name}, {flight.begin:.2f} to {flight.end:.2f} s")
-    badge = f'<span class="badge {TONES[judged.verdict]}">{judged.verdict}</span>'
+    tone = {"physical": "good", "unphysical": "bad"}.get(judged.verdict, "open")
+    badge = f'<span class="badge {tone}">{judged.verdict}</span>'
     faults = "".join(f"<li>{html.escape(fault)}</li>" for fault in judged.faults)
     charts = [_height_chart(judged, check.gravity), _turning_chart(judged), _feet_chart(check, judged)]
     charts.append(_postures(check, judged))

@@ -13,7 +13,7 @@ from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import ClipFlight
 from floatplan.clips.formats import check_rate
-from floatplan.clips.judge import GRAVITY, UNPHYSICAL
+from floatplan.clips.judge import GRAVITY
 from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion, plan_configurations
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
@@ -177,7 +177,7 @@ def repair_clip(
 def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
     """Numbers of the flights to repair."""
     if flights is None:
-        return [number for number, flight in enumerate(check.flights) if flight.verdict == UNPHYSICAL]
+        return [number for number, flight in enumerate(check.flights) if flight.verdict == "unphysical"]
     wrong = [number for number in flights if not 0 <= number < len(check.flights)]
     if wrong:
         raise InputError(f"there is no flight {wrong[0]}: they are 0 to {len(check.flights) - 1}", element="flights")

@@ -32,15 +32,13 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import Range
 
 Choice: TypeAlias = Literal["retime", "raise", "auto"] | float
-AUTO = "auto"
 SHARES = {
     "retime": 0.0,
     "raise": 1.0,
 }  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
-CHOICE = one_of(*SHARES, AUTO, or_number=number(Range(0.0, 1.0, "")))
+CHOICE = one_of(*SHARES, "auto", or_number=number(Range(0.0, 1.0, "")))
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
 RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
-FULL = 1.0  # [-] share of a limit
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
 
 
@@ -93,7 +91,7 @@ def repair_flight(
     degree : of the polynomials (12); by the flight's duration where left out
     gravity : m/s^2
     """
-    shares: tuple[str | float, ...] = tuple(SHARES) if choice == AUTO else (choice,)
+    shares: tuple[str | float, ...] = tuple(SHARES) if choice == "auto" else (choice,)
     tried: list[RepairedFlight] = []
     for share in shares:
         repaired = _planned(clip, flight, share, degree, gravity)
@@ -118,7 +116,7 @@ def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | 
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     nearest = _judged(clip, flight, choice, plan)
     # above 20 times a limit no flight within the limits is looked for: it takes seconds
-    if not FULL < _largest_share(nearest) <= 20.0:
+    if not 1.0 < _largest_share(nearest) <= 20.0:
         return nearest
     limits = _limits_within(problem, 0.97)  # with a margin of 3 %
     within = plan_flight(replace(problem, limits=limits))
@@ -276,7 +274,7 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> 
     for quantity, largest_use in (("rate", rate_share), ("torque", torque_share)):
         if largest_use is not None:
             share, motor = largest_use
-            if share > FULL:
+            if share > 1.0:
                 reasons.append(f"{motor} needs {100 * share:.0f} % of its {quantity}")
     if largest > math.radians(30.0):  # a flight with a larger change is another motion
         joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]

@@ -16,8 +16,8 @@ from floatplan.motion.spatial.rotations import of_quaternions
 
 STEPS = 2  # [-] instants to either side, of differences: nearer ones tell of the frames' noise
 LOADED = 0.1  # [-] of the weight: where the ground carries less, where it presses tells nothing
-ANGLES = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)  # [rad] of directions: the feet's edge is 1 % off at most
-DIRECTIONS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
+# unit vectors at 24 equal steps of the full circle: the feet's edge is 1 % off at most
+DIRECTIONS = np.stack([np.cos(2.0 * np.pi * np.arange(24) / 24), np.sin(2.0 * np.pi * np.arange(24) / 24)], axis=1)
 
 
 @dataclass(frozen=True, eq=False)

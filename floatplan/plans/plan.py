@@ -31,9 +31,11 @@ from floatplan.problem.problem import Problem
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are sampled on a grid
-MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
-RESULT = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
+SAME = 1e-6  # [-] numbers that a file holds twice
+IN_FILE = (  # fields that a plan file holds under the same names
+    *("centre", "amplitude", "coefficients", "angular_momentum"),
+    *("angular_momentum_bounds", "status", "ok", "explanation", "solver"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,7 +155,7 @@ class Plan(Outputs, PlannedMotion):
         peaks = self.peaks
         problem = self.problem
         return PlanRecord(
-            **attributes(self, (*MOTION, *RESULT)),
+            **attributes(self, IN_FILE),
             problem=problem_to_dict(problem),
             robot=robot_record(self.robot),
             format=FORMAT if self.robot.in_plane else FORMAT_IN_SPACE,
@@ -239,7 +241,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
             problem=problem,
             ballistics=Ballistics(read_only(com["position0"]), read_only(com["velocity0"]), float(com["gravity"])),
             as_recorded=record,
-            **attributes(record, (*MOTION, *RESULT)),
+            **attributes(record, IN_FILE),
         )
         if record.in_space:
             _check_stated(plan, record)
@@ -280,8 +282,10 @@ def _unlike(stated: Any, computed: Mapping[str, Any], within: str = "") -> Itera
         own = stated.get(key)
         if isinstance(value, Mapping):
             yield from _unlike(own or {}, value, f"{element}.")
-        elif own is None or not np.allclose(own, value, rtol=OF_GRIDS if "peak" in element else SAME, atol=SAME):
-            yield element
+        else:
+            tolerance = 2e-3 if "peak" in element else SAME  # peaks are sampled on a grid
+            if own is None or not np.allclose(own, value, rtol=tolerance, atol=SAME):
+                yield element
 
 
 def as_plan(plan: Plan | str | Path) -> Plan:

@@ -13,7 +13,6 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
 from floatplan.tables import OBJECTIVE_TABLE
 
-LONGEST_LIST = 200  # [-] characters of names in a row
 CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 
 
@@ -95,7 +94,7 @@ def proof_rows(plan: Plan) -> list[Row]:
 
 
 def _cut(listed: str) -> str:
-    return listed if len(listed) <= LONGEST_LIST else f"{listed[: LONGEST_LIST - 4]} ..."
+    return listed if len(listed) <= 200 else f"{listed[:196]} ..."  # characters of a row
 
 
 def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list[str]]]:

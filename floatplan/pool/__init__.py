@@ -21,8 +21,8 @@ from floatplan.pool.fork_server import remember, same_modules, start, start_serv
 
 __all__ = ["in_order", "one_thread", "processes", "same_modules", "start_server"]
 
-P = ParamSpec("P")
-R = TypeVar("R")
+Parameters = ParamSpec("Parameters")
+Returned = TypeVar("Returned")
 
 _lock = threading.Lock()
 _here = threading.local()  # ``single``: whether this thread is in such a call already
@@ -126,11 +126,11 @@ def _count(more: int) -> None:
         _calls += more
 
 
-def one_thread(function: Callable[P, R]) -> Callable[P, R]:
+def one_thread(function: Callable[Parameters, Returned]) -> Callable[Parameters, Returned]:
     """Let a function compute the same bits whatever the number of threads that BLAS may use, and put that back."""
 
     @functools.wraps(function)
-    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+    def limited(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Returned:
         if getattr(_here, "single", False):
             return function(*args, **kwargs)
         _count(1)

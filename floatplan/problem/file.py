@@ -32,9 +32,6 @@ Name: TypeAlias = Annotated[
 ]
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 
-STATE = ("positions", "velocities", "accelerations")
-SETTLED = STATE[1:]  # for which there are words
-
 
 @dataclass(frozen=True)
 class RobotRequest(Keyed):
@@ -383,7 +380,7 @@ def _problem(
 
 
 def _posture(state: JointState, event: str) -> dict[str, Any]:
-    values: dict[str, Any] = {name: getattr(state, name) for name in ("orientation", *STATE)}
+    values: dict[str, Any] = attributes(state, ("orientation", "positions", "velocities", "accelerations"))
     if state.attitude is not None:
         values["orientation"] = table_of(state.attitude)
     words = {"velocities": event if state.frame_rests else None}

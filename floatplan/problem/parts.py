@@ -28,11 +28,10 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
-from floatplan.tables import FLIGHT_EVENTS, OBJECTIVE_TABLE, Objective, Range
+from floatplan.tables import FLIGHT_EVENTS, Objective, Range, describe_objectives
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
-MINIMISED = "; ".join(f"`{name}`: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items())
 
 
 def in_plane_or_space(key: str, spatial: Check, *words: str) -> Check:
@@ -295,7 +294,7 @@ class Motion(Keyed):
             )
         ),
     ] = 7
-    objective: Annotated[Objective, Key(f"What is least. {MINIMISED}")] = "coefficients"
+    objective: Annotated[Objective, Key(f"What is least. {describe_objectives('`')}")] = "coefficients"
     clip: Annotated[ClipReference | None, Key("The recorded motion that the objective `clip` is about")] = None
 
     def contradictions(self) -> Iterator[tuple[str, str]]:

@@ -24,7 +24,6 @@ from floatplan.pool import processes
 from floatplan.studio.tasks import Failure, LaunchTask, Map, MapTask, PlanTask, ShownPlan
 
 LOST = "the planner ended unexpectedly; change something to try again"
-LOG = logging.getLogger(__name__)
 LOADED = (  # modules that are imported before a process begins
     *("floatplan.certificate.certificate", "floatplan.kernel.library", "floatplan.planning.many"),
     *("floatplan.planning.planner", "floatplan.planning.repair", __name__),
@@ -62,7 +61,7 @@ class Actions:
         try:
             action()
         except Exception:  # the page goes on whatever happens; it is an error of the program
-            LOG.exception("%s: %s", self._name, about)
+            logging.getLogger(__name__).exception("%s: %s", self._name, about)
 
 
 class StoppedError(RuntimeError):

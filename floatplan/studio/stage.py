@@ -22,7 +22,6 @@ from floatplan.view.scene import scene
 from floatplan.view.scene.meshes import bends
 from floatplan.view.style import PALETTE, rgb_bytes
 
-LOG = logging.getLogger(__name__)
 Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
 
 
@@ -284,7 +283,7 @@ class Player:
                 try:
                     self._send(shows, min(instant, longest))
                 except Exception:  # the next pose is another chance; it is an error of the program
-                    LOG.exception("player")
+                    logging.getLogger(__name__).exception("player")
 
     def _send(self, shows: list[Show], instant: float) -> None:
         with self._server.atomic():

@@ -14,12 +14,12 @@ from floatplan.errors import InputError
 from floatplan.files import check_hash, json_value
 from floatplan.plans.record import RobotRecord
 
-R = TypeVar("R")
+Robot = TypeVar("Robot")
 
 _cache: dict[str, Any] = {}
 
 
-def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[Urdf, RobotRecord], R]) -> R:
+def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[Urdf, RobotRecord], Robot]) -> Robot:
     """Return the robot of a record; robots are cached by their file's content and the record's roles.
 
     The content's hash is compared with the record's every time. Of an MJCF so is that of the URDF that
@@ -52,7 +52,7 @@ def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable
         if len(_cache) >= 8:  # eight robots stay
             del _cache[next(iter(_cache))]
         _cache[key] = robot
-    robot_of_record: R = _cache[key]
+    robot_of_record: Robot = _cache[key]
     return robot_of_record
 
 

@@ -27,8 +27,8 @@ MESH_KINDS = ("stl", "obj", "dae", "ply", "off", "glb", "gltf")  # not archives:
 LARGEST_MESH = 100_000_000  # [bytes]
 LARGEST = 1e3  # [m] farther from its link's frame no corner of a robot is
 STL_HEADER = 84  # [bytes] of a binary STL file; the last four are the number of triangles
-ROUND_CORNERS = 32  # [-] of the polygon around a disc seen at an angle: it is 0.5 % larger
-AROUND = np.exp(2j * np.pi * (np.arange(ROUND_CORNERS) + 0.5) / ROUND_CORNERS) / np.cos(np.pi / ROUND_CORNERS)
+# the 32 corners of a polygon around the unit disc, which is 0.5 % larger
+AROUND = np.exp(2j * np.pi * (np.arange(32) + 0.5) / 32) / np.cos(np.pi / 32)
 KINDS = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")
 UNMOVED = complex(-0.0, -0.0)  # [m] a shift that changes nothing, not even the sign of zero
 CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])

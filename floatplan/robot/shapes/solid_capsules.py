@@ -17,8 +17,8 @@ from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule, evenly
 
 DIRECTIONS = 16  # [-] over half of all, in which the axis of a capsule around many points may lie
 SAME = 1e-9  # [m] lengths below that are none
-RIM = 24  # [-] corners of the polygon around a disc: it is 0.9 % larger
-AROUND = np.exp(2j * np.pi * np.arange(RIM) / RIM) / np.cos(np.pi / RIM)
+# the 24 corners of a polygon around the unit disc, which is 0.9 % larger
+AROUND = np.exp(2j * np.pi * np.arange(24) / 24) / np.cos(np.pi / 24)
 
 
 def solid_capsules(solids: Sequence[LinkSolid]) -> tuple[SolidCapsule, ...]:

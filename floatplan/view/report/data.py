@@ -32,8 +32,6 @@ from floatplan.view.sampled import SampledPlan, flies_in_space
 from floatplan.view.solids import obstacle_corners, obstacle_solid, rendered_solids
 from floatplan.view.style import PALETTE, palette
 
-FEWEST_SAMPLES = 601  # [-] samples of a flight; odd, so that its middle is one
-MOST_SAMPLES = 2401  # [-] the same: more make the page large and show nothing new
 PHASES = ("phase", "s", "from", "to", "on the ground")  # titles of tables
 STANCES = ("stances", "limit")
 
@@ -158,7 +156,8 @@ def _colours(robot: Robot) -> dict[str, list[str]]:
 
 def sample_grid(duration: float) -> Array:
     """Instants (N,) of the columns, s: evenly spaced, the middle of the flight among them."""
-    count = int(np.clip(duration * 300, FEWEST_SAMPLES - 1, MOST_SAMPLES - 1)) // 2 * 2 + 1  # at 300 Hz
+    # at 300 Hz, odd, so that its middle is a sample; more than 2401 make the page large and show nothing new
+    count = int(np.clip(duration * 300, 600, 2400)) // 2 * 2 + 1
     return np.linspace(0.0, duration, count)
 
 
