@@ -16,7 +16,7 @@ from space_reference import angle, draw_coefficients, flown, make_record
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.certificate.robots.urdf import read_urdf
-from floatplan.certificate.spatial.attitude import Approximation, _series
+from floatplan.certificate.spatial.attitude import Approximation, _series, approximate
 from floatplan.certificate.spatial.bound import attitude_bound
 from floatplan.certificate.spatial.findings import _angles
 from floatplan.certificate.spatial.flight import fly
@@ -109,6 +109,20 @@ def test_the_bound_holds_for_any_approximation(plans, size):
                 there, exact = (Rotation.from_quat(np.einsum("k,ckx->cx", powers, each)) for each in (q, true))
                 assert (there.inv() * exact).magnitude().max() <= found.bound + flight.attitude.bound
     assert proved > 5
+
+
+def test_first_guesses_that_lead_nowhere_are_left(plans):
+    rng = np.random.default_rng(1)
+    for record in plans[:2]:
+        flight = enclosed(record)
+        momentum = np.array(record.angular_momentum)
+        start = np.array(record.orientation["start"]["quaternion_xyzw"])
+        guesses = rng.normal(size=(len(flight.cells), 4))
+        guesses /= np.linalg.norm(guesses, axis=1, keepdims=True)
+        found = approximate(flight.motion, flight.cells, momentum, start, guesses)
+        with np.errstate(all="ignore"):
+            bound = attitude_bound(flight.motion, found, flight.cells, momentum, start).bound
+        assert bound == pytest.approx(flight.attitude.bound, rel=0.5)
 
 
 def transitions_of(flight, record, q):
