@@ -289,8 +289,10 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
     constraints.give(path=doubles(numbers.paths()), **_of_constraints(spec, numbers, count))
     batch = Batch.of(template, motions, constraints)
     batch.classes.give(orientation=numbers.values["orientation"][:, 0])
-    obstacles = numbers.obstacles or [()] * count
-    thickness = [min((obstacle.thickness for obstacle in own), default=np.inf) for own in obstacles]
+    thickness = np.full(count, np.inf)
+    for row, obstacles in enumerate(numbers.obstacles):
+        for obstacle in obstacles:
+            thickness[row] = min(thickness[row], obstacle.thickness)
     minima = StructArray([template.minima_struct], count)
     number, s, least = batch.minima
     minima.give(row=number, s=s, least=least)
@@ -310,7 +312,9 @@ def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str,
     rows = spec.rows
     members: dict[str, Array] = {}
     if numbers.obstacles:
-        margins = np.array([[obstacle.margin for obstacle in own] for own in numbers.obstacles])
+        margins = np.empty((count, len(numbers.obstacles[0])))
+        for margins_of_one, obstacles in zip(margins, numbers.obstacles, strict=True):
+            margins_of_one[:] = [obstacle.margin for obstacle in obstacles]
         least = np.tile(rows.least, (count, 1))
         of_obstacles = np.diff(rows.block_first)[: margins.shape[1]]
         least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)

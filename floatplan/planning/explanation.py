@@ -27,9 +27,8 @@ def explain(result: SearchResult) -> str:
     flight = result.spec.flight
     sentences = [*interrupted, *reasons, *flight.difficulties(), *_nearest(result)]
     momentum = result.best.start_variables.angular_momentum(result.best.x)
-    sentences += [
-        f"With {_numbers(momentum, '.4g')} kg m^2/s, {error.reason}." for error in flight.motion_into_ground(momentum)
-    ]
+    with_momentum = f"With {_numbers(momentum, '.4g')} kg m^2/s"
+    sentences += [f"{with_momentum}, {error.reason}." for error in flight.motion_into_ground(momentum)]
     if result.interrupted:
         return " ".join(sentences)
     if result.ran_out_of_time and not result.ran_out_of_patience:

@@ -64,7 +64,8 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
         or abs(flight.reorientation.change[2]) > SPATIAL_RULES.twist
         or not (isinstance(h, str) or np.any(h))
     )
-    return [(degree,) * n for degree in (SPATIAL_RULES.degrees if demanding else SPATIAL_RULES.degrees_without_twist)]
+    degrees = SPATIAL_RULES.degrees if demanding else SPATIAL_RULES.degrees_without_twist
+    return [(degree,) * n for degree in degrees]
 
 
 class SpatialSearch(Search):

@@ -171,10 +171,22 @@ def tightened(problem: Problem, missing: Shortfalls, rotation: float) -> Problem
     torque: Any = less("torque", robot.motors, problem.motor_torque_limits)
     if not np.isfinite(problem.motor_torque_limits).any():
         torque = list(less("generalized_torque", robot.joints, problem.torque_limits).values())
-    of_joints: dict[str, Any] = {
-        key: list(less(key, robot.joints, values).values()) for key, values in problem.joint_limits.items()
-    }
-    curves = zip(less("motor", robot.motors, problem.motor_stall).items(), problem.motor_slope, strict=True)
+    of_joints: dict[str, Any] = {}
+    for key, values in problem.joint_limits.items():
+        of_joints[key] = list(less(key, robot.joints, values).values())
+    motors = {}
+    stalls = less("motor", robot.motors, problem.motor_stall)
+    for (name, stall), slope in zip(stalls.items(), problem.motor_slope, strict=True):
+        if math.isfinite(stall):
+            motors[name] = Motor(stall, slope)
+    obstacles = []
+    for index, obstacle in enumerate(problem.obstacles):
+        margin = obstacle.margin + more("obstacle", index, obstacle.kind)
+        obstacles.append(replace(obstacle, margin=margin))
+    pairs = []
+    for pair in problem.self_clearances:
+        margin = pair.margin + more("self_clearance", *pair.links)
+        pairs.append(replace(pair, margin=margin))
     rate = limits.orientation_rate
     goal = problem.goal
     if ORIENTATION in missing:
@@ -186,16 +198,11 @@ def tightened(problem: Problem, missing: Shortfalls, rotation: float) -> Problem
             limits,
             **of_joints,
             torque=torque,
-            motor={name: Motor(stall, slope) for (name, stall), slope in curves if math.isfinite(stall)},
+            motor=motors,
             orientation_rate=None if rate is None else rate - more("orientation_rate"),
         ),
-        obstacles=tuple(
-            replace(obstacle, margin=obstacle.margin + more("obstacle", index, obstacle.kind))
-            for index, obstacle in enumerate(problem.obstacles)
-        ),
-        self_clearances=tuple(
-            replace(pair, margin=pair.margin + more("self_clearance", *pair.links)) for pair in problem.self_clearances
-        ),
+        obstacles=tuple(obstacles),
+        self_clearances=tuple(pairs),
     )
 
 

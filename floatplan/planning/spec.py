@@ -15,6 +15,7 @@ from floatplan.planning.constraints import Constraint, clearance, limit
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
 from floatplan.planning.kernel_input.space import SpatialRows
 from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
+from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -51,9 +52,9 @@ class FlightSpec:
             return ()
         flight = self.flight
         duration = problem.flight.duration
-        obstacles = [
-            (f"obstacle {index} ({obstacle.kind})", obstacle) for index, obstacle in enumerate(problem.obstacles)
-        ]
+        obstacles: list[tuple[str, Obstacle]] = []
+        for index, obstacle in enumerate(problem.obstacles):
+            obstacles.append((f"obstacle {index} ({obstacle.kind})", obstacle))
         if problem.ground:
             obstacles.append(("the ground", problem.ground_plane))
         blocks: list[Constraint] = []

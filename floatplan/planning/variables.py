@@ -274,7 +274,9 @@ def scale(form: Form, free: tuple[int, ...], durations: tuple[float, ...]) -> tu
     unit = np.asarray(1 / longest)
 
     # With fewer coefficients Q and R^-1 are their first columns, and rows.
-    maps = {w: -inverse[:, :w, :w] @ (orthogonal[..., :w].swapaxes(1, 2) @ by_boundary) for w in set(free)}
+    maps = {}
+    for width in set(free):
+        maps[width] = -inverse[:, :width, :width] @ (orthogonal[..., :width].swapaxes(1, 2) @ by_boundary)
     scaled = unit[:, None, None] * inverse
     scaling = np.zeros((len(durations), sum(free), sum(free)))
     for width, end in zip(free, accumulate(free), strict=True):

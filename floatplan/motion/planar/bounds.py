@@ -102,7 +102,8 @@ def _central_weights(robot: Robot) -> ComplexArray:
     count = POINTS_PER_SHAPE
     bodies = np.repeat([shape.body for shape in shapes], count)
     fraction = np.tile(np.linspace(0, 1, count), len(shapes))
-    starts, ends = (np.repeat(np.array(side), count) for side in zip(*((s.start, s.end) for s in shapes), strict=True))
+    starts = np.repeat([shape.start for shape in shapes], count)
+    ends = np.repeat([shape.end for shape in shapes], count)
     weights = robot.tree.point_weights(bodies, (1 - fraction) * starts + fraction * ends)
     return np.asarray(weights[np.argmin(np.abs(weights).sum(axis=1))], dtype=np.complex128)
 

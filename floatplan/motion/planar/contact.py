@@ -249,8 +249,8 @@ def no_common_momentum(problem: Problem) -> str | None:
     best = [contact_rates(problem, end, None) for end in ends if has_contact(problem, end)]
     if len(best) < 2 or not all(solution.ratio is not None and solution.ratio <= 1 + RELATIVE for solution in best):
         return None
-    pairs = zip(ends, best, strict=True)
-    first, last = (reachable(problem, end, solution.angular_momentum).angular_momentum for end, solution in pairs)
+    first = reachable(problem, ends[0], best[0].angular_momentum).angular_momentum
+    last = reachable(problem, ends[1], best[1].angular_momentum).angular_momentum
     if first is None or last is None or max(first[0], last[0]) <= min(first[1], last[1]):
         return None
     return (

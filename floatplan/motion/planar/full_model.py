@@ -379,7 +379,8 @@ class FreeFlyer:
         joints = [model.joints[model.getJointId(name)] for name in robot.model_joints]
         self.nq = int(model.nq)
         self.nv = int(model.nv)
-        self.in_q, self.in_v = (np.array([getattr(joint, at) for joint in joints], int) for at in ("idx_q", "idx_v"))
+        self.in_q = np.array([joint.idx_q for joint in joints], int)
+        self.in_v = np.array([joint.idx_v for joint in joints], int)
         self.continuous = np.flatnonzero([joint.nq == 2 for joint in joints])
 
     def configurations(self, motion: FullMotion) -> Array:

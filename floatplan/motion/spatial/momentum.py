@@ -92,17 +92,15 @@ class _NominalMotion:
         amplitude = (high - low) / 2
         duration = problem.flight.duration
         branch = np.zeros(len(centre), np.int64)
-        ends = [
-            (p, duration * rate, duration**2 * curvature)
-            for state in (problem.initial, problem.final)
-            for p, rate, curvature in [
-                boundary_arguments(
-                    state.positions, state.velocities, np.nan_to_num(state.accelerations), centre, amplitude, branch
-                )
-            ]
-        ]
+        ends: list[Array] = []
+        for state in (problem.initial, problem.final):
+            accelerations = np.nan_to_num(state.accelerations)
+            p, rate, curvature = boundary_arguments(
+                state.positions, state.velocities, accelerations, centre, amplitude, branch
+            )
+            ends += [p, duration * rate, duration**2 * curvature]
         if problem.reference is None:
-            polynomials = SinePolynomials(centre, amplitude, duration, np.concatenate(ends).T, (0,) * len(centre))
+            polynomials = SinePolynomials(centre, amplitude, duration, np.array(ends).T, (0,) * len(centre))
             values = basis(polynomials.form).values(self.cells.s)
             joints = polynomials.motion(polynomials.nominal_coefficients, values)
             positions = joints.positions

@@ -29,9 +29,8 @@ def missed_in_space(motion: PlanarMotion) -> Array:
     positions, velocities, _ = motion.joints.at(grid.s * duration)
     inertia, maps = centroidal_maps(robot, positions)
     relative = np.einsum("kan,kn->ka", maps @ robot.selection, velocities)
-    start, planned = (
-        pin.exp3(each * plane.normal) for each in (motion.problem.initial.orientation, motion.final_orientation)
-    )
+    start = pin.exp3(motion.problem.initial.orientation * plane.normal)
+    planned = pin.exp3(motion.final_orientation * plane.normal)
     try:
         end = turn(grid, duration, inertia, relative, momentum, start).ends[-1]
     except (IntegrationError, np.linalg.LinAlgError):

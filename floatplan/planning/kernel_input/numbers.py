@@ -188,10 +188,9 @@ class Numbers:
         orientation = values["orientation"]
         positions = values["positions"]
         gravity = values["gravity"]
-        foot, landing = (
-            like.robot.tree.places_from_com(frame.weights, orientation[:, end], positions[:, end])
-            for end, frame in enumerate((like.takeoff_frame, like.landing_frame))
-        )
+        tree = like.robot.tree
+        foot = tree.places_from_com(like.takeoff_frame.weights, orientation[:, 0], positions[:, 0])
+        landing = tree.places_from_com(like.landing_frame.weights, orientation[:, 1], positions[:, 1])
         takeoff = values["position"][:, 0] + 1j * values["position"][:, 1] - foot
         upwards = rising(takeoff.imag, landing.imag, values["height"], gravity, values["duration"])
         return np.stack((takeoff.real, takeoff.imag, values["horizontal_velocity"], upwards, gravity), axis=1)

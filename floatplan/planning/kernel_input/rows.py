@@ -261,7 +261,8 @@ def _distances(block: DistanceRows, shapes: Shapes, obstacles: list[list[float]]
     rows: list[Row] = []
     for piece in block.between.pieces:
         sides, numbers = _written_obstacle(piece)
-        rows += [(side, i, len(obstacles), block.least, 1 / block.scale) for side in sides for i in capsules]
+        for side in sides:
+            rows += [(side, capsule, len(obstacles), block.least, 1 / block.scale) for capsule in capsules]
         obstacles.append(numbers)
     return rows
 
@@ -291,7 +292,11 @@ def nodes_of_levels(form: Form) -> StructArray:
 
 def obstacle_numbers(obstacle: Obstacle) -> list[float]:
     """Return what the kernel is given of an obstacle, piece by piece."""
-    return [number for piece in obstacle.pieces for number in _written_obstacle(piece)[1]]
+    numbers = []
+    for piece in obstacle.pieces:
+        _, own = _written_obstacle(piece)
+        numbers += own
+    return numbers
 
 
 def can_write(obstacle: Obstacle) -> bool:
