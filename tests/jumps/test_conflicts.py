@@ -35,7 +35,6 @@ def narrow() -> fp.Problem:
 
 CASES = {
     "weak": (lambda: weak(0.5), fp.JumpRequest(), "torque", 1),
-    "weaker": (lambda: weak(0.35), fp.JumpRequest(), "torque", 1),
     "slippery": (go2_problem, fp.JumpRequest(friction=0.1), "friction", 1),
     "narrow": (narrow, fp.JumpRequest(), "range", 3),
     "weak and slippery": (lambda: weak(0.5), fp.JumpRequest(friction=0.1), "friction", 2),

@@ -12,7 +12,6 @@ import floatplan as fp
 from floatplan.errors import InputError
 
 AROUND: dict[str, dict[str, Any]] = {
-    "a bar overhead": {"obstacles": (fp.Circle(center=(0.2, 0.75), radius=0.05),)},
     "a ceiling": {"obstacles": (fp.HalfPlane(point=(0.0, 0.85), normal=(0.0, -1.0)),)},
     "a post behind": {"obstacles": (fp.Bar(start=(-0.45, 0.0), end=(-0.45, 0.6), radius=0.03),)},
     "a ball that flies by": {"obstacles": (fp.Circle(center=(1.0, 0.8), radius=0.05, velocity=(-3.0, 0.0)),)},
