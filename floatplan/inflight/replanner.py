@@ -94,7 +94,8 @@ class Replanner:
     """Corrects a plan's motion in flight, so that the robot lands as planned with what it really took off with.
 
     The joints' motion stays continuous to the accelerations and inside the joint ranges whatever is measured.
-    One object per flight and thread; copies, also pickled ones, go on from where it is, each by itself.
+    The flight is one in a plane or in space. One object per flight and thread; copies, also pickled ones, go on from
+    where it is, each by itself.
 
     Parameters
     ----------

@@ -22,6 +22,7 @@ from floatplan.inflight import authority as authority_module
 from floatplan.inflight import prediction, update
 from floatplan.kernel.tolerances import CORRECTION_GAINS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
+from floatplan.motion.flight import flight_of
 from floatplan.robot.urdf.tree import robots_folder
 
 SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
@@ -37,6 +38,11 @@ def go2() -> fp.Plan:
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed")
     return fp.plan(fp.load_problem(SPACE / "go2_barrel_roll.toml"))
+
+
+@pytest.fixture(scope="module")
+def bar() -> fp.Plan:
+    return fp.plan(fp.load_problem(SPACE / "diver_past_a_bar.toml"))
 
 
 @pytest.fixture(scope="module")
@@ -131,14 +137,15 @@ def limited(plan: fp.Plan) -> fp.Plan:
     return replace(plan, problem=replace(plan.problem, limits=limits))
 
 
-@pytest.mark.parametrize("name", ["diver", "go2"])
+@pytest.mark.parametrize("name", ["diver", "go2", "bar"])
 def test_a_step_is_that_of_finite_differences(
     name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of the miss, and of rows beyond their aims of torques and rates."""
+    """Of the miss, and of rows beyond their aims: of torques, rates and distances."""
     gains = replace(CORRECTION_GAINS_IN_SPACE, evaluations_far=1, far=math.inf, most_rows=1000, weighed=1e3)
     monkeypatch.setattr(update, "CORRECTION_GAINS_IN_SPACE", gains)
     monkeypatch.setattr(prediction, "SHARE_AIM", 0.8)
+    monkeypatch.setattr(prediction, "DISTANCE_AIM", 2.0)
     plan = limited(request.getfixturevalue(name))
     sigma, acceleration = 0.01, 0.02
     replanner = fp.Replanner(plan, sigma=sigma, acceleration=acceleration)
@@ -166,7 +173,7 @@ def test_a_step_is_that_of_finite_differences(
     columns = []
     for unit in np.eye(shape[0] * shape[1]):
         (ahead, above), (back, below) = looked_at(1e-5 * unit), looked_at(-1e-5 * unit)
-        columns.append(np.concatenate((ahead - back, (above - below)[near])) / (2e-5 * scale))
+        columns.append(np.concatenate((ahead - back, above[near] - below[near])) / (2e-5 * scale))
     jacobian = np.transpose(columns)
     stiffness = 1 / (acceleration * rest.remaining**2) ** 2
     y = -np.linalg.solve(jacobian.T @ jacobian + stiffness * np.eye(len(columns)), jacobian.T @ residual)
@@ -175,6 +182,21 @@ def test_a_step_is_that_of_finite_differences(
     change = found.motion.coefficients[CONDITIONS:] - rest.coefficients[CONDITIONS:]
     assert np.abs(change).max() > 0
     np.testing.assert_allclose(change, expected, rtol=0, atol=2e-5 * np.abs(expected).max())
+
+
+def test_distances_are_those_of_the_plan(bar: fp.Plan) -> None:
+    replanner, begin = fp.Replanner(bar), 0.3 * bar.duration
+    now = replanner._update
+    now.estimate.inertial.attitude[:] = pin.Quaternion(bar.at(begin).orientation).matrix()
+    now.predicted(replanner.rest(begin))
+    motion = flight_of(bar.problem).whole_motion(bar._written, bar.angular_momentum, bar.ballistics)
+    segments = motion.segments(now.times)
+    for obstacle, (low, high) in zip(bar.problem.obstacles, pairwise(now._block_first), strict=False):
+        expected = segments.distances(obstacle, now.times).T
+        found = obstacle.margin + prediction.LENGTH_SCALE * now.row_values[low:high]
+        exists = np.isfinite(found)
+        assert exists.any()
+        np.testing.assert_allclose(found[exists], expected[exists], rtol=0, atol=1e-6)
 
 
 def test_momentum_and_masses_are_found(diver: fp.Plan, replanner: fp.Replanner) -> None:
