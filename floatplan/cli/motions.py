@@ -32,8 +32,8 @@ Errors = Annotated[
     str,
     option(
         "h=1%,..",
-        "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, rise, "
-        "noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
+        "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, "
+        "rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
         "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
     ),
 ]
