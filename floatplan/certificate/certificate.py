@@ -171,8 +171,10 @@ def _proved(
     for obstacle in obstacles:
         if obstacle.get("window"):
             begin, end = map(float, obstacle["window"])
-            if begin <= record.duration and end >= 0.0:
-                windows.append((max(begin, 0.0), min(end, record.duration)))
+            begin = max(begin, 0.0)
+            end = min(end, record.duration)
+            if begin <= end:
+                windows.append((begin, end))
     flight = fly(robot, record, windows, budget)
     orientation, last = orientation_findings(record, flight)
     limits, peaks = limit_findings(robot, record, flight.joints, flight.cells)
