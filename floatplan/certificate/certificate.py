@@ -260,7 +260,9 @@ def _certificate(
 ) -> Certificate:
     """What is proved of flights in a plane and in space alike, with the peaks that ``limit_findings`` gives."""
     resolved = [Finding("resolved", (), "proved", None)] if record.robot.kind == "mjcf" else []
-    bounds = {name: [-peak.bound for peak in of_row] for name, of_row in peaks.items()}
+    bounds = {}
+    for name, minima in peaks.items():
+        bounds[name] = [-peak.bound for peak in minima]
     return Certificate(
         verdict=worst([*resolved, *findings]),
         orientation_end=(-math.inf, math.inf),

@@ -180,7 +180,7 @@ def _clip_files(files: Sequence[Path]) -> list[Path]:
     clips: list[Path] = []
     for path in files:
         if path.is_dir():
-            inside = sorted(path for path in path.iterdir() if path.suffix.lower() in ENDINGS)
+            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
             if not inside:
                 raise InputError("holds no recorded motion", source=path, advice=f"these end in {', '.join(ENDINGS)}")
             clips += inside

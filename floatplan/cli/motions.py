@@ -19,6 +19,24 @@ from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
 
 Output = Annotated[Path | None, option("DIR", "Where files go; next to the plan if left out.", "--output", "-o")]
+FlightPages = Annotated[
+    Path | None,
+    option(
+        "DIR",
+        "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
+        "--output",
+        "-o",
+    ),
+]
+Errors = Annotated[
+    str,
+    option(
+        "h=1%,..",
+        "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, "
+        "rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
+        "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
+    ),
+]
 
 
 def certify(
@@ -51,15 +69,7 @@ def replay(
     engine: Annotated[
         str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
     ] = None,
-    perturb: Annotated[
-        str,
-        option(
-            "h=1%,..",
-            "Errors of h at takeoff, of mass, of torque: h=1%,mass=2%,torque=1%; with --replan of h, inertia, torque, "
-            "rise, noise, delay: h=10%,inertia=5%,noise=0.1deg,delay=5ms if left out; of a jump "
-            "mass=5%,inertia=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms.",
-        ),
-    ] = "",
+    perturb: Errors = "",
     feedback: Annotated[
         float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
     ] = None,
@@ -87,15 +97,7 @@ def replay(
     authority: Annotated[
         bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
     ] = False,
-    output: Annotated[
-        Path | None,
-        option(
-            "DIR",
-            "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
-            "--output",
-            "-o",
-        ),
-    ] = None,
+    output: FlightPages = None,
     save: common.Save = False,
     json_output: common.Json = False,
 ) -> None:

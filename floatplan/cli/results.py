@@ -143,16 +143,8 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, except_
     from floatplan.export.formats import FORMATS
 
     figure_names = {*FIGURE_NAMES, *(row.title.lower() for row in LIMIT_TABLE.values())}
-    made = [
-        directory / name
-        for name in (
-            ResultFile.JUMP,
-            ResultFile.REPORT,
-            ResultFile.SCENE,
-            f"{ResultFile.FILM}.gif",
-            f"{ResultFile.FILM}.mp4",
-        )
-    ]
+    made = [directory / name for name in (ResultFile.JUMP, ResultFile.REPORT, ResultFile.SCENE)]
+    made += [directory / f"{ResultFile.FILM}.gif", directory / f"{ResultFile.FILM}.mp4"]
     made += [directory / form.file for form in FORMATS.values()]
     for name in figure_names:
         made += [directory / ResultFile.FIGURES / f"{name}.png", directory / ResultFile.FIGURES / f"{name}.svg"]

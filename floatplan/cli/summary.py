@@ -6,6 +6,7 @@ import math
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain, product
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +121,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
     ]
     warnings = [Text(f"warning: {warning}", "yellow") for warning in facts["warnings"]]
     titles = ("joint", "range, rad", "rad/s", "N m", *([] if plane is None else ["momentum by rate, kg m^2"]))
-    open_limits = any(cell in (NONE, short(None)) for row in joints for cell in row)
+    open_limits = {NONE, short(None)} & set(chain.from_iterable(joints))
     note = [Text(f'{short(None)} or "{NONE}": the robot\'s file has no limit there, or 0, which counts as none')]
     return Group(
         table,
@@ -218,7 +219,8 @@ def replays_summary(replays: Sequence[fp.Replay], requested: int) -> RenderableT
     """Return the result of ``floatplan replay --runs``, for reading."""
     from floatplan.simulation.replay import landing_rows
 
-    landed = f"{sum(flight.landed for flight in replays)} of {len(replays)} landed"
+    count = sum(flight.landed for flight in replays)
+    landed = f"{count} of {len(replays)} landed"
     landed += f", of {requested} asked for" if len(replays) < requested else ""
     table = _table(("at landing", "median", "worst"), landing_rows(replays))
     return Group(Text(landed, "bold"), _named(replays[0].rows()[:1]), table)
@@ -252,7 +254,8 @@ def _reachable(facts: Mapping[str, Any]) -> RenderableType:
         rows.append(
             ("each alone, by joint rates", *(_interval(facts[f"{end}_{key}_bounds"]) for key in REACHABLE_TITLES))
         )
-    unlimited = all(None in (facts[f"{end}_{key}_bounds"] or ()) for end in ends for key in REACHABLE_TITLES)
+    bounds = [facts[f"{end}_{key}_bounds"] or () for end, key in product(ends, REACHABLE_TITLES)]
+    unlimited = all(None in ends_of_interval for ends_of_interval in bounds)
     note = "joints without velocity limits reach anything: limits.velocity sets them"
     return Group(_table(("", *REACHABLE_TITLES.values()), rows), *([Text(note, "dim")] if unlimited else []))
 

@@ -278,7 +278,9 @@ def on_body(poses: BodyPoses, body: int, local: Array) -> Array:
 
 def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> list[int]:
     """Bodies of the links of these names."""
-    links = {solid.link: body for body, solids in by_body.items() for solid in solids}
+    links: dict[str, int] = {}
+    for body, solids in by_body.items():
+        links |= {solid.link: body for solid in solids}
     unknown = [name for name in names if name not in links]
     if unknown:
         listed = ", ".join(links)

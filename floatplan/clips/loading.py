@@ -189,7 +189,9 @@ def _by_levels(robot: Robot) -> tuple[str, ...]:
     names: list[str] = []
     level = [tree.root]
     while level:
-        joints = [joint for link in level for joint in tree.joints if joint.parent == link]
+        joints = []
+        for link in level:
+            joints += [joint for joint in tree.joints if joint.parent == link]
         names += [joint.name for joint in joints if joint.name in moving]
         level = [joint.child for joint in joints]
     return tuple(names)

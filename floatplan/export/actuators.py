@@ -152,7 +152,9 @@ def controls(model: CompiledMjcf, joints: Mapping[str, int], times: Array, motio
     if idle:
         notes.append(f"no actuator gives these joints the torque that they take, N m: {', '.join(idle)}")
     others = []
-    driving = {number for joint in joints.values() for number in actuators_of(model, joint)}
+    driving = set[int]()
+    for joint in joints.values():
+        driving |= set(actuators_of(model, joint))
     for number, name in enumerate(model.names["actuator"]):
         if number not in driving:
             others.append(name or f"number {number + 1}")

@@ -106,11 +106,14 @@ class Exported:
         phase = phase_of(motion, times)
         forces = motion.forces(times)
         points = motion.contact_points(times)
+        stands = np.empty((len(phases), len(forces)), np.bool_)
+        for number, one in enumerate(phases):
+            stands[number] = [name in one.contacts for name in forces]
         return {
             "phase": phase,
             "phase_begin": np.array([one.begin for one in phases]),
             "contact_names": np.array([*forces]),
-            "contacts": np.array([[name in one.contacts for name in forces] for one in phases])[phase],
+            "contacts": stands[phase],
             "forces": np.stack([forces[name] for name in forces], axis=1),
             "contact_points": np.stack([points[name] for name in forces], axis=1),
         }

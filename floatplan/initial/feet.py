@@ -141,7 +141,9 @@ def _lowest(robot: Robot, body: int, bottom: Mapping[str, float]) -> str:
 
 def _over(robot: Robot, frames: Iterable[str], near: float) -> bool:
     """Whether the centre of mass is over the span of links, or ``near`` to it, m."""
-    spots = [corner for frame in frames for corner in corners(robot.link_hulls.get(frame, ()))]
+    spots = []
+    for frame in frames:
+        spots += corners(robot.link_hulls.get(frame, ()))
     if not spots:
         return False
     along = heights_over_com(robot, spots, _posture(robot)).real

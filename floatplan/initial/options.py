@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -92,7 +93,7 @@ class InitOptions:
         frame: str | None = getattr(self, side)
         phases: Groups = getattr(self, contacts) or ()
         names = [(side, frame)] if frame else []
-        names += [(contacts, name) for phase in phases for name in phase]
+        names += [(contacts, name) for name in chain.from_iterable(phases)]
         for option, name in names:
             if name and not {name, _frame(name)} & set(chosen.robot.frames):
                 raise wrong(option, f"the robot has no frame {name!r}", "floatplan info ROBOT --frames lists them")

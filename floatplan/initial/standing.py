@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -256,7 +256,7 @@ class _Objective:
         hips = [Spot(leg.bodies[0], 0j) for leg in legs]
         groups = [*supports, *bends, hips, *self._others()]
         self.ends = np.cumsum([len(group) for group in groups])[:-1]
-        spots = [spot for group in groups for spot in group]
+        spots = list(chain.from_iterable(groups))
         self.radii = np.array([spot.radius for spot in spots])
         self.weights = np.split(spot_weights(robot, spots), 2, axis=1)[0]
         self.unit = max(leg.length for leg in legs)

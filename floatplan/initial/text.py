@@ -230,7 +230,7 @@ def _limits(flight: FirstFlight) -> list[str]:
         of_wheels = set(ranges) & set(wheels(robot))
         reasons = ["a wheel may turn on"] if of_wheels else []
         reasons += ["links do not overlap there"] if set(ranges) - of_wheels else []
-        written = {name: [_degrees(end) for end in ends] for name, ends in ranges.items()}
+        written = {name: list(map(_degrees, ends)) for name, ends in ranges.items()}
         lines.append(f"position = {_value(written)}  # degrees: {'; '.join(reasons)}")
     fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the file gives none"
     lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)

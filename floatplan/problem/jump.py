@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from floatplan.arguments import by_name, positive
@@ -71,7 +72,7 @@ class JumpSide(Keyed):
             yield "durations", f"{len(self.durations)} given for {len(self.contacts)} phases of contacts"
 
     def _fault(self, groups: Groups) -> str:
-        for name in dict.fromkeys(name for group in groups for name in group):
+        for name in dict.fromkeys(chain.from_iterable(groups)):
             stands = [name in group or name.partition(".")[0] in group for group in groups]
             if _stands_again(stands):
                 return f"{name!r} would leave the ground and return; let it stand without a break"

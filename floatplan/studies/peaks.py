@@ -108,7 +108,10 @@ def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[PlanarRows | Non
     blocks = [DistanceRows(obstacle, 0.0, 1.0) for obstacle in like.obstacles]
     constraints = PlanarRows(like.robot.tree, blocks, flight=planar_flight(like))
     rows = np.diff(constraints.block_first)
-    windows = np.array([[obstacle.window or (0.0, np.inf) for obstacle in own] for own in numbers.obstacles])
+    windows = np.empty((len(numbers.obstacles), len(like.obstacles), 2))
+    for problem, own in enumerate(numbers.obstacles):
+        for number, obstacle in enumerate(own):
+            windows[problem, number] = obstacle.window or (0.0, np.inf)
     windows = np.minimum(windows / numbers.values["duration"][:, None, None], (np.inf, 1.0))
     low, high = np.repeat(windows, rows, axis=1).transpose(2, 0, 1)
     instants = 129  # among which the least distance is first searched for

@@ -161,7 +161,9 @@ def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Ar
         of = [problems[index] for index in rows.tolist()]
         durations = np.array([problem.flight.duration for problem in of])
         of_each = [limits_of_motors(problem) for problem in of]
-        limits = {name: np.array([own[name] for own in of_each]) for name in limits_of_motors(base)}
+        limits = {}
+        for name in limits_of_motors(base):
+            limits[name] = np.array([own[name] for own in of_each])
     limits = {name: values for name, values in limits.items() if np.isfinite(values).any()}
     by_kernel = base.robot.in_plane and limits.keys() <= {"torque", *ORDERS} and can_measure(base)
     if by_kernel and rows.size:
@@ -204,7 +206,10 @@ def _planned_jumps(study: StudyFile, problems: Family, first: int) -> dict[str, 
         except InputError as error:
             result = PlanEntry("error", message=str(error))
         rows.append(_row(study, result, 1e3 * (time.perf_counter() - start)) | measured)
-    return {name: [row[name] for row in rows] for name in rows[0]}
+    columns = {}
+    for name in rows[0]:
+        columns[name] = [row[name] for row in rows]
+    return columns
 
 
 def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[PlanEntry, dict[str, Any]]:

@@ -124,7 +124,10 @@ class Chart:
     @property
     def curves(self) -> list[Curve]:
         """All curves, the base's first."""
-        return [curve for panel in reversed(self.panels) for curve in panel.curves]
+        curves: list[Curve] = []
+        for panel in reversed(self.panels):
+            curves += panel.curves
+        return curves
 
 
 def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart]:

@@ -53,12 +53,13 @@ def shape_weights(robot: PlanarRobot, link_shapes: tuple[LinkShape, ...] | None)
 
     These are the segments from each link's origin to its children's joints, with radius 0.
     """
+    shapes: list[Shape] = []
     if link_shapes is None:
-        shapes = [Shape(link, start, end, 0.0) for link, pairs in robot.segments.items() for start, end in pairs]
+        for link, pairs in robot.segments.items():
+            shapes += [Shape(link, start, end, 0.0) for start, end in pairs]
     else:
         if any(not 0.0 <= float(radius) < float("inf") for *_, radius in link_shapes):
             raise ValueError("the radius of a shape is negative")
-        shapes = []
         for link, start, end, radius in link_shapes:
             shape = Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
             shapes.append(shape)

@@ -176,10 +176,10 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
         weights, inertia = _weights_and_inertia(bodies)
         rotors = _rotors(bodies, {body_of[joint.child]: joint for joint in urdf.joints if joint.name in signs}, record)
-        points = {
-            link: Point(body, in_plane(placed[link].translation) - bodies[body].origin)
-            for link, body in body_of.items()
-        }
+        points = {}
+        for link_name, index in body_of.items():
+            position = in_plane(placed[link_name].translation)
+            points[link_name] = Point(index, position - bodies[index].origin)
         return PlanarRobot(
             joints=record.joints,
             motors=tuple(motors),

@@ -33,12 +33,15 @@ class MjcfTree:
         self.model = model
         roots = sorted(set(model.body_rootid[model.jnt_bodyid].tolist()))
         if len(roots) != 1:
-            listed = f": {', '.join(self.body_names[body] for body in roots[:5])}" if roots else ""
+            names = [self.body_names[body] for body in roots[:5]]
+            listed = f": {', '.join(names)}" if names else ""
             reason = f"{len(roots)} bodies of the world move, where one robot flies{listed}"
             raise InputError(reason, element="<worldbody>", advice="let one alone move, by a <freejoint/>")
         self.bodies: list[int] = np.flatnonzero(model.body_rootid == roots[0]).tolist()
         self.joints = {body: np.flatnonzero(model.jnt_bodyid == body).tolist() for body in self.bodies}
-        self.moving: list[int] = [joint for body in self.bodies[1:] for joint in self.joints[body]]
+        self.moving: list[int] = []
+        for body in self.bodies[1:]:
+            self.moving += self.joints[body]
         self._check_base()
         self._check_rigid()
         self.warnings = self._left_out()
@@ -81,9 +84,9 @@ class MjcfTree:
         if len(of_type.get(kinds["mjJNT_BALL"], [])) == 1 and not rotations:
             rotations = list(np.eye(3))  # as freely as three hinges about these axes
         if base and kinds["mjJNT_FREE"] not in of_type and not moves_freely(slides, rotations):
+            names = [self.joint_names[joint] for joint in base]
             reason = (
-                f"is held to the world by {', '.join(self.joint_names[joint] for joint in base)}, which do not let it "
-                "move freely, in a plane or in space"
+                f"is held to the world by {', '.join(names)}, which do not let it move freely, in a plane or in space"
             )
             advice = (
                 "let it have a <freejoint/>; or slide along two axes and turn about the third, or slide along three "

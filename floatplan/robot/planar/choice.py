@@ -70,10 +70,15 @@ class Plane:
         return float(np.arctan2(np.linalg.norm(axis - along * self.normal), abs(along)))
 
 
+def _count_along(letter: str, axes: Iterable[Array]) -> int:
+    """How many of some axes (3,) are along that of a letter."""
+    return sum(_is_parallel(axis, _unit(letter)) for axis in axes)
+
+
 def _planes_of(axes: Iterable[Array]) -> list[str]:
     """Planes in which some of the joints with these axes (3,) rotate, in quotation marks."""
     lines = list(axes)
-    normals = [letter for letter in LETTERS if any(_is_parallel(axis, _unit(letter)) for axis in lines)]
+    normals = [letter for letter in LETTERS if _count_along(letter, lines) > 0]
     return [f'"{USUAL_PLANES[normal]}"' for normal in normals]
 
 
@@ -114,10 +119,11 @@ def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Arr
     lines = list(axes)
     if not lines:
         raise InputError("no joint that turns is left to plan", element="joints")
-    counts = {letter: sum(_is_parallel(axis, _unit(letter)) for axis in lines) for letter in LETTERS}
+    counts = {letter: _count_along(letter, lines) for letter in LETTERS}
     vertical = None if gravity_direction is None else LETTERS[int(np.argmax(np.abs(gravity_direction)))]
-    if any(count for letter, count in counts.items() if letter != vertical):
-        counts = without(counts, (vertical,))
+    upright = without(counts, (vertical,))
+    if any(upright.values()):
+        counts = upright
     most = max(counts.values())
     if most == 0:
         reason = "no joint that could be planned turns about the x, y or z axis of the root link"
@@ -294,7 +300,9 @@ def choose_joints(
     tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > 1e-5]
     warnings = [*tree.warnings, *_warning("axes slightly off the plane's normal, taken to be along it", tilted)]
     if posture:
-        above = {joint.name for name in moving for joint in tree.path(tree.joint[name].parent)}
+        above: set[str] = set()
+        for name in moving:
+            above |= {joint.name for joint in tree.path(tree.joint[name].parent)}
         tilting = {name for name in above if not signs.get(name, 1.0)}
         left_out = [name for name in tilting & posture.keys() if posture[name] != tree.joint[name].nearest(0.0)]
         warnings += _warning("not taken to the reference posture, as they would tilt planned joints", sorted(left_out))

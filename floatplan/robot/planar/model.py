@@ -235,7 +235,7 @@ def sample_postures(limits: Array, count: int, generator: Random) -> Array:
     beyond = lower > upper  # limits that leave [-pi, pi] out altogether
     lower[beyond] = limits[beyond, 0]
     upper[beyond] = limits[beyond, 1]
-    fractions = [[generator.random() for _ in limits] for _ in range(count)]
+    fractions = [generator.random() for _ in range(count * len(limits))]
     postures: Array = lower + (upper - lower) * np.array(fractions).reshape(count, len(limits))
     postures[0] = np.clip(0.0, lower, upper)
     return postures

@@ -64,7 +64,10 @@ def fit(outline: Outline, splits: int = 2) -> list[PlaneCapsule]:
         if area < least:
             least = area
             best = halves
-    return [capsule for half in best for capsule in fit(half, splits - 1)] or [whole]
+    capsules = []
+    for half in best:
+        capsules += fit(half, splits - 1)
+    return capsules or [whole]
 
 
 def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:

@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlparse
@@ -31,7 +32,7 @@ STL_HEADER = 84  # [bytes] of a binary STL file; the last four are the number of
 AROUND = np.exp(2j * np.pi * (np.arange(32) + 0.5) / 32) / np.cos(np.pi / 32)
 KINDS = ("sphere", "box", "capsule", "cylinder", "ellipsoid", "mesh")
 UNMOVED = complex(-0.0, -0.0)  # [m] a shift that changes nothing, not even the sign of zero
-CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+CUBE = np.array(list(product((-0.5, 0.5), repeat=3)))
 AXIS = np.array([[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]])
 FLAT = 1e-9  # [-] sine below which an axis counts as in the plane, or along the normal
 

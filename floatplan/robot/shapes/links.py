@@ -144,7 +144,9 @@ def moving_hulls(
     """
     merged = tree.coincident.tolist()  # bodies that always have the same pose are one
     exact = {merged[body] for body in bodies}
-    own = [capsule for link in separate for capsule in hulls[link]]
+    own: list[LinkCapsule] = []
+    for link in separate:
+        own += hulls[link]
     groups: dict[tuple[int, float], list[LinkCapsule]] = {}
     for hull in hulls.values():
         for capsule in hull:

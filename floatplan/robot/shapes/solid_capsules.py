@@ -25,11 +25,10 @@ def solid_capsules(solids: Sequence[LinkSolid]) -> tuple[SolidCapsule, ...]:
     """Return the capsules around solids, in their order; of one link those inside another are left out."""
     capsules: list[SolidCapsule] = []
     for _, own in itertools.groupby(solids, key=lambda solid: solid.link):
-        fitted = [
-            SolidCapsule(solid.link, solid.body, start, end, radius)
-            for solid in own
-            for start, end, radius in fit(*_rounded(solid))
-        ]
+        fitted = []
+        for solid in own:
+            points, grown_by = _rounded(solid)
+            fitted += [SolidCapsule(solid.link, solid.body, *ends) for ends in fit(points, grown_by)]
         capsules += _outermost(fitted)
     return tuple(capsules)
 
@@ -72,7 +71,10 @@ def fit(points: Array, radius: float, splits: int = 2) -> list[Ends]:
         if volume < least:
             least = volume
             best = halves
-    return [capsule for half in best for capsule in fit(half, radius, splits - 1)] or [whole]
+    capsules = []
+    for half in best:
+        capsules += fit(half, radius, splits - 1)
+    return capsules or [whole]
 
 
 def _volume(capsule: Ends) -> float:

@@ -176,7 +176,8 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
         if omitted and panel.interval is not None:
             beyond.append("without turning back: h from {:.4g} to {:.4g}".format(*panel.interval))
         elif omitted:
-            beyond.append(f"limits from {min(np.abs(line.value).min() for line in omitted):.4g}, not drawn")
+            least = min(np.abs(line.value).min() for line in omitted)
+            beyond.append(f"limits from {least:.4g}, not drawn")
     data: dict[str, Any] = {"range": chart.panels[0].range}
     ends = [curve.ends for curve in chart.curves if curve.ends is not None]
     if len(ends) == len(chart.curves):

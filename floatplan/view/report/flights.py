@@ -139,7 +139,11 @@ def _series(flights: JumpReplay) -> list[JumpLandings]:
 
 def _as_rows(columns: Sequence[dict[str, str]]) -> list[Cells]:
     """Rows of (what, its cell in each column)."""
-    return [(name, *(cells[name] for cells in columns)) for name in columns[0]]
+    rows: list[Sequence[str]] = []
+    for name in columns[0]:
+        cells = [column[name] for column in columns]
+        rows.append((name, *cells))
+    return rows
 
 
 def _corrections(flights: ClosedLoop | JumpReplay) -> list[Cells]:
