@@ -187,7 +187,7 @@ typedef struct {
     const double *boundary;                   // (joints, given)
     const double *offset, *scaling;           // (m), (m, m): joint by joint
     const double *series;                     // (3, terms, columns): the basis and its derivatives by Chebyshev's
-    const double *map;                        // (terms, columns): to b over the unit; null where x are whitened
+    const double *map;                        // (terms, columns): to b over the unit, where that is minimised and x are not whitened; else null
     End start, goal;
 } Motions;
 

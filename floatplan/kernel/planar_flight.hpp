@@ -201,7 +201,7 @@ class PlanarFlight {
         return tail / larger(fastest(motion), 1e-300);
     }
 
-    // Level at which theta0(T) is exact to an error, see PlanarBaseMotion.level_needed().
+    // Level at which theta0(T) is exact to an error, see PlanarBaseMotion.level_needed() of benchmarks/sampled_flight.py.
     Index level_needed(const Motion &motion, const State &state, double error) const {
         const double tail = smaller(larger(unresolved(motion, state), settings.smallest_tail), settings.largest_tail);
         return level_of_tail(tail, levels[level].nodes, error, fastest(motion) * motions.duration, settings.levels,

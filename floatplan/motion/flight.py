@@ -1,4 +1,4 @@
-"""What other rooms ask about flights: the only place that says which module answers.
+"""What other rooms need of flights: :func:`flight_of` says which class a problem has.
 
 A flight is a :class:`~floatplan.motion.planar.flight.PlanarFlight` or a
 :class:`~floatplan.motion.spatial.flight.SpatialFlight`; what both answer, and the symbols, are in

@@ -116,7 +116,7 @@ class AttemptResult:
 
     @property
     def is_exhaustive(self) -> bool:
-        """Whether one call of the kernel has tried as many starts as promise anything."""
+        """Whether one call of the kernel has followed several starts: without rows, as many as promise anything."""
         return self.starts > 1
 
     @cached_property

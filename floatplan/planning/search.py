@@ -119,7 +119,7 @@ class Search:
             interrupted = True
         if not results:
             results.append(self._untried())
-            results[0].starts = int(interrupted)
+            results[0].starts = int(interrupted)  # the one that was interrupted
         return SearchResult(
             spec=self.spec,
             seed=options.seed,
@@ -233,7 +233,7 @@ class Search:
         return self._call_kernel(start, range(1), most_work, expired=stop())
 
     def follow_near(self, start: Start, stop: Stop) -> AttemptResult | None:
-        """Follow a motion that is nearly one to the goal; None where it leads to none."""
+        """Follow a motion that nearly meets the problem; None where, in space, it cannot be integrated."""
         return self.follow(start, stop)
 
     def follow_numbered(

@@ -204,7 +204,7 @@ def decision_variables(
 def scaled_variables(
     problem: Problem, polynomials: SinePolynomials, momentum: MomentumSet, following: Boundary | None
 ) -> DecisionVariables:
-    """Variables scaled for the problem's objective; in space z itself, whose norm is the objective there."""
+    """Variables scaled for the objective: whitened for (17), about a recorded motion to be near it, else z itself."""
     size = sum(polynomials.free)
     if problem.reference is not None:
         offset, scaling = near_reference(problem.reference, polynomials)
