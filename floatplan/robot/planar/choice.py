@@ -236,6 +236,14 @@ class Choice:
         return {**self.locked, **{name: coupling.offset for name, coupling in self.coupled.items()}}
 
 
+def _joints_above(tree: UrdfTree, names: Iterable[str]) -> set[str]:
+    """Joints between the root link and some others."""
+    above: set[str] = set()
+    for name in names:
+        above |= {joint.name for joint in tree.path(tree.joint[name].parent)}
+    return above
+
+
 def choose_joints(
     tree: UrdfTree,
     *,
@@ -300,10 +308,7 @@ def choose_joints(
     tilted = [f"{name} ({angle:.2g} rad)" for name, angle in tilts.items() if angle > 1e-5]
     warnings = [*tree.warnings, *_warning("axes slightly off the plane's normal, taken to be along it", tilted)]
     if posture:
-        above: set[str] = set()
-        for name in moving:
-            above |= {joint.name for joint in tree.path(tree.joint[name].parent)}
-        tilting = {name for name in above if not signs.get(name, 1.0)}
+        tilting = {name for name in _joints_above(tree, moving) if not signs.get(name, 1.0)}
         left_out = [name for name in tilting & posture.keys() if posture[name] != tree.joint[name].nearest(0.0)]
         warnings += _warning("not taken to the reference posture, as they would tilt planned joints", sorted(left_out))
         used = without(posture, tilting)
