@@ -26,6 +26,7 @@ CONSTRAINTS: dict[str, tuple[Kind, Subject]] = {
     "self_clearance foot hand": ("self_clearance", ("foot", "hand")),
     "ground": ("ground", ()),
     "attitude.bound": ("attitude", ("bound",)),
+    "out_of_plane.landing": ("out_of_plane", ("landing",)),
     "hash of mesh meshes/a b.stl": ("mesh", ("meshes/a b.stl",)),
     'robot: body "foot": inertia from a mesh is not read': ("robot", ('body "foot": inertia from a mesh is not read',)),
     "robot.resolved: the proof is of this URDF, not of the MJCF that it was made from": ("resolved", ()),

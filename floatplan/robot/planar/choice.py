@@ -286,8 +286,7 @@ def choose_joints(
     named = [*(joints or ()), *user_coupled, *(coupling.leader for coupling in user_coupled.values())]
     if base != "planar":
         if plane is not None:
-            advice = 'leave it out, or base = "free-flyer"'
-            raise InputError("a flight in space has none", element="plane", advice=advice)
+            raise InputError("a flight in space has none", element="plane", advice='leave it out, or base = "planar"')
         return _in_space(tree, user_locked, user_coupled, mimics, free, joints, posture)
     plane_name = choose_plane(plane, [axes[name] for name in named or free], gravity_direction)
     if joints is None:  # all that rotate in the plane, but those whose limits leave no range
