@@ -221,7 +221,7 @@ def launch(
     starts: Starts = 3,
     json_output: common.Json = False,
 ) -> None:
-    """Tell whether a stance that ends in a plan's takeoff exists within the limits, and what is to spare.
+    """Search for a stance within the limits that ends in a plan's takeoff, and tell what is to spare.
 
     A stance is checked 2000 times a second. Exit code 1 without one: that is no proof that there is none.
     """

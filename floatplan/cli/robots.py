@@ -189,8 +189,7 @@ def init(
         str | None, option("A;A,B", "What stands after landing; left out, the same in reverse, front for rear.")
     ] = None,
     posture: Annotated[
-        str | None,
-        option("J=A,..", "Positions of joints before the jump; those left out are chosen."),
+        str | None, option("J=A,..", "Positions of joints before the jump; those left out are chosen.")
     ] = None,
     degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
@@ -202,12 +201,12 @@ def init(
 
     The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight.
     What that does in addition to the request is a warning, here and in the file, which lists the choices: plane, joints
-    with their ranges, couplings, feet, and the limits of the robot's file. Where there is no jump, or CasADi is not
-    installed, it is a rotation afloat, and the file says why.
+    with their ranges, couplings, feet, and the limits of the robot's file. Where the search has no jump, or CasADi is
+    not installed, it is a rotation afloat, and the file says why.
 
     What is left open is chosen: one rotation, backwards where it takes off from the rear, or none. What is requested
-    is fixed, or nothing is written: where no such jump exists, the exit code is 1, and the message says what is in
-    the way, and without which option there is one.
+    is fixed, or nothing is written: where the search has no such jump, the exit code is 1, and the message says
+    what is in the way, and without which option there is one.
     """
     from floatplan.cli import option_values
     from floatplan.cli.results import check_folder
@@ -254,7 +253,7 @@ def init(
 
 
 def _typed(name: str, value: str | bool) -> str:
-    """An option of the robot as it was option_values."""
+    """An option of the robot as it was typed."""
     return common.typed_option(name) if value is True else f"{common.typed_option(name)} {value}"
 
 

@@ -31,7 +31,7 @@ DIGITS = 6  # [-] of numbers of a jump in the problem file
 
 
 class NoFlightError(FloatplanError):
-    """There is no requested jump whose flight is proved, nor a flight afloat without warnings."""
+    """The search has no requested jump whose flight is proved, nor a flight afloat without warnings."""
 
 
 def jump_problem(chosen: ChosenRobot, turns: int, options: InitOptions) -> Problem:
