@@ -23,7 +23,9 @@ from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import plan as plan_flight
+from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
@@ -126,7 +128,7 @@ def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | 
     if not FULL < _largest_share(found) <= HOPELESS:
         return found
     limits = _limits_within(problem, INSIDE)
-    within = plan_flight(replace(problem, limits=limits))
+    within = planned(replace(problem, limits=limits), SearchOptions(), near=plan).plan
     return _judged(clip, flight, choice, within) if within.ok else found
 
 

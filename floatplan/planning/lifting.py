@@ -54,6 +54,7 @@ DESCENTS = 40  # [-] most steps of the descent
 TRUST = 0.5  # [rad] of p, root mean square over all joints together: the first step of the descent
 CORRECTIONS = 5  # [-] most steps that close the gaps again after one of the descent
 LEAST_GAIN = 1e-3  # [-] of the size of the motion
+RECORDED = 1e-3  # [rad] root mean square from a recorded motion: shares of less than that are no difference
 STEEPEST_START = 0.9  # [-] sine of the tilt of a path
 A_SOMERSAULT = np.pi / 2  # [rad] about the first axis: a twist beside less is made without tilt
 FINENESS = 401  # [-] instants by which a bump is integrated
@@ -249,7 +250,7 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
         downhill[:free] = -motion.x[:free]
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= DESCENDED * motion.size:
+        if length <= DESCENDED * max(motion.size, _least_size(motion)):
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
         share = min(1.0, radius / length, LARGEST_TURN / farthest)
@@ -266,13 +267,18 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
     return motion
 
 
+def _least_size(motion: LiftedMotion) -> float:
+    """Size of a motion of which shares still count: near a recorded one the free part is next to nothing, or noise."""
+    return RECORDED if motion.lifted.variables.has_reference else 0.0
+
+
 def is_least(motion: LiftedMotion) -> bool:
     """Whether no closed motion beside a closed one has a smaller free part, to first order."""
     free = motion.lifted.variables.coefficients
     downhill = np.zeros_like(motion.x)
     downhill[:free] = -motion.x[:free]
     change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
-    return float(np.linalg.norm(change)) <= LEAST * max(motion.size, ROUNDING)
+    return float(np.linalg.norm(change)) <= LEAST * max(motion.size, _least_size(motion), ROUNDING)
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:
