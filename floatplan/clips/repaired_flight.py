@@ -24,7 +24,9 @@ from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import plan as plan_flight
+from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
@@ -119,7 +121,7 @@ def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | 
     if not 1.0 < _largest_share(nearest) <= 20.0:
         return nearest
     limits = _limits_within(problem, 0.97)  # with a margin of 3 %
-    within = plan_flight(replace(problem, limits=limits))
+    within = planned(replace(problem, limits=limits), SearchOptions(), near=plan).plan
     return _judged(clip, flight, choice, within) if within.ok else nearest
 
 

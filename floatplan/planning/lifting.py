@@ -66,6 +66,7 @@ class LiftingSettings:
     least_gain: float = 1e-3  # [-] of the size of the motion
     no_gradient: float = 1e-3  # [-] of the size of the motion: a smaller projected gradient ends the descent
     optimal_gradient: float = 1e-2  # [-] the same, of a motion that is called optimal
+    recorded: float = 1e-3  # [rad] root mean square from a recorded motion: shares of less are no difference
 
 
 LIFTING = LiftingSettings()
@@ -272,7 +273,7 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
         downhill[:free] = -motion.x[:free]
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= LIFTING.no_gradient * motion.size:
+        if length <= LIFTING.no_gradient * max(motion.size, _least_size(motion)):
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), LIFTING.rounding)
         share = min(1.0, radius / length, LIFTING.largest_rotation / farthest)
@@ -292,13 +293,19 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
     return motion
 
 
+def _least_size(motion: LiftedMotion) -> float:
+    """Size of a motion of which shares still count: near a recorded one the free part is next to nothing, or noise."""
+    return LIFTING.recorded if motion.lifted.variables.has_reference else 0.0
+
+
 def is_least(motion: LiftedMotion) -> bool:
     """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
     free = motion.lifted.variables.coefficients
     downhill = np.zeros_like(motion.x)
     downhill[:free] = -motion.x[:free]
     change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
-    return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * max(motion.size, LIFTING.rounding)
+    least_size = max(motion.size, _least_size(motion), LIFTING.rounding)
+    return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * least_size
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:

@@ -88,7 +88,8 @@ def _array(rng: random.Random, old: np.ndarray[Any, Any]) -> Any:
     if action < 0.6 and old.ndim > 1:
         return old[..., :-1]
     if action < 0.7 and old.dtype.kind == "f":
-        return old * rng.choice([0.0, -1.0, 57.3, 1e6, 1e200])
+        with np.errstate(all="ignore"):
+            return old * rng.choice([0.0, -1.0, 57.3, 1e6, 1e200])
     changed = np.array(old, np.float64) if old.dtype.kind in "fiub" else np.array(old)
     if changed.size and changed.dtype.kind == "f":
         changed.flat[rng.randrange(changed.size)] = rng.choice(NUMBERS[:-1])
