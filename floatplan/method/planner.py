@@ -121,17 +121,18 @@ def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program
 
 
 def solve(program: Program, x: Array) -> Solution:
-    """Solve a program from x, with inequalities at instants of the flight, and at those where they still fail."""
-    instants = INSTANTS if program.problem.has_inequalities else np.zeros(0)
+    """Solve a program from x without inequalities; where some are violated, at instants and where they still are."""
+    instants = np.zeros(0)
     steps = 0
     for _ in range(EXCHANGES):
         solution = minimise(program, x, instants)
         steps += solution.steps
         between, added = violated(program, solution.x)
-        if not len(added) or solution.violation > ORIENTATION:
+        if not len(added) or (len(instants) and solution.violation > ORIENTATION):
             break
-        instants = np.union1d(instants, added)
-        x = solution.x
+        if len(instants):  # else from x again: past an obstacle there are several ways
+            x = solution.x
+        instants = np.union1d(INSTANTS, np.append(instants, added))
     violation = max(solution.violation, between)
     return solution._replace(
         violation=violation, converged=solution.converged and violation <= ORIENTATION, steps=steps
