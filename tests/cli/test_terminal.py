@@ -109,6 +109,6 @@ def test_shells_complete_commands() -> None:
 
 def test_objectives_have_units(floatplan: Callable[..., Any]) -> None:
     text = " ".join(floatplan("plan", "--help").stdout.split())
-    assert "torque: integral of the squared joint torques, N^2 m^2 s;" in text
+    assert "torque: integral of the squared joint torques (N^2 m^2 s);" in text
     run = floatplan("plan", PROBLEMS / "new_configuration.toml", "--objective", "torque", "--no-figures", "-o", "out")
     assert re.search(r"torque [\d.]+ N\^2 m\^2 s", run.stdout)

@@ -164,7 +164,6 @@ def test_what_is_not_yet_in_space_says_so(tmp_path, floatplan, planned):
         ("study", study),
         ("bounds", SPACE / "free_ur5.toml"),
         ("takeoff", SPACE / "free_ur5.toml"),
-        ("replay", plan, "--replan", "100"),
         ("launch", plan),
     ):
         run = floatplan(*command)

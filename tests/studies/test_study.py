@@ -146,14 +146,14 @@ def test_a_row_that_raises_anything_loses_no_other(done, tmp_path, monkeypatch):
 
 
 def test_a_row_whose_proof_is_refuted_has_no_solution(study_file, tmp_path, monkeypatch):
-    together = rows.planned_together
+    together = rows.plan_batches
 
     def refuting(problems, *how):
         plans = together(problems, *how)
         assert set(plans.verdict) == {"proved"}
         return replace(plans, verdict=np.where(np.arange(len(plans)) == 0, "refuted", plans.verdict))
 
-    monkeypatch.setattr(rows, "planned_together", refuting)
+    monkeypatch.setattr(rows, "plan_batches", refuting)
     asked = study_file('[vary]\n"flight.duration" = [1.0, 1.1]\n[plan]\nprove = true')
     study = fp.study(asked, folder=tmp_path / "out", jobs=1)
     assert study.table["status"].to_pylist() == ["not_found", "optimal"]
