@@ -245,12 +245,13 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
     """Make a closed motion's free part smaller, along closed motions with the same turns."""
     radius = TRUST
     free = motion.lifted.variables.coefficients
+    least = RECORDED if motion.lifted.variables.has_reference else 0.0
     for _ in range(DESCENTS):
         downhill = np.zeros_like(motion.x)
         downhill[:free] = -motion.x[:free]
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= DESCENDED * max(motion.size, _least_size(motion)):
+        if length <= DESCENDED * max(motion.size, least):
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), ROUNDING)
         share = min(1.0, radius / length, LARGEST_TURN / farthest)
@@ -267,18 +268,14 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
     return motion
 
 
-def _least_size(motion: LiftedMotion) -> float:
-    """Size of a motion of which shares still count: near a recorded one the free part is next to nothing, or noise."""
-    return RECORDED if motion.lifted.variables.has_reference else 0.0
-
-
 def is_least(motion: LiftedMotion) -> bool:
     """Whether no closed motion beside a closed one has a smaller free part, to first order."""
     free = motion.lifted.variables.coefficients
+    least = RECORDED if motion.lifted.variables.has_reference else ROUNDING
     downhill = np.zeros_like(motion.x)
     downhill[:free] = -motion.x[:free]
     change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
-    return float(np.linalg.norm(change)) <= LEAST * max(motion.size, _least_size(motion), ROUNDING)
+    return float(np.linalg.norm(change)) <= LEAST * max(motion.size, least)
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:
