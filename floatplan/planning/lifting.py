@@ -268,12 +268,13 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
     """Make a closed motion's free coefficients smaller, along closed motions with the same turns."""
     radius = LIFTING.first_radius
     free = motion.lifted.variables.coefficients
+    least = LIFTING.recorded if motion.lifted.variables.has_reference else 0.0
     for _ in range(LIFTING.descent_steps):
         downhill = np.zeros_like(motion.x)
         downhill[:free] = -motion.x[:free]
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= LIFTING.no_gradient * max(motion.size, _least_size(motion)):
+        if length <= LIFTING.no_gradient * max(motion.size, least):
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), LIFTING.rounding)
         share = min(1.0, radius / length, LIFTING.largest_rotation / farthest)
@@ -293,19 +294,14 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
     return motion
 
 
-def _least_size(motion: LiftedMotion) -> float:
-    """Size of a motion of which shares still count: near a recorded one the free part is next to nothing, or noise."""
-    return LIFTING.recorded if motion.lifted.variables.has_reference else 0.0
-
-
 def is_least(motion: LiftedMotion) -> bool:
     """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
     free = motion.lifted.variables.coefficients
+    least = LIFTING.recorded if motion.lifted.variables.has_reference else LIFTING.rounding
     downhill = np.zeros_like(motion.x)
     downhill[:free] = -motion.x[:free]
     change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
-    least_size = max(motion.size, _least_size(motion), LIFTING.rounding)
-    return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * least_size
+    return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * max(motion.size, least)
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:
