@@ -22,6 +22,7 @@ from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup
+from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
@@ -89,6 +90,11 @@ def jump(
     starts = TRIES(starts, "starts")
     near = optional(made(Jump))(near, "near")
     say = progress or (lambda _: None)
+    if problem.robot.in_plane is None:
+        if near is not None:
+            raise InputError("is for jumps in a plane, so far", element="near", advice="leave it out")
+        with naming(file):
+            return jump_in_space(problem, requested, seed, starts, say)
     with naming(file):
         setup = jump_setup(problem, requested)
         first = setup.program(MARGINS)

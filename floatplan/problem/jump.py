@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from floatplan.arguments import by_name, positive
+from floatplan.arguments import by_name, number, optional, pair, positive
 from floatplan.errors import InputError
 from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.robot import Robot
@@ -19,6 +19,9 @@ STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # on each side of the flight
 LARGEST_PITCH_ERROR = 0.5  # [rad] a robot that lands farther off has fallen
 FLIGHT_ALONE = "Planned is the flight alone, not the jump around it."
+
+
+DISPLACEMENT = optional(pair(number(Range(-10.0, 10.0, "m"))))  # no robot jumps farther
 
 
 def _margin(value: Any, element: str) -> dict[str, float]:
@@ -108,9 +111,15 @@ class JumpLanding(JumpSide):
     contacts, durations : as of :class:`JumpSide`
     to : "standing", or mapping of joints to rad
         Posture it comes to, by joint, or "standing": the one that it stood in before.
+    displacement : (float, float), m, optional
+        In space: how far its centre of mass has come, along x and y of the world, from standing to standing; where it
+        lands is free if left out.
     """
 
     to: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
+    displacement: Annotated[
+        tuple[float, float] | None, Key("In space: from standing to standing, along x and y", "m", check=DISPLACEMENT)
+    ] = None
     outer: ClassVar[int] = -1
     wrong: ClassVar[str] = "leave the ground after it has landed"
 
@@ -166,12 +175,16 @@ class JumpRequest(Keyed):
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     """What a robot lacks of what a jump names: frames, joints."""
+    frames = robot.frames if robot.in_plane else dict.fromkeys(robot.frame_names)
+    if robot.in_plane and jump.landing.displacement is not None:
+        advice = "leave it out: where a jump in a plane lands is free"
+        yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
         for index, group in enumerate(side.contacts or ()):
             for frame in group:
-                known = frame if frame in robot.frames else frame.rpartition(".")[0]
+                known = frame if frame in frames else frame.rpartition(".")[0]
                 place = f"jump.{name}.contacts[{index}]"
-                if known not in robot.frames:
+                if known not in frames:
                     yield InputError(
                         f"the robot has no frame {frame!r}", element=place, advice="name a link or a joint"
                     )

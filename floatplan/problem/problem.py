@@ -220,9 +220,8 @@ class Problem(Checked):
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
 
     def _errors_in_space(self) -> Iterator[InputError]:
-        """What is asked that flights in space have not yet; and a turn whose direction is left open."""
-        if self.jump:
-            yield InputError(resolution.NOT_IN_SPACE, element="jump", advice="leave it out")
+        """What is wrong in space: with the jump around the flight, and a turn whose direction is left open."""
+        yield from () if self.jump is None else jump_errors(self.robot, self.jump)
         if hasattr(self, "initial") and hasattr(self, "final"):
             yield from resolution.attitude_errors(self.initial, self.final)
 

@@ -13,7 +13,8 @@ import numpy as np
 from floatplan.arguments import SEED, function, made, number, optional, positive, whole
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.jumps.jump import Jump, load_jump
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.reading import load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS

@@ -15,7 +15,7 @@ from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
-from floatplan.jumps.jump import load_jump
+from floatplan.jumps.reading import load_jump
 from floatplan.jumps.planner import jump
 
 if not INSTALLED:

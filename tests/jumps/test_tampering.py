@@ -15,7 +15,7 @@ from needed import skip_or_fail
 
 from floatplan.errors import InputError
 from floatplan.jumps.check import judged
-from floatplan.jumps.jump import load_jump
+from floatplan.jumps.reading import load_jump
 
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")

@@ -49,7 +49,7 @@ class FlightEnds:
 
 def feet_places(program: SpatialProgram, solution: SpatialSolution, side: str) -> dict[str, Array]:
     """Where the feet of a side stand, (3,) m."""
-    shift = np.zeros(3)
+    shift = solution.origin.copy()
     if side == "landing":
         shift[:2] = solution.y[:2, -1]
     return {frame: place + shift for frame, place in program.ends.places[side].items()}
@@ -137,9 +137,9 @@ def _affine_root(function: Callable[[Array], tuple[Array, Array]], start: Array)
 
 
 def exact_stances(
-    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds, side: str, shift: float
+    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds, side: str
 ) -> list[SpatialStance]:
-    """Return the stances of a side of the flight, in order of time, which begin ``shift`` s after the program does."""
+    """Return the stances of a side of the flight, in order of time."""
     outwards = -1 if side == "takeoff" else 1
     indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
     junction = ends.motion[:, :, [0 if side == "takeoff" else 1]]
@@ -156,7 +156,7 @@ def exact_stances(
             beyond = _standing_places(program, solution, program.phases[indices[::outwards][position + 1]])
             motion = _on_two_feet(mechanics, times, motion, places, beyond, near)
         junction = motion[:, :, [-1 - near]] if near == 0 else motion[:, :, [0]]
-        grid = SpatialGrid(times + shift, *motion, shares)
+        grid = SpatialGrid(times, motion[0], motion[1], motion[2], shares)
         stances.append(SpatialStance(program.model.robot, program.model.gravity, mechanics.axes, phase.feet, grid))
     return stances[::outwards]
 

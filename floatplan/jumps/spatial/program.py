@@ -9,7 +9,7 @@ shares of torque limits are minimised.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -87,6 +87,7 @@ class SpatialSolution:
     worst : largest violation of a row, scaled; and which it is
     iterations : int
     converged : whether every row holds
+    origin : (3,) m, of the program in the world of y
     """
 
     raw: Array
@@ -98,6 +99,13 @@ class SpatialSolution:
     worst: tuple[float, str]
     iterations: int
     converged: bool
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+
+    def moved(self, origin: Array) -> "SpatialSolution":
+        """The same where the program's origin is elsewhere in the world, (3,) m."""
+        y = self.y.copy()
+        y[:3] += (origin - self.origin)[:, None]
+        return replace(self, y=y, origin=origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,8 +473,38 @@ class SpatialProgram:
         lift[in_flight] = 0.0
         return y, v, lift
 
-    def solve(self, guess: Array) -> SpatialSolution:
-        """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from where that ended."""
+    def resampled(self, solution: SpatialSolution, other: "SpatialProgram") -> Array:
+        """Return the solution of another program of the same phases, with other numbers of nodes, as a guess (size,)."""
+        n = self.model.size
+        other_shares = other.shares
+        raw = np.zeros(self.size)
+        raw[self.size - len(self.phases) :] = solution.durations
+        motion = np.vstack((solution.y, solution.v, solution.a))
+        motion[:3] -= solution.origin[:, None]
+        for node, kind in enumerate(self.kinds):
+            at = self.begins[node]
+            share = self.shares[node]
+            raw[at : at + 3 * n] = [np.interp(share, other_shares, row) for row in motion]
+            for column, foot in enumerate(kind.bearing):
+                forces = [of_node.get(foot.frame, np.zeros(3)) for of_node in solution.forces]
+                begin = at + 3 * n + 3 * column
+                own = [np.interp(share, other_shares, row) for row in np.transpose(forces)]
+                raw[begin : begin + 3] = np.array(own) / self.weight
+        return raw
+
+    @property
+    def shares(self) -> Array:
+        """Positions (K+1,) of the nodes in the phases: 1.5 is the middle of the second one."""
+        shares = [0.0]
+        for index, phase in enumerate(self.phases):
+            shares += (index + np.arange(1, phase.intervals + 1) / phase.intervals).tolist()
+        return np.array(shares)
+
+    def solve(self, guess: Array, is_near: bool = False) -> SpatialSolution:
+        """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from where that ended.
+
+        A guess that ``is_near`` a solution needs no loose stage.
+        """
         ca = casadi()
         assembly = self.assembly
         low, high = self.box
@@ -474,7 +512,7 @@ class SpatialProgram:
         raw = np.clip(guess, low, high)
         iterations = 0
         violation = np.inf
-        for stage in range(5):
+        for stage in range(1 if is_near else 0, 5):
             solver = ca.nlpsol("jump", "ipopt", assembly.problem, self._options(loose=stage == 0))
             weight = 0.1 if stage == 0 else 1.0
             result = solver(x0=raw, p=np.append(raw, weight), **limits)
@@ -483,7 +521,7 @@ class SpatialProgram:
             if not np.isfinite(values).all():
                 break
             raw = values
-            violation, worst = self._worst(raw)
+            violation, _ = self._worst(raw)
             if stage and solver.stats()["success"] and violation < 1e-6:
                 break
         return self.solution(raw, iterations, violation < 1e-6)

@@ -1,10 +1,10 @@
 """The motion of a stance in space, from what is saved: places of base and joints, and how feet share the forces."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.jumps.motion import JumpState, hermite, values
@@ -76,6 +76,10 @@ class SpatialStance:
         places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].frame])
         return float(places[0, 0, 0, 2] - self.contacts[0].depth)
 
+    def joints(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s."""
+        return np.asarray(self.grid.at(times)[0, BASE:].T)
+
     def at(self, times: Array) -> JumpState:
         """State at times (N,) s from the jump's start."""
         motion = self.grid.at(times)
@@ -112,8 +116,6 @@ class SpatialStance:
 
     def _carried(self, motion: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet turn the joints of the robot's model."""
-        import pinocchio as pin
-
         mechanics = self.mechanics
         carried = np.zeros((motion.shape[2], self.robot.model.nv - BASE))
         for index, q in enumerate(mechanics.coordinates(motion)[0]):
