@@ -25,7 +25,7 @@ from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recor
 from floatplan.plans.record import POINT, KeyedTable, RobotRecord, table
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict
-from floatplan.problem.jump import JumpRequest
+from floatplan.problem.jump import STEEPEST, JumpRequest
 from floatplan.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
@@ -57,6 +57,7 @@ STANCE_IN_SPACE = KeyedTable(
     {
         "side": one_of("takeoff", "landing"),
         "contacts": many(FOOT, "tables"),
+        "friction": number(Range(0.0, STEEPEST, "")),
         "axes": one_of(*map("".join, itertools.permutations("xyz"))),
         **dict.fromkeys(ARRAYS_IN_SPACE, many(lambda value, _: value, "numbers")),
     },
@@ -183,7 +184,8 @@ def _read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: floa
     y, v, a = (_array(content[name], f"{element}.{name}", shape) for name in ("y", "v", "a"))
     shares = _array(content["shares"], f"{element}.shares", (3 * len(feet), len(times)))
     grid = SpatialGrid(times, y, v, a, shares)
-    return SpatialStance(robot, float(gravity), content["axes"], tuple(feet), grid)
+    friction = float(content["friction"])
+    return SpatialStance(robot, float(gravity), content["axes"], tuple(feet), friction, grid)
 
 
 def _times(content: Mapping[str, Any], element: str) -> Array:

@@ -22,7 +22,7 @@ from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
 
-FINE = 4  # [-] instants of a stance's grid in an interval of the program
+FINE = 6  # [-] instants of a stance's grid in an interval of the program
 
 
 class NoExactStanceError(FloatplanError):
@@ -89,13 +89,23 @@ def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: 
 
 def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centre: Array) -> Array:
     """The motion (3, 6+n, 1) with its centre of mass at a point (3,), its attitude as it is, its feet at places."""
-    placed = motion.copy()
-    for _ in range(60):
+
+    def missing(base: Array) -> tuple[Array, Array]:
+        placed = motion.copy()
+        placed[0, :3, 0] = base
         placed = mechanics.close(placed, places)
-        gap = centre - mechanics.centre(placed)[0][0, :, 0]
+        return centre - mechanics.centre(placed)[0][0, :, 0], placed
+
+    base = motion[0, :3, 0].copy()
+    step = 1e-6  # [m] of the differences
+    for _ in range(12):
+        gap, placed = missing(base)
         if np.abs(gap).max() < 1e-13:
             return placed
-        placed[0, :3, 0] += gap  # the legs carry little of the mass: it takes some fifteen steps
+        if not np.isfinite(gap).all():
+            break
+        jacobian = np.stack([(missing(base + step * axis)[0] - gap) / step for axis in np.eye(3)], axis=1)
+        base = base - np.linalg.solve(jacobian, gap)
     raise NoExactStanceError("the legs do not reach the ground where the flight lands")
 
 
@@ -157,7 +167,9 @@ def exact_stances(
             motion = _on_two_feet(mechanics, times, motion, places, beyond, near)
         junction = motion[:, :, [-1 - near]] if near == 0 else motion[:, :, [0]]
         grid = SpatialGrid(times, motion[0], motion[1], motion[2], shares)
-        stances.append(SpatialStance(program.model.robot, program.model.gravity, mechanics.axes, phase.feet, grid))
+        model = program.model
+        stance = SpatialStance(model.robot, model.gravity, mechanics.axes, phase.feet, program.friction, grid)
+        stances.append(stance)
     return stances[::outwards]
 
 

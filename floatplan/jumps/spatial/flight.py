@@ -62,13 +62,15 @@ def _grounds(program: SpatialProgram, solution: SpatialSolution, mechanics: Mech
     motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, columns])
     heights = _lowest(program, mechanics, motion)
     ground = float(solution.origin[2])
-    level = ground + min(0.0, heights[0], heights[-1]) - POINT_FEET
+    dip = 5e-4  # [m] of feet next to the ground, so that their shapes, inside the capsules, stay within POINT_FEET
+    level = ground + min(0.0, heights[0] - ground, heights[-1] - ground) - dip
     grounds = [HalfSpace(point=(0.0, 0.0, round(level, 4)))]
     clearly = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
-    lifted = np.flatnonzero(heights > np.clip(heights.max() / 2, POINT_FEET, clearly))
+    above = heights - ground
+    lifted = np.flatnonzero(above > np.clip(above.max() / 2, POINT_FEET, clearly))
     if len(lifted) > 1:
         first, last = lifted[[0, -1]]
-        level = ground + min(0.0, heights[first : last + 1].min() - POINT_FEET)
+        level = ground + min(0.0, above[first : last + 1].min() - POINT_FEET)
         duration = float(solution.durations[program.flight])
         shares = np.linspace(0.0, duration, len(heights))
         grounds.append(HalfSpace(point=(0.0, 0.0, round(level, 4)), window=(shares[first], shares[last])))

@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.motion import hermite, values
+from floatplan.jumps.motion import hermite, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.model import BASE
 
@@ -58,11 +58,51 @@ class Line:
         result[:, 3:BASE] = angles_of(axes, own @ rotation, rates, changes, motion[0, 3:BASE])
         return result
 
-    def moment(self, mechanics: Mechanics, motion: Array) -> Array:
-        """Moment (N,) about the line that a motion takes, N m."""
-        wrench = mechanics.base_wrench(motion)
-        arm = motion[0, :3].T - self.point
-        return np.asarray((wrench[:, 3:] + np.cross(arm, wrench[:, :3])) @ self.direction)
+
+class Pendulum:
+    """The differential equation of the angle at some instants: ``d'' = f(d, d')``.
+
+    It is that of the robot as it is, in a world that turns about the line with it: gravity turns the other way.
+    """
+
+    def __init__(self, mechanics: Mechanics, line: Line, motion: Array) -> None:
+        self.mechanics = mechanics
+        self.line = line
+        self.gravity = np.array(mechanics.model.gravity.linear)
+        self.model = mechanics.model.copy()
+        self.data = self.model.createData()
+        self.q, self.v, self.a = mechanics.coordinates(motion)
+        rotations, self.rates, _ = turned(mechanics.axes, motion[:, 3:BASE])
+        self.back = rotations.transpose(0, 2, 1)
+        self.arms = motion[0, :3].T - line.point
+        self.velocities = motion[1, :3].T
+
+    def acceleration(self, index: int, angle: float, rate: float) -> float:
+        """The angle's acceleration at an instant."""
+        self.model.gravity.linear = pin.exp3(-angle * self.line.direction) @ self.gravity
+        moment = self._moment(index, rate, 0.0)
+        return -moment / (self._moment(index, rate, 1.0) - moment)
+
+    def _moment(self, index: int, rate: float, acceleration: float) -> float:
+        """Moment about the line, N m, with the robot turning about it as well."""
+        n = self.line.direction
+        back = self.back[index]
+        arm = self.arms[index]
+        across = np.cross(n, arm)
+        turning = rate * n
+        # Accelerations of the base's origin, and of its turning, in addition to those of the motion.
+        pushed = 2 * np.cross(turning, self.velocities[index]) + acceleration * across + np.cross(turning, rate * across)
+        spun = acceleration * n + np.cross(turning, self.rates[index])
+        v = self.v[index].copy()
+        v[:3] += back @ (rate * across)
+        v[3:BASE] += back @ turning
+        # Pinocchio's acceleration of the base is the derivative of its velocity in its own axes.
+        a = self.a[index].copy()
+        a[:3] += back @ pushed - np.cross(v[3:BASE], v[:3]) + np.cross(self.v[index, 3:BASE], self.v[index, :3])
+        a[3:BASE] += back @ spun
+        wrench = pin.rnea(self.model, self.data, self.q[index], v, a)
+        force = back.T @ wrench[:3]
+        return float((back.T @ wrench[3:BASE] + np.cross(arm, force)) @ n)
 
 
 def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:
@@ -71,40 +111,29 @@ def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near
     Its moment about the line vanishes.
     """
     curve = hermite(times, motion)
-    order = 1 if near == 0 else -1
-    instants = times[::order]
+    count = 2 * SUBSTEPS  # of half steps
+    fine = refined(times, count)[:: 1 if near == 0 else -1]
+    pendulum = Pendulum(mechanics, line, values(curve, np.clip(fine, times[0], times[-1])))
     angle = np.zeros((3, len(times)))
     state = np.zeros(2)
-    angle[2, 0] = _acceleration(mechanics, line, values(curve, instants[:1]), state)
-    for index in range(len(instants) - 1):
-        step = (instants[index + 1] - instants[index]) / SUBSTEPS
-        for substep in range(SUBSTEPS):
-            begin = instants[index] + substep * step
-            stages = values(curve, np.clip([begin, begin + step / 2, begin + step], times[0], times[-1]))
-            state = _runge_kutta(mechanics, line, stages, state, step)
-        angle[:2, index + 1] = state
-        at = values(curve, instants[index + 1 : index + 2])
-        angle[2, index + 1] = _acceleration(mechanics, line, at, state)
-    return line.turned(mechanics.axes, motion, angle[:, ::order])
+    for index in range(len(times)):
+        at = index * count
+        angle[:2, index] = state
+        angle[2, index] = pendulum.acceleration(at, state[0], state[1])
+        if index < len(times) - 1:
+            for begin in range(at, at + count, 2):
+                state = _runge_kutta(pendulum, begin, state, fine[begin + 2] - fine[begin])
+    return line.turned(mechanics.axes, motion, angle[:, :: 1 if near == 0 else -1])
 
 
-def _runge_kutta(mechanics: Mechanics, line: Line, stages: Array, state: Array, step: float) -> Array:
-    """Angle and rate (2,) after a step, from motions (3, 6+n, 3) at its begin, middle and end."""
+def _runge_kutta(pendulum: Pendulum, begin: int, state: Array, step: float) -> Array:
+    """Angle and rate (2,) after a step from the instant ``begin`` to the second one after it."""
 
-    def slope(stage: int, at: Array) -> Array:
-        return np.array([at[1], _acceleration(mechanics, line, stages[:, :, [stage]], at)])
+    def slope(index: int, at: Array) -> Array:
+        return np.array([at[1], pendulum.acceleration(index, at[0], at[1])])
 
-    first = slope(0, state)
-    second = slope(1, state + step / 2 * first)
-    third = slope(1, state + step / 2 * second)
-    fourth = slope(2, state + step * third)
+    first = slope(begin, state)
+    second = slope(begin + 1, state + step / 2 * first)
+    third = slope(begin + 1, state + step / 2 * second)
+    fourth = slope(begin + 2, state + step * third)
     return np.asarray(state + step / 6 * (first + 2 * second + 2 * third + fourth))
-
-
-def _acceleration(mechanics: Mechanics, line: Line, motion: Array, state: Array) -> float:
-    """The angle's acceleration where the motion (3, 6+n, 1) is turned by ``state``, angle and rate."""
-    moments = []
-    for acceleration in (0.0, 1.0):
-        angle = np.array([*state, acceleration])[:, None]
-        moments.append(line.moment(mechanics, line.turned(mechanics.axes, motion, angle))[0])
-    return float(-moments[0] / (moments[1] - moments[0]))

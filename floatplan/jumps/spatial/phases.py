@@ -36,6 +36,17 @@ class SpatialPhase:
     intervals: int
 
     @property
+    def shares(self) -> Array:
+        """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
+        even = np.linspace(0.0, 1.0, self.intervals + 1)
+        if self.side == "flight":
+            return even
+        first = 0.3  # [-] of an even step is the step next to the flight; steps grow linearly from there
+        from_flight = 1 - even if self.side == "takeoff" else even
+        spaced = from_flight * (first + (1 - first) * from_flight)
+        return 1 - spaced if self.side == "takeoff" else spaced
+
+    @property
     def frames(self) -> tuple[str, ...]:
         """Names of the feet that stand."""
         return tuple(foot.frame for foot in self.feet)
@@ -66,9 +77,9 @@ def side_phases(
     # Durations over sqrt(height / g), and intervals, of jumps that were found.
     usual = {
         ("flight", 1): [(2.57, 12)],
-        ("takeoff", 1): [(2.73, 16)],
+        ("takeoff", 1): [(2.73, 20)],
         ("takeoff", 2): [(1.9, 12), (1.03, 8)],
-        ("landing", 1): [(3.16, 16)],
+        ("landing", 1): [(3.16, 20)],
         ("landing", 2): [(0.9, 8), (2.3, 12)],
     }[side, len(groups)]
     phases = []

@@ -135,6 +135,7 @@ class SpatialProgram:
     ends : SpatialEnds
     points : that stay above the ground
     bounds : SpatialBounds
+    friction : that is allowed; the bounds' has a margin
     """
 
     model: SpatialModel
@@ -142,6 +143,7 @@ class SpatialProgram:
     ends: SpatialEnds
     points: Sequence[ClearancePoint]
     bounds: SpatialBounds
+    friction: float
     kinds: list[NodeKind] = field(init=False)
     phase_of: IntArray = field(init=False)
 
@@ -334,7 +336,8 @@ class SpatialProgram:
         first = [ca.SX.sym(f"{name}0", n) for name in "yva"]
         second = [ca.SX.sym(f"{name}1", n) for name in "yva"]
         duration = ca.SX.sym("T")
-        step = duration / phase.intervals
+        share = ca.SX.sym("share")
+        step = share * duration
         places = second[0] - first[0] - step * first[1] - step**2 * (first[2] / 3 + second[2] / 6)
         rates = (second[1] - first[1] - step / 2 * (first[2] + second[2])) * self.unit
         nodes = np.arange(self.borders[index], self.borders[index + 1])
@@ -349,11 +352,11 @@ class SpatialProgram:
         zero = np.zeros((2 * n, len(nodes)))
         return Piece(
             variables=ca.vertcat(*first, *second, duration),
-            parameters=ca.SX.sym("p", 0),
+            parameters=share,
             rows=ca.vertcat(places, rates),
             cost=ca.SX(0),
             indices=indices,
-            values=np.zeros((0, len(nodes))),
+            values=np.diff(phase.shares)[None],
             low=zero,
             high=zero,
             labels=(f"motion between nodes ({phase.name})",) * (2 * n),
@@ -393,8 +396,7 @@ class SpatialProgram:
         """Instants (K+1,) of the nodes, s."""
         times = [0.0]
         for phase, duration in zip(self.phases, durations, strict=True):
-            steps = duration * np.arange(1, phase.intervals + 1) / phase.intervals
-            times += (times[-1] + steps).tolist()
+            times += (times[-1] + duration * phase.shares[1:]).tolist()
         return np.array(times)
 
     def guess(self, rng: np.random.Generator | None = None) -> Array:
@@ -497,7 +499,7 @@ class SpatialProgram:
         """Positions (K+1,) of the nodes in the phases: 1.5 is the middle of the second one."""
         shares = [0.0]
         for index, phase in enumerate(self.phases):
-            shares += (index + np.arange(1, phase.intervals + 1) / phase.intervals).tolist()
+            shares += (index + phase.shares[1:]).tolist()
         return np.array(shares)
 
     def solve(self, guess: Array, is_near: bool = False) -> SpatialSolution:

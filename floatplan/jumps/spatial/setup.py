@@ -86,7 +86,7 @@ class SpatialSetup:
         )
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity))
         points = clearance_points(problem.robot, self.feet)
-        return SpatialProgram(model, phases, self.ends, points, bounds)
+        return SpatialProgram(model, phases, self.ends, points, bounds, request.friction)
 
     @property
     def _lowest(self) -> float:

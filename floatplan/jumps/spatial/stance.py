@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
+from scipy.optimize import nnls
 
 from floatplan.arrays import Array, read_only
 from floatplan.jumps.motion import JumpState, hermite, values
@@ -51,6 +52,7 @@ class SpatialStance:
     gravity : m/s^2
     axes : of the base's angles
     contacts : feet that stand
+    friction : coefficient, within whose cone the feet share the forces where they can
     grid : SpatialGrid
     """
 
@@ -58,6 +60,7 @@ class SpatialStance:
     gravity: float
     axes: str
     contacts: tuple[Foot, ...]
+    friction: float
     grid: SpatialGrid
 
     @cached_property
@@ -96,7 +99,8 @@ class SpatialStance:
         )
         shares = np.array([np.interp(times, self.grid.times, row) for row in self.grid.shares]).T
         arms = places[0] - motion[0, :3].T[:, None]
-        forces = shared_forces(base, arms, shares.reshape(len(times), len(frames), 3), self.gravity * self.robot.mass)
+        weight = self.gravity * self.robot.mass
+        forces = shared_forces(base, arms, shares.reshape(len(times), len(frames), 3), weight, self.friction)
         # What is left on the base: force and moment in its own axes, as RNEA has them.
         left = base - np.hstack((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)))
         torques = wrench.copy()
@@ -128,10 +132,11 @@ class SpatialStance:
         return carried
 
 
-def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float) -> Array:
+def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float, friction: float) -> Array:
     """Forces (N, F, 3) at points that make a wrench (N, 6), next to shares (N, F, 3): by least squares.
 
-    What bears little changes little: squares are over vertical shares, so that feet are released gently.
+    What bears little changes little: squares are over vertical shares, so that feet are released gently. Where a force
+    leaves the friction cone, the nearest forces inside it are taken.
 
     Parameters
     ----------
@@ -139,6 +144,7 @@ def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float) -> A
     arms : (N, F, 3) of the points from that origin, m
     shares : (N, F, 3) N
     weight : of the robot, N
+    friction : coefficient
     """
     count, feet, _ = arms.shape
     lightest = 1e-6  # [-] of the weight: a foot that bears nothing takes next to nothing
@@ -157,7 +163,29 @@ def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float) -> A
     missing = wrench - np.einsum("nij,nj->ni", arm_map, flat)
     scaled = arm_map * np.sqrt(loads)[:, None]
     change = np.sqrt(loads) * np.einsum("nij,nj->ni", np.linalg.pinv(scaled, rcond=1e-9), missing)
-    return np.asarray((flat + change).reshape(count, feet, 3))
+    forces = (flat + change).reshape(count, feet, 3)
+    horizontal = np.linalg.norm(forces[:, :, :2], axis=2)
+    leaves = (horizontal > friction * np.maximum(forces[:, :, 2], 0.0) + 1e-9 * weight).any(axis=1)
+    for index in np.flatnonzero(leaves):
+        forces[index] = _in_cones(arm_map[index], wrench[index], flat[index], loads[index], weight, friction)
+    return np.asarray(forces)
+
+
+def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight: float, friction: float) -> Array:
+    """Forces (F, 3) inside pyramids of 16 sides in the friction cones that make a wrench (6,), next to shares (3 F,).
+
+    They are sums of the pyramids' edges, with factors that are not negative.
+    """
+    sides = 16  # [-] the pyramid has 0.98 of the cone's width
+    heavier = 1e-4  # [-] of the nearness to the shares over the wrench, which is met to its square
+    angles = 2 * np.pi * np.arange(sides) / sides
+    edges = np.stack((friction * np.cos(angles), friction * np.sin(angles), np.ones(sides)))
+    feet = len(share) // 3
+    generators = np.kron(np.eye(feet), edges)
+    nearness = heavier / np.sqrt(loads)
+    rows = np.vstack((arm_map @ generators, nearness[:, None] * generators))
+    factors, _ = nnls(rows, np.concatenate((wrench, nearness * share)) / weight)
+    return np.asarray((generators @ factors * weight).reshape(feet, 3))
 
 
 def continuous(q: Array) -> Array:
