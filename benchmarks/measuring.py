@@ -54,6 +54,7 @@ class Counts:
     landings: int = 20
     in_space: int = 100
     peers_in_space: int = 1
+    proofs: int = 40  # of each class
     clips: int = 300
     repairs: int = 300
     clip_landings: int = 6  # hops of each robot
@@ -83,6 +84,7 @@ QUICK = Counts(
     landings=5,
     in_space=6,
     peers_in_space=0,
+    proofs=4,
     clips=18,
     repairs=12,
     clip_landings=1,

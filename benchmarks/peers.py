@@ -24,8 +24,8 @@ import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.flight import PlanarFlight, gauss_grid, planar_flight
 from floatplan.motion.quadrature import NODE_COUNTS
-from floatplan.planning.constraints import constraints
 from floatplan.planning.search import Search
+from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import decision_variables
 
 NODES = 64
@@ -59,7 +59,7 @@ def reduced_program(problem: fp.Problem, nodes: int) -> FlightProgram:
     variables = decision_variables(problem, problem.degrees, branches, flight_of(problem).momentum_set)
     sampling = sample_nodes(gauss_grid(nodes), variables.polynomials.form)
     aim = objective(problem, flight, variables, sampling)
-    return FlightProgram(flight, variables, sampling, aim, constraints(problem, flight))
+    return FlightProgram(flight, variables, sampling, aim, FlightSpec(problem).constraints)
 
 
 class Slsqp:

@@ -88,7 +88,7 @@ class CompiledSqp:
     def __init__(self, problem: fp.Problem, nodes: int = NODES) -> None:
         self._program = program = reduced_program(problem, nodes)
         variables = program.variables
-        if variables.momentum.free or program.constraints or not isinstance(program.objective, CoefficientNorm):
+        if variables.momentum.axes.size or program.constraints or not isinstance(program.objective, CoefficientNorm):
             raise TypeError("only (17) with a given h and without constraints is written out for compilation")
         polynomials = variables.polynomials
 

@@ -21,7 +21,8 @@ from floatplan.motion.planar.clearance import Segments
 from floatplan.motion.planar.flight import GaussGrid, PlanarFlight, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, JointMotion, basis
-from floatplan.planning.constraints import LENGTH_SCALE, Clearance, Constraint, Limit
+from floatplan.planning.constraints import Constraint
+from floatplan.planning.kernel_input.rows import SumRows
 from floatplan.planning.variables import DecisionVariables
 from floatplan.problem.parts import Obstacle
 
@@ -468,8 +469,8 @@ def gradient(variables: DecisionVariables, by_z: Array, by_momentum: Array | Non
     by_x = (
         flat if flat.shape[1] == len(variables.offset) else flat[:, variables.polynomials.free_indices]
     ) @ variables.scaling
-    if variables.momentum.free:
-        free = variables.momentum.free
+    if variables.momentum.axes.size:
+        free = variables.momentum.axes.shape[1]
         chosen = np.zeros((len(flat), free)) if by_momentum is None else by_momentum @ variables.momentum.axes
         by_x = np.concatenate((by_x, chosen.reshape(-1, free)), axis=1)
     return by_x.reshape(*shape, variables.size)
@@ -477,22 +478,24 @@ def gradient(variables: DecisionVariables, by_z: Array, by_momentum: Array | Non
 
 def values_of(block: Constraint, motion: Trajectory) -> Array:
     """Values (K, r) of a block of constraints."""
-    if isinstance(block, Limit):
-        return np.asarray(1 - sum(QUANTITIES[name].values(motion) @ rows.T for name, rows in block.weights.items()))
-    assert isinstance(block, Clearance), "there are two kinds"
-    between, flown = block.between, motion.flown
+    rows = block.rows
+    if isinstance(rows, SumRows):
+        sums = sum(QUANTITIES[name].values(motion) @ weights.T for name, weights in rows.weights.items())
+        return np.asarray(rows.constant + sums)
+    between, flown = rows.between, motion.flown
     distances = flown.obstacle_distances(between) if isinstance(between, Obstacle) else flown.pair_distances(*between)
-    return (distances - block.margin) / LENGTH_SCALE
+    return (distances - rows.least) / rows.scale
 
 
 def jacobian_of(block: Constraint, motion: Trajectory) -> Array:
     """Their derivatives (K, r, size) by x."""
-    if isinstance(block, Limit):
-        return -np.asarray(sum(rows @ motion.quantity_jacobian(name) for name, rows in block.weights.items()))
-    assert isinstance(block, Clearance), "there are two kinds"
-    between, flown = block.between, motion.differentiable
+    rows = block.rows
+    if isinstance(rows, SumRows):
+        sums = sum(weights @ motion.quantity_jacobian(name) for name, weights in rows.weights.items())
+        return np.asarray(sums)
+    between, flown = rows.between, motion.differentiable
     partials = flown.obstacle_partials(between) if isinstance(between, Obstacle) else flown.pair_partials(*between)
-    return motion.jacobian(partials) / LENGTH_SCALE
+    return motion.jacobian(partials) / rows.scale
 
 
 def nodes_of(level: int, form: Form) -> Sampling:

@@ -1,8 +1,8 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump hops launch contact space clips clip-repair
-clip-landings guard; all of them where none is named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump hops launch contact space proofs clips
+clip-repair clip-landings guard; all of them where none is named. Needs the extra ``bench``.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from inflight_sections import inflight
 from jump_sections import contact, hops, jump_section, launch_section
 from many_section import many
 from measuring import FULL, QUICK, Counts
+from proof_section import proofs
 from search_sections import free_section, random_section, rest_section, starts_section
 from single_section import single
 from space_sections import space
@@ -51,6 +52,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "launch": launch_section,
     "contact": contact,
     "space": space,
+    "proofs": proofs,
     "clips": clips,
     "clip-repair": clip_repair,
     "clip-landings": clip_landings,

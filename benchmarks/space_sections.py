@@ -103,24 +103,31 @@ def drawn_goals(count: int) -> Iterator[fp.Problem]:
     for seed in range(count):
         rng = np.random.default_rng(seed)
         ends = STANDING + rng.uniform(-0.3, 0.3, (2, 12))
-        h = rng.normal(size=3) * [0.3, 1.0, 0.3]
-        flight, degrees = fp.Flight(0.6, tuple(h)), (7,) * 12
-        asked = fp.Problem(robot, fp.Posture(LEVEL, ends[0]), fp.Posture(LEVEL, ends[1]), flight)
-        variables = decision_variables(asked, degrees, np.zeros((2, 12), int), flight_of(asked).momentum_set)
-        z = variables.free_coefficients(0.25 * rng.normal(size=variables.size))
-        low, high = asked.position_limits.T
-        b, half = variables.polynomials.powers_of_seconds(z), (high - low) / 2
-        written = WrittenMotion.from_powers((low + high) / 2, half, b, flight.duration)
-        of_flight = flight_of(asked)
-        motion = of_flight.whole_motion(written, h, of_flight.ballistics)
-        state = motion.state(np.linspace(0, flight.duration, 60))
-        limits = fp.Limits()
+        problem, state = drawn_goal(robot, ends, rng.normal(size=3) * [0.3, 1.0, 0.3], 0.6, rng)
         if seed % 3 == 0:
             peaks = (np.abs(values).max(axis=0) for values in (state.velocities, state.torques))
             rates, torques = (tuple((DRAWN_LIMIT * np.maximum(peak, 0.1)).tolist()) for peak in peaks)
-            limits = fp.Limits(velocity=rates, torque=torques)
-        goal = fp.Posture(fp.Attitude(quaternion_xyzw=tuple(state.orientation[-1])), ends[1])
-        yield replace(asked, goal=goal, limits=limits, motion=ANY_DEGREE)
+            problem = replace(problem, limits=fp.Limits(velocity=rates, torque=torques))
+        yield problem
+
+
+def drawn_goal(
+    robot: fp.Robot, ends: Array, h: Array, duration: float, rng: np.random.Generator
+) -> tuple[fp.Problem, fp.FlightState]:
+    """The attitude to which a drawn motion leads between two postures (2, n), as a problem; and that motion."""
+    n = len(robot.joints)
+    flight = fp.Flight(duration, tuple(h))
+    level = fp.Problem(robot, fp.Posture(LEVEL, ends[0]), fp.Posture(LEVEL, ends[1]), flight)
+    dynamics = flight_of(level)
+    variables = decision_variables(level, (7,) * n, np.zeros((2, n), int), dynamics.momentum_set)
+    z = variables.free_coefficients(0.25 * rng.normal(size=variables.size))
+    low, high = level.position_limits.T
+    b = variables.polynomials.powers_of_seconds(z)
+    written = WrittenMotion.from_powers((low + high) / 2, (high - low) / 2, b, duration)
+    motion = dynamics.whole_motion(written, h, dynamics.ballistics)
+    state = motion.state(np.linspace(0, duration, 60))
+    goal = fp.Posture(fp.Attitude(quaternion_xyzw=tuple(state.orientation[-1])), ends[1])
+    return replace(level, goal=goal, motion=ANY_DEGREE), state
 
 
 CLASSES: dict[str, Callable[[int], Iterator[fp.Problem]]] = {
@@ -156,24 +163,36 @@ def space(counts: Counts) -> None:
 
 
 def _past_obstacles(counts: Counts) -> None:
-    """Where drawn motions are clear of obstacles and of themselves: how many are planned, and how clear they are."""
+    """Where drawn motions are clear of obstacles and of themselves: how many are planned, proved, and how clear."""
     problems = list(obstructed(counts.in_space))
-    seconds, least, missed = [], [], []
+    seconds, of_proofs, least, missed, unproved = [], [], [], [], []
     for problem in problems:
         began = time.process_time()
         plan = fp.plan(problem)
         seconds.append(time.process_time() - began)
-        if plan.ok:
-            least.append(least_seen(plan, counts.instants))
-        else:
+        if not plan.ok:
             missed.append(problem.name)
+            continue
+        began = time.process_time()
+        certificate = fp.certify(plan)
+        of_proofs.append(time.process_time() - began)
+        least.append(least_seen(plan, counts.instants))
+        if not certificate.proved:
+            labels = ", ".join(finding.label for finding in certificate.unproved)
+            unproved.append(f"{problem.name} ({certificate.verdict}: {labels})")
     found = len(problems) - len(missed)
     worst = min(least, default=np.inf)
     row = ["past obstacles", found, len(problems), *np.quantile(seconds, (0.5, 0.9, 1.0)).tolist(), worst]
     head = ["", "found", "of", "s, median", "p90", "at most", f"least distance of {counts.instants} instants, m"]
     table(head, [row])
+    table(
+        ["", "proved", "of", "s, median", "p90", "at most"],
+        [["proofs", found - len(unproved), found, *np.quantile(of_proofs or [np.nan], (0.5, 0.9, 1.0)).tolist()]],
+    )
     if missed:
         print(f"  not found: {', '.join(missed)}")
+    if unproved:
+        print(f"  not proved: {'; '.join(unproved)}")
 
 
 def _within_limits(count: int) -> None:

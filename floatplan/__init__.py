@@ -1,7 +1,7 @@
 """Plans and proves the flight phase of robots that have left the ground.
 
 In flight no external torque acts: the angular momentum about the centre of mass is constant, and the base turns as the
-joints make it turn. floatplan finds joint motions that bring joints *and* base to a goal in a given time.
+joints rotate it. floatplan finds joint motions that bring joints *and* base to a goal in a given time.
 
 Units
 -----
@@ -34,7 +34,7 @@ r                     ``com_position`` (2,), m; ``com_velocity`` (2,), m/s
 
 Numbers in parentheses are the equations of the paper whose method this is: see the README.
 
-Public names are listed in ``__init__.pyi`` alone.
+Public names are listed only in ``__init__.pyi``.
 """
 
 import re
@@ -47,7 +47,7 @@ __all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name: str) -> object:
-    """Import public names when they are first used: Pinocchio alone takes longer than ``floatplan --help`` may."""
+    """Import public names when they are first used: Pinocchio takes longer than ``floatplan --help`` may."""
     if name == "__version__":
         value = import_module("importlib.metadata").version("floatplan")
     elif _HOMES.get(name) == __name__:

@@ -1,18 +1,18 @@
-"""What public classes and functions may be given, and how what they return shows itself.
+"""Checks of the arguments of public classes and functions, and how their results show themselves.
 
-Checks return the value as it is kept, or raise: a dataclass that people make lists those of its fields, functions call
+Checks return the value as it is stored, or raise: a dataclass of the user lists those of its fields, functions call
 them on their arguments. Results are short text for a prompt, and tables for notebooks.
 """
 
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from itertools import count, islice
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any, ClassVar, Self, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,9 @@ LARGEST_SEED = 2**63 - 1
 MOST_ERRORS = 1000  # of one sequence
 MOST_NUMBERS = 8  # [-] of a list in a line
 LINE = 160  # [-] characters of one
-Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a message names -> the value kept
+Name = TypeVar("Name")
+Value = TypeVar("Value")
+Check: TypeAlias = Callable[[Any, str], Any]  # a value and the element that a message names -> the value stored
 
 
 class Checked:
@@ -39,22 +41,22 @@ class Checked:
         if errors := self.faults():
             refuse(errors)
 
-    def faults(self, place: str = "") -> list[InputError]:
-        """What is wrong with the fields, each with its name after ``place``; what is right is kept as it is to be."""
+    def faults(self, prefix: str = "") -> list[InputError]:
+        """What is wrong with the fields, each with its name after ``prefix``; right values are stored as checked."""
         errors: list[InputError] = []
         for name, check in self.checks.items():
             value = getattr(self, name)
             if value is MISSING:  # in a file; who reads that says so
                 continue
             try:
-                kept = check(value, place + name.rstrip("_"))  # what is a word of Python has one in its name
+                stored = check(value, prefix + name.rstrip("_"))  # what is a word of Python has one in its name
             except InputError as error:
                 errors += single(error)
             else:
-                if kept is not value:
-                    object.__setattr__(self, name, kept)
+                if stored is not value:
+                    object.__setattr__(self, name, stored)
         if not errors and not any(value is MISSING for value in vars(self).values()):
-            errors = [InputError(reason, element=place + name) for name, reason in self.contradictions()]
+            errors = [InputError(reason, element=prefix + name) for name, reason in self.contradictions()]
         if not errors:
             vars(self).pop("_is_checked", None)
         return errors
@@ -63,25 +65,25 @@ class Checked:
         """What cannot be, of fields that are right each: field and reason."""
         yield from ()
 
-    def check(self, place: str) -> None:
-        """Check the fields of one that was made without; ``place`` is what messages call it."""
+    def check(self, path: str) -> None:
+        """Check the fields of one that was made without; ``path`` is what messages call it."""
         if not self._is_checked:
-            refuse(self.faults(f"{place}."))
+            refuse(self.faults(f"{path}."))
 
     def changed(self, **values: Any) -> Self:
         """Return one with other values, not checked."""
         own, made = vars(self), object.__new__(type(self))
-        kept = {each.name: own[each.name] for each in fields(self)}  # type: ignore[arg-type]
-        vars(made).update(kept, **values, _is_checked=False)
+        current = {row.name: own[row.name] for row in fields(self)}  # type: ignore[arg-type]
+        vars(made).update(current, **values, _is_checked=False)
         return made
 
     @classmethod
     def unchecked(cls, **values: Any) -> Self:
-        """Return one whose fields are checked by whoever takes it and knows their place in a file."""
+        """Return one whose fields are checked by whoever takes it and knows their path in a file."""
         made = object.__new__(cls)
-        for each in fields(made):  # type: ignore[arg-type]
-            default = each.default if each.default_factory is MISSING else each.default_factory()
-            object.__setattr__(made, each.name, values.get(each.name, default))
+        for row in fields(made):  # type: ignore[arg-type]
+            default = row.default if row.default_factory is MISSING else row.default_factory()
+            object.__setattr__(made, row.name, values.get(row.name, default))
         object.__setattr__(made, "_is_checked", False)
         return made
 
@@ -94,10 +96,10 @@ def number(allowed: str | Range, *, infinite: bool = False, advice: str | None =
     def check(value: Any, element: str) -> Any:
         if type(value) is float and low <= value <= high:
             return value
-        found = _real(value, element)
-        if not (infinite and found == math.inf):
-            _check_range(found, element, limits, advice)
-        return found
+        number = _real(value, element)
+        if not (infinite and number == math.inf):
+            _check_range(number, element, limits, advice)
+        return number
 
     return check
 
@@ -171,13 +173,13 @@ def path(value: Any, element: str) -> Path:
 
 def one_of(*words: str, or_number: Check | None = None) -> Check:
     """One of some words, or a number that a check lets through."""
-    wanted = either([*(["a number"] if or_number else []), *map(repr, words)])
+    choices = either([*(["a number"] if or_number else []), *map(repr, words)])
 
     def check(value: Any, element: str) -> Any:
         if isinstance(value, str) and value in words:
             return value
         if or_number is None or isinstance(value, str | list | tuple | Mapping):
-            raise InputError(f"must be {wanted}, not {value!r}", element=element)
+            raise InputError(f"must be {choices}, not {value!r}", element=element)
         return or_number(value, element)
 
     return check
@@ -189,14 +191,14 @@ def in_short(value: object) -> str:
 
 
 def made(*kinds: type, advice: str | None = None) -> Check:
-    """An object of one of some classes; what is wrong with one that was not checked is told too."""
-    wanted = either([kind.__name__ for kind in kinds])
+    """An object of one of some classes; also says what is wrong with one that was not checked."""
+    names = either([kind.__name__ for kind in kinds])
 
     def check(value: Any, element: str) -> Any:
         if value is MISSING:
             return value
         if not isinstance(value, kinds):
-            raise InputError(f"{in_short(value)} is not a {wanted}", element=element, advice=advice)
+            raise InputError(f"{in_short(value)} is not a {names}", element=element, advice=advice)
         if isinstance(value, Checked):
             value.check(element)
         return value
@@ -205,9 +207,9 @@ def made(*kinds: type, advice: str | None = None) -> Check:
 
 
 def many(check: Check, of: str, count: int | None = None) -> Check:
-    """A sequence, kept as a tuple, of what a check lets through; of so many where a count is given."""
+    """A sequence, as a tuple, of what a check lets through; of so many where a count is given."""
 
-    def each(value: Any, element: str) -> tuple[Any, ...]:
+    def sequence(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
         if items is None:
             raise InputError(f"{value!r} is not a sequence of {of}", element=element, advice="give a list or a tuple")
@@ -215,31 +217,31 @@ def many(check: Check, of: str, count: int | None = None) -> Check:
             raise InputError(f"must have {count} entries, not {len(items)}", element=element)
         return tuple(_checked(items, check, _numbered(element)))
 
-    return each
+    return sequence
 
 
 def pair(check: Check, of: str = "numbers", count: int = 2) -> Check:
-    """Two of what a check lets through, or three or four, kept as a tuple."""
+    """Two of what a check lets through, or three or four, as a tuple."""
 
-    def each(value: Any, element: str) -> tuple[Any, ...]:
+    def numbers(value: Any, element: str) -> tuple[Any, ...]:
         items = _items(value)
         if items is None or len(items) != count:
             raise InputError(f"{value!r} is not {('two', 'three', 'four')[count - 2]} {of}", element=element)
         return tuple(check(item, f"{element}[{index}]") for index, item in enumerate(items))
 
-    return each
+    return numbers
 
 
 def by_name(check: Check) -> Check:
-    """A mapping from names to what a check lets through, kept as a copy."""
+    """A mapping from names to what a check lets through, as a copy."""
 
-    def each(value: Any, element: str) -> dict[str, Any]:
+    def mapping(value: Any, element: str) -> dict[str, Any]:
         if not isinstance(value, Mapping):
             raise InputError(f"{value!r} is not a mapping by joint", element=element)
         names = [text(name, element) for name in value]
         return dict(zip(names, _checked(value.values(), check, (f"{element}.{name}" for name in names)), strict=True))
 
-    return each
+    return mapping
 
 
 def for_all(check: Check) -> Check:
@@ -252,23 +254,23 @@ def by_joint(check: Check, *words: str, single: bool = True, mapping: bool = Tru
     """What a check lets through: by name, in joint order, or one for all; or one of some words."""
     named = by_name(check)
     shapes = ["a number"] * single + ["a sequence in joint order"] + ["a mapping by joint"] * mapping
-    wanted = either([*map(repr, words), *shapes])
+    choices = either([*map(repr, words), *shapes])
 
     def shaped(value: Any, element: str) -> Any:
         if single and type(value) is float:
             return check(value, element)
         if isinstance(value, str):
             if value not in words:
-                raise InputError(f"must be {wanted}, not {value!r}", element=element)
+                raise InputError(f"must be {choices}, not {value!r}", element=element)
             return value
         if mapping and isinstance(value, Mapping):
             return named(value, element)
         items = _items(value)
         if items is not None:
-            found = _checked(items, check, _numbered(element))
-            return read_only(found) if isinstance(value, np.ndarray) and value.dtype.kind == "f" else tuple(found)
+            checked = _checked(items, check, _numbered(element))
+            return read_only(checked) if isinstance(value, np.ndarray) and value.dtype.kind == "f" else tuple(checked)
         if not single or isinstance(value, Mapping):
-            raise InputError(f"must be {wanted}, not {value!r}", element=element)
+            raise InputError(f"must be {choices}, not {value!r}", element=element)
         return check(value, element)
 
     return shaped
@@ -301,18 +303,18 @@ def _numbered(element: str) -> Iterator[str]:
 
 
 def _checked(items: Iterable[Any], check: Check, elements: Iterator[str]) -> list[Any]:
-    """What is kept of the items; what is wrong with each, as far as anybody reads on."""
-    kept: list[Any] = []
+    """The checked items, or all that is wrong with them, as far as anybody reads on."""
+    checked: list[Any] = []
     errors: list[InputError] = []
     for item, element in zip(items, elements, strict=False):
         try:
-            kept.append(check(item, element))
+            checked.append(check(item, element))
         except InputError as error:
             errors.append(error)
             if len(errors) == MOST_ERRORS:
                 break
     refuse(errors)
-    return kept
+    return checked
 
 
 def _real(value: Any, element: str) -> float:
@@ -361,7 +363,7 @@ class Outlined:
     shown: ClassVar[Sequence[str]] = ()
 
     def __repr__(self) -> str:
-        names = self.shown or [each.name for each in fields(self)]  # type: ignore[arg-type]
+        names = self.shown or [row.name for row in fields(self)]  # type: ignore[arg-type]
         rows = ((name, _brief(getattr(self, name))) for name in names)
         return outline(type(self).__name__, ((name, text) for name, text in rows if text))
 
@@ -416,3 +418,18 @@ def html_table(title: str, rows: Sequence[Sequence[str]], head: Sequence[str] = 
     above = f"<thead><tr>{cells(head, 'th')}</tr></thead>" if head else ""
     body = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
     return f"<table><caption><b>{html.escape(title)}</b></caption>{above}<tbody>{body}</tbody></table>"
+
+
+def attributes(instance: object, names: Iterable[str]) -> dict[str, Any]:
+    """Return attributes by their names."""
+    return {name: getattr(instance, name) for name in names}
+
+
+def without(mapping: Mapping[Name, Value], names: Container[Any]) -> dict[Name, Value]:
+    """Return a mapping without some of its keys."""
+    return {name: value for name, value in mapping.items() if name not in names}
+
+
+def without_none(mapping: Mapping[Name, Value | None]) -> dict[Name, Value]:
+    """Return a mapping without keys whose value is None."""
+    return {name: value for name, value in mapping.items() if value is not None}

@@ -17,7 +17,7 @@ from types import ModuleType
 CLONE = Path(__file__).resolve().parents[1]  # where pyproject.toml is, unless floatplan was installed as a wheel
 LONGEST_NAME = 200  # characters of the name of a link, a joint, a robot or a problem
 LONGEST_WORD = 80  # characters of something quoted
-LONGEST_PART = 400  # characters of a reason, an element or an advice
+LONGEST_ITEM = 400  # characters of a reason, an element or an advice
 LONGEST_PATH = 300  # characters of a file's path
 LONGEST = 1700  # characters of all that is wrong with a problem
 
@@ -33,7 +33,7 @@ def printable(text: str, longest_word: int = LONGEST_WORD) -> str:
     """Text from anywhere as it may be shown: one line without control characters, nothing in it overlong."""
     half = (longest_word - 5) // 2  # of what is left of a word, before and after what is left out
     shown = re.sub(rf"\S{{{longest_word + 1},}}", lambda word: f"{word[0][:half]} ... {word[0][-half:]}", escaped(text))
-    return shown if len(shown) <= LONGEST_PART else f"{shown[: LONGEST_PART - 4]} ..."
+    return shown if len(shown) <= LONGEST_ITEM else f"{shown[: LONGEST_ITEM - 4]} ..."
 
 
 def check_name(name: str, element: str) -> None:
@@ -64,7 +64,7 @@ class InputError(FloatplanError, ValueError):
     source : path or str, optional
         The file (or argument) that holds the fault.
     element : str, optional
-        The place in it: a link, a joint, a key such as ``flight.duration``.
+        Where in it: a link, a joint, a key such as ``flight.duration``.
     advice : str, optional
         What to do about it, in one sentence without a full stop.
     """
@@ -78,8 +78,8 @@ class InputError(FloatplanError, ValueError):
         self.advice = None if advice is None else printable(advice, LONGEST_PATH)  # it may be a command
         path = escaped(self.source or "")
         shown = path if len(path) <= LONGEST_PATH else f"... {path[-(LONGEST_PATH - 4) :]}"  # its end
-        place = ": ".join(part for part in (shown, self.element) if part)
-        super().__init__(f"{place}: {self.reason}" if place else self.reason)
+        where = ": ".join(item for item in (shown, self.element) if item)
+        super().__init__(f"{where}: {self.reason}" if where else self.reason)
 
     def __str__(self) -> str:
         message = super().__str__()
@@ -87,7 +87,7 @@ class InputError(FloatplanError, ValueError):
 
     def within(self, source: str | Path | None = None, element: str | None = None) -> InputError:
         """Return the same error with its file, or the element around it, added."""
-        inner = ".".join(part for part in (element, self.element) if part) or None
+        inner = ".".join(item for item in (element, self.element) if item) or None
         return InputError(self.reason, source=source or self.source, element=inner, advice=self.advice)
 
 
@@ -113,15 +113,15 @@ class ProblemError(InputError):
         super().__init__("several things are wrong")
 
     def __str__(self) -> str:
-        """All of them, as far as there is room."""
-        told, room = [], LONGEST
+        """All of them, as far as ``LONGEST`` allows."""
+        shown, space = [], LONGEST
         for error in map(str, self.errors):
-            room -= len(error) + 1
-            if room < 0:
+            space -= len(error) + 1
+            if space < 0:
                 break
-            told.append(error)
-        rest = len(self.errors) - len(told)
-        return "\n".join([*told, *([f"and {rest} more"] if rest else [])])
+            shown.append(error)
+        hidden = len(self.errors) - len(shown)
+        return "\n".join([*shown, *([f"and {hidden} more"] if hidden else [])])
 
     def within(self, source: str | Path | None = None, element: str | None = None) -> ProblemError:
         """Return the same errors, each with its file, or the element around it, added."""
@@ -129,13 +129,13 @@ class ProblemError(InputError):
 
 
 def single(error: InputError) -> tuple[InputError, ...]:
-    """Return an error, or each of those that are together in one."""
-    each: tuple[InputError, ...] = getattr(error, "errors", (error,))
-    return each
+    """Return an error, or each of those that it contains."""
+    errors: tuple[InputError, ...] = getattr(error, "errors", (error,))
+    return errors
 
 
 def refuse(errors: Sequence[InputError]) -> None:
-    """Raise what is wrong, if anything is: one error as it is, several together, what was found twice once."""
+    """Raise what is wrong, if anything is: one error as it is, several as one, without repetition."""
     different = list({str(one): one for error in errors for one in single(error)}.values())
     if different:
         raise ProblemError(different) if len(different) > 1 else different[0]

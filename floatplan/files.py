@@ -1,4 +1,4 @@
-"""Files: JSON read strictly, plain data, and files that are written whole or not at all."""
+"""Files: JSON read strictly, data, and files that are written whole or not at all."""
 
 import hashlib
 import json
@@ -43,9 +43,9 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
             state = os.fstat(descriptor)
             if not stat.S_ISREG(state.st_mode):
                 raise InputError(f"is not a regular file, as {kind} is", source=path)
-            # read() makes room at once for as much as it may return; a file may grow meanwhile
-            room = min(largest, 2 * state.st_size + SPARE) + 1
-            content = stream.read(room) if state.st_size <= largest else b""
+            # read() allocates at once as much as it may return; a file may grow meanwhile
+            size = min(largest, 2 * state.st_size + SPARE) + 1
+            content = stream.read(size) if state.st_size <= largest else b""
     except InputError:
         raise
     except FileNotFoundError:
@@ -61,7 +61,7 @@ def read_regular(path: str | Path, largest: int, kind: str) -> bytes:
 
 
 def check_readable(path: Path, otherwise: str) -> None:
-    """Refuse a file that is there and cannot be read: what it holds is not known, so that it must not be lost.
+    """Refuse a file that is there and cannot be read: its content is unknown, so that it must not be lost.
 
     Parameters
     ----------
@@ -184,8 +184,8 @@ def check_depth(content: Any, kinds: Any = Mapping | list | tuple) -> None:
     level: list[Any] = [(content,)]
     for _ in range(DEEPEST + 1):
         inner = (item.values() if isinstance(item, Mapping) else item for item in level)
-        found = {id(each): each for item in inner for each in item if isinstance(each, kinds)}
-        level = list(found.values())
+        level_items = {id(entry): entry for item in inner for entry in item if isinstance(entry, kinds)}
+        level = list(level_items.values())
         if not level:
             return
     raise _too_deep()
@@ -209,14 +209,14 @@ def check_finite(content: Any) -> None:
 def check_numbers(
     content: Any, element: str, holds: Callable[[float], bool], refusal: Callable[[float], InputError]
 ) -> None:
-    """Raise the refusal, with its place, of the first number in mappings and sequences that does not hold."""
-    for place, number in _numbers_of(content, element):
+    """Raise the refusal, with its path, of the first number in mappings and sequences that does not hold."""
+    for path, number in _numbers_of(content, element):
         if not holds(number):
-            raise refusal(number).within(element=place)
+            raise refusal(number).within(element=path)
 
 
 def _numbers_of(content: Any, element: str) -> Iterator[tuple[str, float]]:
-    """The numbers in nested mappings and sequences, each with its place."""
+    """The numbers in nested mappings and sequences, each with its path."""
     if hasattr(content, "tolist"):
         content = content.tolist()
     if isinstance(content, Mapping):
@@ -234,19 +234,19 @@ def _not_finite(number: float) -> InputError:
     return InputError(f"is not finite: {shown}", advice="give a finite number")
 
 
-def plain(value: Any) -> Any:
-    """Turn arrays, tuples and mappings into what JSON holds; numbers that are not finite become ``None``."""
+def json_value(value: Any) -> Any:
+    """Convert arrays, tuples and mappings into what JSON holds; numbers that are not finite become ``None``."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [json_value(item) for item in value]
     if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
+        return {str(key): json_value(item) for key, item in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def write_atomically(path: str | Path, content: str | bytes) -> Path:
-    """Write to a temporary name beside ``path`` and rename, so that nobody ever sees half a file.
+    """Write to a temporary name in the same folder and rename, so that nobody ever sees half a file.
 
     Raises
     ------
@@ -254,16 +254,16 @@ def write_atomically(path: str | Path, content: str | bytes) -> Path:
         The system refuses it, such as on a full disk, or there is something else than a file, or a file that cannot be
         read.
     """
-    return write_together({Path(path): content})[0]
+    return write_all({Path(path): content})[0]
 
 
-def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[], object] | None = None) -> list[Path]:
-    """Write files that belong together, each whole: all are on the disk before the first takes its place.
+def write_all(contents: Mapping[Path, str | bytes], replacing: Callable[[], object] | None = None) -> list[Path]:
+    """Write several files, each whole: all are on the disk before the first is renamed.
 
     Parameters
     ----------
     contents : what to write, by path
-    replacing : called once everything is written and nothing has taken its place yet
+    replacing : called once everything is written and nothing is renamed yet
 
     Raises
     ------
@@ -274,7 +274,7 @@ def write_together(contents: Mapping[Path, str | bytes], replacing: Callable[[],
     try:
         for path, content in contents.items():
             with _refusals_of(path):
-                written[path] = _written_beside(path, content)
+                written[path] = _temporary_file(path, content)
         if replacing is not None:
             replacing()
         for path, temporary in written.items():
@@ -300,8 +300,8 @@ def _refusals_of(path: Path) -> Iterator[None]:
         raise InputError(f"cannot be written: {error.strerror or error}", source=path) from None
 
 
-def _written_beside(path: Path, content: str | bytes) -> Path:
-    """A new file under a temporary name beside ``path``."""
+def _temporary_file(path: Path, content: str | bytes) -> Path:
+    """A new file under a temporary name in the folder of ``path``."""
     if path.exists() and not path.is_file():
         raise InputError("is not a regular file, and is not replaced", source=path, advice="choose another name")
     check_readable(path, "is not replaced")
@@ -321,7 +321,7 @@ def _written_beside(path: Path, content: str | bytes) -> Path:
 
 
 def _temporary_of_here() -> str:
-    """How the names of this machine's temporary files begin; the process and a random part follow."""
+    """How the names of this machine's temporary files begin; the process and a random word follow."""
     return f".floatplan-{re.sub('[^A-Za-z0-9]', '', os.uname().nodename)[:40]}-"
 
 

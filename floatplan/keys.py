@@ -33,7 +33,7 @@ MOST_HOMES = 3  # [-] places that are named where a key belongs
 JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean"}
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-Part = TypeVar("Part", bound="Keyed")
+Table = TypeVar("Table", bound="Keyed")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Key:
     meaning : for a person; what the class's docstring says of the parameter, if left out
     unit : empty where it has none; angles are in the file's unit
     numbers : range of its numbers, or its key in :data:`floatplan.tables.RANGES`; that of its own name if left out, and
-        of a pair without one that of a place
+        a pair without one has that of a position
     check : of the field, where its type and its numbers do not say all
     """
 
@@ -106,14 +106,14 @@ class Keyed(Checked):
     @classmethod
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:
         """The fields that have a key, with it."""
-        return [(each, cls.keys[each.name]) for each in fields(cls) if each.name in cls.keys]  # type: ignore[arg-type]
+        return [(row, cls.keys[row.name]) for row in fields(cls) if row.name in cls.keys]  # type: ignore[arg-type]
 
 
 def _parameters(of: type) -> dict[str, str]:
     """What a docstring says of each parameter, without the full stop at the end."""
     docstring = cleandoc(vars(of).get("__doc__") or "").partition("Parameters\n----------\n")[2]
-    found = re.findall(r"^(\w+) : .*\n((?: {4}.*(?:\n|$))+)", docstring.partition("\n\n")[0], re.MULTILINE)
-    return {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in found}
+    entries = re.findall(r"^(\w+) : .*\n((?: {4}.*(?:\n|$))+)", docstring.partition("\n\n")[0], re.MULTILINE)
+    return {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in entries}
 
 
 def is_needed(of: Field[Any]) -> bool:
@@ -146,7 +146,7 @@ def _check(hint: Any, numbers: str | Range) -> Check:
         return arguments.optional(_check(Union[kinds], numbers))  # noqa: UP007
     words = [word for kind in inner if get_origin(kind) is Literal for word in get_args(kind)]
     lists = [kind for kind in inner if get_origin(kind) is Sequence]
-    if not (lists or float in inner) or any(map(_is_part, inner)):
+    if not (lists or float in inner) or any(map(_is_table, inner)):
         return _any_of(inner, numbers)
     entry = arguments.number(RANGES[numbers] if isinstance(numbers, str) else numbers, infinite="none" in words)
     if not lists:
@@ -157,7 +157,7 @@ def _check(hint: Any, numbers: str | Range) -> Check:
 
 
 def _any_of(kinds: Sequence[Any], numbers: str | Range) -> Check:
-    """The check of what has one of several types, told apart by their shapes."""
+    """The check of what has one of several types, distinguished by their shapes."""
     checks: dict[Any, Check] = {}
     names: list[str] = []
     for kind in kinds:
@@ -187,7 +187,7 @@ class Reader:
     Attributes
     ----------
     degrees : whether the angles in the file are in degrees
-    whole : of what the file's outermost table is, where that is known: unknown keys that stand elsewhere are told where
+    whole : of what the file's outermost table is, if it has one: errors about unknown keys of other tables say where
     errors : what tables lack, and what is too much in them; the fields are checked by :meth:`Checked.faults`
     """
 
@@ -195,83 +195,83 @@ class Reader:
     whole: type[Keyed] | None = None
     errors: list[InputError] = field(default_factory=list)
 
-    def part(self, part: type[Part], content: Any, place: str = "") -> Part | Any:
-        """Return the part that a table describes, its fields not checked; ``MISSING`` for what has to be given."""
-        kinds: Mapping[str, Any] | None = vars(part).get("kinds")
+    def table(self, kind: type[Table], content: Any, path: str = "") -> Table | Any:
+        """Return the dataclass that a table describes, its fields not checked; ``MISSING`` for what has to be given."""
+        kinds: Mapping[str, Any] | None = vars(kind).get("kinds")
         if kinds is not None:
-            kind = content.get("kind") if isinstance(content, Mapping) else None
-            if not isinstance(kind, str) or kind not in kinds:
-                return self._missing(f"{content!r} is not a table with kind = {either(map(repr, kinds))}", place)
-            part = kinds[kind]
-            content = {key: value for key, value in content.items() if key != "kind"}
+            name = content.get("kind") if isinstance(content, Mapping) else None
+            if not isinstance(name, str) or name not in kinds:
+                return self._missing(f"{content!r} is not a table with kind = {either(map(repr, kinds))}", path)
+            kind = kinds[name]
+            content = arguments.without(content, ("kind",))
         if not isinstance(content, Mapping):
-            return self._missing(f"{content!r} is not a table", place)
-        inside = f"{place}." if place else ""
-        known = set()
+            return self._missing(f"{content!r} is not a table", path)
+        inside = f"{path}." if path else ""
+        names = set()
         values = {}
-        for each, about in part.keyed_fields():
-            key = in_files(each.name)
-            known.add(key)
+        for row, about in kind.keyed_fields():
+            key = in_files(row.name)
+            names.add(key)
             if key in content:
-                values[each.name] = self._value(part.hints[each.name], content[key], about, inside + key)
-            elif is_needed(each):
+                values[row.name] = self._value(kind.hints[row.name], content[key], about, inside + key)
+            elif is_needed(row):
                 self._missing("is missing", inside + key)
-        for key in [key for key in content if key not in known]:
-            self.errors.append(InputError("unknown key", element=inside + key, advice=self._instead_of(key, known)))
-        return part.unchecked(**values)
+        for key in [key for key in content if key not in names]:
+            self.errors.append(InputError("unknown key", element=inside + key, advice=self._instead_of(key, names)))
+        return kind.unchecked(**values)
 
-    def _instead_of(self, key: str, known: Collection[str]) -> str:
+    def _instead_of(self, key: str, names: Collection[str]) -> str:
         """Advice on an unknown key: where it belongs in the file, which key may be meant, or which there are."""
-        close = difflib.get_close_matches(key, known, n=1)
+        close = difflib.get_close_matches(key, names, n=1)
         homes = [] if self.whole is None else homes_of(key, self.whole)
         belongs = f"{key} belongs {' or '.join(homes[:MOST_HOMES])}"
         if close:
             meant = f"did you mean {close[0]!r}?"
             return f"{meant} {belongs}" if homes else meant
-        return belongs if homes else f"known are {', '.join(sorted(known))}"
+        return belongs if homes else f"known are {', '.join(sorted(names))}"
 
-    def _missing(self, reason: str, place: str) -> Any:
-        self.errors.append(InputError(reason, element=place))
+    def _missing(self, reason: str, path: str) -> Any:
+        self.errors.append(InputError(reason, element=path))
         return MISSING
 
-    def _value(self, hint: Any, value: Any, key: Key, place: str) -> Any:
-        """What the field of a part is given for what its key holds; ``None`` and "none" in a list are no limit."""
+    def _value(self, hint: Any, value: Any, key: Key, path: str) -> Any:
+        """What a field gets for the value of its key; ``None`` and "none" in a list are no limit."""
         origin, inner = get_origin(hint), get_args(hint)
         if origin in (Union, UnionType):
             kinds = [kind for kind in inner if kind is not NoneType]
             shape = ORIGINS.get(type(value))
-            fitting = [kind for kind in kinds if get_origin(kind) is shape or (shape is Mapping and _is_part(kind))]
+            fitting = [kind for kind in kinds if get_origin(kind) is shape or (shape is Mapping and _is_table(kind))]
             one = kinds if len(kinds) == 1 else fitting if shape else [kind for kind in kinds if kind is float]
             if one and value is not None:
-                value = self._value(one[0], value, key, place)
+                value = self._value(one[0], value, key, path)
             if isinstance(value, list) and any("none" in get_args(kind) for kind in kinds):
-                return [math.inf if each in (None, "none") else each for each in value]
+                return [math.inf if entry in (None, "none") else entry for entry in value]
             return value
-        if _is_part(hint):
-            return self.part(hint, value, place)
+        if _is_table(hint):
+            return self.table(hint, value, path)
         if origin is Mapping and isinstance(value, dict):
-            return {name: self._value(inner[1], each, key, f"{place}.{name}") for name, each in value.items()}
+            return {name: self._value(inner[1], entry, key, f"{path}.{name}") for name, entry in value.items()}
         if origin in (Sequence, tuple) and isinstance(value, list):
-            return [self._value(inner[0], each, key, f"{place}[{index}]") for index, each in enumerate(value)]
+            return [self._value(inner[0], entry, key, f"{path}[{index}]") for index, entry in enumerate(value)]
         if hint is not float or type(value) not in (int, float):
             return value  # as its check sees it
         if not abs(value) <= sys.float_info.max:
-            self._missing(f"{value!r} is not a finite number", place)
+            self._missing(f"{value!r} is not a finite number", path)
             return value
         return math.radians(value) if self.degrees and " or deg" in key.unit else float(value)
 
 
-def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputError] | None = None) -> Part:
+def read_tables(kind: type[Table], content: Mapping[str, Any], wrong: list[InputError] | None = None) -> Table:
     """Return the tables of a file, whose ``angles`` say in what they are.
 
     Raises
     ------
     InputError
-        All that is wrong with them, each with its place; where they are complete, wrong fields are put into ``wrong``
-        instead if it is given.
+        All that is wrong with them, each with its path; where they are complete, wrong fields go into ``wrong``
+        instead if there is one.
     """
     reader = Reader(degrees=content.get("angles") == "deg", whole=kind)
-    tables = reader.part(kind, content)
+    tables = reader.table(kind, content)
     faults = tables.faults()
     if wrong is None or reader.errors or any(fault.element == "angles" for fault in faults):
         refuse([*reader.errors, *faults])
@@ -280,87 +280,89 @@ def read_tables(kind: type[Part], content: Mapping[str, Any], wrong: list[InputE
     return tables
 
 
-def table_of(part: Keyed) -> dict[str, Any]:
-    """Return the table that describes a part, as plain data in rad: what :class:`Reader` makes the same part of."""
-    kind = {"kind": part.kind} if hasattr(part, "kind") else {}
-    values = {in_files(name): _written(getattr(part, name)) for name in part.keys}
-    return {**kind, **{key: value for key, value in values.items() if value is not None}}
+def table_of(record: Keyed) -> dict[str, Any]:
+    """Return the table that describes a dataclass, as data in rad: what :class:`Reader` makes the same dataclass of."""
+    kind = {"kind": record.kind} if hasattr(record, "kind") else {}
+    values = {in_files(name): _written(getattr(record, name)) for name in record.keys}
+    return {**kind, **arguments.without_none(values)}
 
 
 def _written(value: Any) -> Any:
     if isinstance(value, Keyed):
         return table_of(value)
     if isinstance(value, Mapping):  # what it leaves out has no limit
-        return {name: _written(each) for name, each in value.items() if each != math.inf}
+        return {name: _written(entry) for name, entry in value.items() if entry != math.inf}
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [_written(each) for each in value]
+        return [_written(entry) for entry in value]
     return "none" if value == math.inf else value
 
 
-def _is_part(hint: Any) -> bool:
+def _is_table(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, Keyed)
 
 
-def tables(part: type[Keyed], place: str = "") -> dict[str, tuple[type[Keyed], str]]:
-    """Return the tables in that of a part by their places, each with what it is about.
+def tables(kind: type[Keyed], path: str = "") -> dict[str, tuple[type[Keyed], str]]:
+    """Return the tables inside that of a dataclass by their paths, each with what it is about.
 
     The entries of a table of tables are at ``*``, those of a list at ``[]``, or at ``[kind]`` where they have kinds.
     """
-    found: dict[str, tuple[type[Keyed], str]] = {}
-    for name, key in part.keys.items():
-        for inner, inside in _parts_in(part.hints[name], f"{place}.{in_files(name)}".lstrip(".")):
-            for kind, known in vars(inner).get("kinds", {}).items():
-                of_kind = f"{inside.removesuffix('[]')}[{kind}]"  # one kind may be of two classes: here and in space
-                found[of_kind if of_kind not in found else of_kind.replace("]", " in space]")] = known, known.about
+    inner_tables: dict[str, tuple[type[Keyed], str]] = {}
+    for name, key in kind.keys.items():
+        for inner, inside in _tables_in(kind.hints[name], f"{path}.{in_files(name)}".lstrip(".")):
+            for name_of_kind, choice in vars(inner).get("kinds", {}).items():
+                of_kind = f"{inside.removesuffix('[]')}[{name_of_kind}]"
+                if of_kind in inner_tables:  # one kind may be of two classes: in a plane and in space
+                    of_kind = of_kind.replace("]", " in space]")
+                inner_tables[of_kind] = choice, choice.about
             if "kinds" not in vars(inner):
-                found |= {inside: (inner, getattr(inner, "about", key.meaning)), **tables(inner, inside)}
-    return found
+                inner_tables |= {inside: (inner, getattr(inner, "about", key.meaning)), **tables(inner, inside)}
+    return inner_tables
 
 
 def homes_of(key: str, whole: type[Keyed]) -> list[str]:
-    """Where a key stands in files that hold a part, in words for a person."""
+    """Where a key stands in files that hold such a table, in words for a person."""
     homes = ["at the top of the file, before every table"] if key in map(in_files, whole.keys) else []
-    for place, (part, _) in tables(whole).items():
-        if "*" not in place and key in map(in_files, part.keys):
-            name = place.partition("[")[0]
-            homes.append(f"in [[{name}]]" if "[" in place else f"in [{name}]")
+    for path, (kind, _) in tables(whole).items():
+        if "*" not in path and key in map(in_files, kind.keys):
+            name = path.partition("[")[0]
+            homes.append(f"in [[{name}]]" if "[" in path else f"in [{name}]")
     return list(dict.fromkeys(homes))
 
 
-def _parts_in(hint: Any, place: str) -> Iterator[tuple[type[Keyed], str]]:
-    """Parts in a type, each with its place."""
-    if _is_part(hint):
-        yield hint, place
-    inside = place + STEPS.get(get_origin(hint), "")
+def _tables_in(hint: Any, path: str) -> Iterator[tuple[type[Keyed], str]]:
+    """Dataclasses with keys in a type, each with its path."""
+    if _is_table(hint):
+        yield hint, path
+    inside = path + STEPS.get(get_origin(hint), "")
     for inner in get_args(hint):
-        yield from _parts_in(inner, inside)
+        yield from _tables_in(inner, inside)
 
 
-def json_schema(part: type[Keyed], title: str, about: str) -> dict[str, Any]:
-    """Return the JSON Schema of files that hold a part; angles have no range, since a file chooses their unit."""
-    known = reversed(tables(part).values())  # of what is in two places, the first says what it is
-    definitions = {f"{each.__name__}Table": _table(each, meaning) for each, meaning in known}
-    return {"$schema": DIALECT, "$defs": definitions, **_table(part, about), "title": title}
+def json_schema(kind: type[Keyed], title: str, about: str) -> dict[str, Any]:
+    """Return the JSON Schema of files that hold such a table; angles have no range, since a file chooses their unit."""
+    inner = reversed(tables(kind).values())  # where one occurs twice, the first says what it is
+    definitions = {f"{table.__name__}Table": _table(table, meaning) for table, meaning in inner}
+    return {"$schema": DIALECT, "$defs": definitions, **_table(kind, about), "title": title}
 
 
-def _table(part: type[Keyed], about: str) -> dict[str, Any]:
+def _table(kind: type[Keyed], about: str) -> dict[str, Any]:
     properties: dict[str, Any] = {}
-    if hasattr(part, "kind"):
-        properties["kind"] = {"const": part.kind, "description": KIND.meaning}
+    if hasattr(kind, "kind"):
+        properties["kind"] = {"const": kind.kind, "description": KIND.meaning}
     needed = list(properties)
-    for each, key in part.keyed_fields():
-        name = in_files(each.name)
-        allowed = key.numbers or each.name
+    for row, key in kind.keyed_fields():
+        name = in_files(row.name)
+        allowed = key.numbers or row.name
         limits = RANGES.get(allowed) if isinstance(allowed, str) else allowed
         ends = {"minimum": limits.low, "maximum": limits.high} if limits and limits.unit == key.unit else {}
         bounds = {name: end for name, end in ends.items() if math.isfinite(end)}
-        properties[name] = {**_form(part.hints[each.name], bounds), "description": key.about}
-        if is_needed(each):
+        properties[name] = {**_form(kind.hints[row.name], bounds), "description": key.about}
+        if is_needed(row):
             needed.append(name)
-        elif isinstance(each.default, str | float | int | tuple):
-            properties[name]["default"] = list(each.default) if isinstance(each.default, tuple) else each.default
+        elif isinstance(row.default, str | float | int | tuple):
+            properties[name]["default"] = list(row.default) if isinstance(row.default, tuple) else row.default
     schema = {"type": "object", "description": about, "additionalProperties": False, "properties": properties}
     return {**schema, "required": needed} if needed else schema
 
@@ -370,8 +372,8 @@ def _form(hint: Any, bounds: Mapping[str, float] = MappingProxyType({})) -> dict
     origin, inner = get_origin(hint), get_args(hint)
     if hint in JSON_TYPES:
         return {"type": JSON_TYPES[hint], **(bounds if hint in (float, int) else {})}
-    if _is_part(hint):
-        links = [{"$ref": f"#/$defs/{each.__name__}Table"} for each in vars(hint).get("kinds", {"": hint}).values()]
+    if _is_table(hint):
+        links = [{"$ref": f"#/$defs/{table.__name__}Table"} for table in vars(hint).get("kinds", {"": hint}).values()]
         return links[0] if len(links) == 1 else {"oneOf": links}
     if origin is Literal:
         return {"const": inner[0]} if len(inner) == 1 else {"enum": list(inner)}

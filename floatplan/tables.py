@@ -7,21 +7,23 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-# What counts as kept: one tolerance for one statement, the same for search and certificate. The search aims inside its
+# What is satisfied: one tolerance for one statement, the same for search and certificate. The search aims inside its
 # constraints (``back_off`` of ``kernel/tolerances.py``); what it ends with is judged by these, as the certificate does.
 ORIENTATION = 1e-8  # [rad] at the end of the flight
 BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
 CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
-POINT_FEET = 4e-3  # [m] that feet may be in the ground where a jump stands on points: they turn about their frames
-AT_REST = 1e-9  # [m/s] of a frame that leaves or meets the ground at rest
-ROUNDED_REST = 1e-4  # [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE
-PLACE = 1e-8  # [m] takeoff frame, landing frame
+POINT_FEET = 4e-3  # [m] that feet may be in the ground where a jump stands on points: they rotate about their frames
+FRAME_SPEED = 1e-9  # [m/s] of a frame that leaves or meets the ground still
+ROUNDED_FRAME_SPEED = (
+    1e-4  # [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE
+)
+FRAME_POSITION = 1e-8  # [m] takeoff frame, landing frame
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
 RANGE = 1e-12  # [rad] of joint ranges
 STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined
-A_TURN_OFF = 1.0  # [rad] from the angles asked for: less is what the search corrects, more are other turns
+A_TURN_OFF = 1.0  # [rad] from the requested angles: less is what the search corrects, more are other rotations
 
-REST = {"start": "takeoff", "goal": "landing"}  # the word for rates with which the frame there is at rest
+FLIGHT_EVENTS = {"start": "takeoff", "goal": "landing"}  # the event there, and the word for rates of a still frame
 
 Base: TypeAlias = Literal["planar", "free-flyer"]  # how a robot's base moves
 Unit: TypeAlias = Literal["rad", "deg"]  # of angles
@@ -54,7 +56,7 @@ OBJECTIVE_TABLE: dict[Objective, ObjectiveRow] = {
     "acceleration": ObjectiveRow("rad^2/s^3", "integral of the squared joint accelerations", "accelerations"),
     "clip": ObjectiveRow("rad", "root mean square of the joints' differences from a recorded motion, clip"),
 }
-OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")  # that need nothing beside the problem
+OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")  # that need nothing but the problem
 
 
 LimitKey: TypeAlias = Literal["velocity", "acceleration", "torque", "orientation_rate"]
@@ -72,8 +74,8 @@ class LimitRow:
     title : above its curves
     of : "joints", "motors" or "base": whose quantity it is; of motors their torques alone, of the base its rate
     in_urdf : whether "urdf" stands for the URDF's own
-    always : whether it is proved and drawn also where nothing limits it, and plan files claim its peaks
-    base : quantity of the base that is drawn with that of the joints
+    always : whether it is proved and plotted also where nothing limits it, and plan files claim its peaks
+    base : quantity of the base that is plotted with that of the joints
     """
 
     key: LimitKey
@@ -86,9 +88,9 @@ class LimitRow:
     base: str | None = None
 
     def __post_init__(self) -> None:
-        known = {"motors": "motor_torques", "base": "orientation_rate"}
-        if self.quantity != known.get(self.of, self.quantity):
-            raise ValueError(f"a limit of {self.of} is of {known[self.of]}, not of {self.quantity}")
+        quantities = {"motors": "motor_torques", "base": "orientation_rate"}
+        if self.quantity != quantities.get(self.of, self.quantity):
+            raise ValueError(f"a limit of {self.of} is of {quantities[self.of]}, not of {self.quantity}")
 
 
 _LIMITS = (

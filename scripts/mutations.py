@@ -9,6 +9,7 @@ fewer than 99 % of the valid ones were.
 
 from __future__ import annotations
 
+import os
 import sys
 import tempfile
 import time
@@ -25,6 +26,7 @@ from proof_judge import Judge  # noqa: E402
 from proof_mutations import base_plans, mutate  # noqa: E402
 from proof_records import certify_record  # noqa: E402
 from space_mutations import base_plans as space_plans  # noqa: E402
+from space_mutations import certificate_of, shape_plans  # noqa: E402
 from space_mutations import judge as judge_in_space  # noqa: E402
 from space_mutations import mutate as mutate_in_space  # noqa: E402
 
@@ -41,7 +43,7 @@ def _bases() -> list[PlanRecord]:
     return base_plans()
 
 
-def batch(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, str]], int]:
+def batch(seed: int, number: int, size: int, _robots: str) -> tuple[Counter[tuple[str, str, str]], int]:
     """Counts by kind of mutation, judge's verdict and certificate's; and how many values took 50 digits."""
     rng = np.random.default_rng([seed, number])
     bases, judge = _bases(), Judge()
@@ -56,17 +58,19 @@ def batch(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, st
     return counts, judge.sharp_values
 
 
-def batch_in_space(seed: int, number: int, size: int) -> tuple[Counter[tuple[str, str, str]], int]:
-    """The same of flights in space, without 50 digits."""
+def batch_in_space(seed: int, number: int, size: int, robots: str) -> tuple[Counter[tuple[str, str, str]], int]:
+    """The same of flights in space, without 50 digits; files of robots that are made go to the folder ``robots``."""
     rng = np.random.default_rng([seed, number])
     counts: Counter[tuple[str, str, str]] = Counter()
+    own = Path(robots, str(os.getpid()))  # so that no process reads what another one is writing
+    own.mkdir(exist_ok=True)
+    bases = [*space_plans(str(own)), *shape_plans(str(own))]
     with tempfile.TemporaryDirectory() as folder:
-        bases = space_plans(folder)
         for index in range(size):
             case = mutate_in_space(rng, bases[index % len(bases)], Path(folder))
             truth = judge_in_space(case.record)
             try:
-                said: str = certify_record(case.record).verdict
+                said: str = certificate_of(case.record).verdict
             except InputError:
                 said = "refused"
             counts[case.kind, truth, said] += 1
@@ -80,8 +84,9 @@ def main(count: int = 10_000, seed: int = 1, processes: int = 1, where: str = "p
     began, counts, sharp = time.perf_counter(), Counter[tuple[str, str, str]](), 0
     sizes = [min(BATCH, count - first) for first in range(0, count, BATCH)]
     of_batch = {"plane": batch, "space": batch_in_space}[where]
-    with ProcessPoolExecutor(processes) as pool:
-        for number, (some, values) in enumerate(pool.map(of_batch, [seed] * len(sizes), range(len(sizes)), sizes)):
+    with tempfile.TemporaryDirectory() as robots, ProcessPoolExecutor(processes) as pool:
+        work = pool.map(of_batch, [seed] * len(sizes), range(len(sizes)), sizes, [robots] * len(sizes))
+        for number, (some, values) in enumerate(work):
             counts, sharp = counts + some, sharp + values
             print(f"{sum(sizes[: number + 1])} in {time.perf_counter() - began:.0f} s", file=sys.stderr, flush=True)
     for (kind, truth, said), times in sorted(counts.items()):

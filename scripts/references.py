@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import floatplan as fp
-from floatplan.files import plain
+from floatplan.files import json_value
 
 ROOT = Path(__file__).resolve().parents[1]
 REFERENCES = ROOT / "tests" / "references.json"
@@ -44,5 +44,5 @@ def answer(name: str) -> dict[str, Any]:
 
 if __name__ == "__main__":
     argparse.ArgumentParser(description=__doc__).parse_args()  # it takes no arguments, and refuses any
-    answers = plain({name: answer(name) for name in problem_names()})
+    answers = json_value({name: answer(name) for name in problem_names()})
     REFERENCES.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")

@@ -44,17 +44,16 @@ EFFORT: Edits = {
         (
             '    "orientation_rate": MotionQuantity(',
             '    "efforts": MotionQuantity(\n'
-            "        sums=lambda it: dict.fromkeys(('torques', 'velocities'), np.eye(it.tree.turns.shape[1])),\n"
+            "        sums=lambda it: dict.fromkeys(('torques', 'velocities'), np.eye(len(it.problem.robot.joints))),\n"
             "    ),\n"
             '    "orientation_rate": MotionQuantity(',
         ),
     ),
-    "floatplan/certificate/planar/flight.py": (
-        ("    rate: Taylor\n", "    efforts: Taylor\n    rate: Taylor\n"),
+    "floatplan/certificate/limits.py": (
         (
-            "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), rate, cos, sin)",
-            "    efforts = body_torques.linear(robot.turns.transposed) + dq\n"
-            "    return Joints(q, dq, ddq, body_torques.linear(robot.motor_turns.transposed), efforts, rate, cos, sin)",
+            '    "accelerations": lambda robot, joints:',
+            '    "efforts": lambda robot, joints: generalized_torques(robot, joints) + joints.velocities,\n'
+            '    "accelerations": lambda robot, joints:',
         ),
     ),
     "floatplan/plans/measures.py": (
@@ -147,6 +146,7 @@ def verdicts(plan, kind):
 """
 
 LIMIT_WORKS = """
+from floatplan.certificate import limits as of_certificate
 from floatplan.studio.panel import LimitsTab
 from floatplan.plans.measures import limits_shown
 from floatplan.tables import LIMIT_TABLE
@@ -180,6 +180,20 @@ except fp.InputError as error:
     assert "corrections in flight do not know limits of efforts" in str(error)
 else:
     raise AssertionError("a correction in flight does not know efforts")
+
+cat = fp.load_problem(ROOT / "problems" / "space" / "cat.toml")
+free = fp.plan(cat)
+most = float(0.9 * free.peaks.joints["effort"].max())
+plan = fp.plan(saved(replace(cat, limits=replace(cat.limits, effort=most))), prove=True)
+assert plan.ok and plan.certificate.proved
+assert plan.peaks.joints["effort"].max() <= most * (1 + 1e-9)
+assert verdicts(plan, "effort") == {f"effort {joint}": "proved" for joint in cat.robot.joints}
+content = json.loads(Path("plan.json").read_text())
+content["problem"]["limits"]["effort"] = [0.5 * most] * len(cat.robot.joints)
+Path("tampered.json").write_text(json.dumps(content))
+assert fp.certify("tampered.json").verdict == "refuted"
+of_certificate.JOINT_QUANTITIES["efforts"] = None  # nobody limits it here: it is not looked up
+assert fp.certify(free).proved
 """
 
 OBSTACLE_WORKS = """

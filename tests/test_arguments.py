@@ -102,132 +102,59 @@ def authority(plan: fp.Plan) -> Iterator[fp.Authority]:
 
 def parts(problem: fp.Problem) -> dict[str, Call]:
     """What people make; what they put into a problem is put into one."""
+    gymnast = problem.robot
 
-    def into(field: str) -> Callable[[Any], Any]:
-        return lambda part: replace(problem, **{field: part})
+    def into(field: str, wrapped: Callable[[Any], Any] = lambda part: part) -> Callable[[Any], Any]:
+        return lambda part: replace(problem, **{field: wrapped(part)})
 
-    def at_takeoff(takeoff: fp.Takeoff) -> fp.Problem:
-        return replace(problem, flight=replace(problem.flight, takeoff=takeoff))
+    def in_flight(field: str) -> Callable[[Any], Any]:
+        return into("flight", lambda part: replace(problem.flight, **{field: part}))
 
-    def at_landing(landing: fp.Landing) -> fp.Problem:
-        return replace(problem, flight=replace(problem.flight, landing=landing))
-
-    posture = {"orientation": 0.1, "positions": {"q1": 0.1, "q2": 0.2}, "velocities": 0.0, "accelerations": [0.0, 0.0]}
+    limits = {"position": "full", "velocity": 99.0, "torque": {"q1": 99.0}, "motor": {}, "orientation_rate": 99.0}
     obstacle = {"margin": 0.1, "velocity": (0.0, 0.0), "window": (0.1, 0.2)}
     in_space = {**obstacle, "velocity": (0, 0, 0)}
-    limits = {"position": "full", "velocity": 99.0, "torque": {"q1": 99.0}, "motor": {}, "orientation_rate": 99.0}
-    given = {name: getattr(problem, name) for name in ("robot", "start", "goal", "flight", "motion", "limits")}
+    ends = {"contacts": [["hand"]], "durations": [(0.1, 0.2)]}
+    made: list[tuple[Any, Callable[[Any], Any]]] = [
+        (fp.Posture(0.1, {"q1": 0.1, "q2": 0.2}, 0.0, [0.0, 0.0]), into("start")),
+        (fp.Attitude(angles=(0.1, 0.2, 0.3), axes="yxz"), str),
+        (fp.Takeoff("foot", (0.0, 0.0)), in_flight("takeoff")),
+        (fp.Landing("hand", 0.1), in_flight("landing")),
+        (fp.Flight(1.4, 3.0), into("flight")),
+        (fp.Motion((7, 7), "torque"), into("motion")),
+        (
+            fp.ClipReference(positions=[[0.1, 0.2], [0.3, 0.4]]),
+            into("motion", lambda clip: fp.Motion(objective="clip", clip=clip)),
+        ),
+        (fp.Limits(**limits, acceleration=(99.0, math.inf)), into("limits")),
+        (fp.Motor(9.0, 0.1), into("limits", lambda motor: fp.Limits(motor={"q1": motor}))),
+        (fp.Circle(center=(9, 9), radius=0.1, **obstacle), into("obstacles", lambda it: [it])),
+        (fp.HalfPlane(point=(0, -9), normal=(0, 1), **obstacle), into("obstacles", lambda it: [it])),
+        (fp.Bar(start=(8, 9), end=(9, 9), radius=0, **obstacle), into("obstacles", lambda it: [it])),
+        (fp.Sphere(center=(9, 9, 9), radius=0.1, **in_space), repr),
+        (fp.Capsule(start=(8, 9, 9), end=(9, 9, 9), radius=0.1, **in_space), repr),
+        (fp.HalfSpace(point=(0, 0, -9), normal=(0, 0, 1), **in_space), repr),
+        (fp.Box(center=(9, 9, 9), size=(1, 1, 1), **in_space), repr),
+        (fp.SelfClearance(("body0", "body2"), 0.01), into("self_clearances", lambda it: [it])),
+        (fp.JumpRequest(feet="point", objective="limits"), into("jump")),
+        (fp.JumpTakeoff(**ends, from_="standing"), into("jump", lambda it: fp.JumpRequest(takeoff=it))),
+        (fp.JumpLanding(**ends, to="standing"), into("jump", lambda it: fp.JumpRequest(landing=it))),
+        (replace(problem, name="x"), repr),
+        (fp.Coupling("q1", -1.0), repr),
+        (fp.Payload("body1", 0.5, (0.0, 0.0, 0.1)), repr),
+        (fp.Perturbation(h=0.1, mass=0.1, noise=0.1, delay=0.1), repr),
+    ]
+    chosen = ("plane", "joints", "coupled", "locked", "reference", "armature", "damping")
+    payload = {"link": "body1", "mass": 0.5, "at": (0.0, 0.0, 0.1)}
+    robot = {"balance_inertias": True, "payload": payload, "base": "planar", "angles": "rad"}
+    posture = {"orientation": 0.1, "positions": {"q1": 0.1, "q2": 0.2}, "velocities": 0.0, "accelerations": [0.0, 0.0]}
     return {
-        "Posture": Call(fp.Posture, {**posture, "settled": None}, into("start")),
+        **{
+            type(part).__name__: Call(type(part), {name: getattr(part, name) for name in names_of(type(part))}, put)
+            for part, put in made
+        },
         "Posture.degrees": Call(fp.Posture.degrees, posture, into("goal")),
-        "Attitude": Call(fp.Attitude, {"quaternion_xyzw": None, "angles": (0.1, 0.2, 0.3), "axes": "yxz"}, str),
-        "Takeoff": Call(fp.Takeoff, {"frame": "foot", "position": (0.0, 0.0)}, at_takeoff),
-        "Landing": Call(fp.Landing, {"frame": "hand", "height": 0.1}, at_landing),
-        "Flight": Call(
-            fp.Flight,
-            {
-                **dict.fromkeys(("takeoff", "landing")),
-                "duration": 1.4,
-                "angular_momentum": 3.0,
-                "horizontal_velocity": 0.0,
-                "gravity": 9.81,
-            },
-            into("flight"),
-        ),
-        "Motion": Call(fp.Motion, {"degree": (7, 7), "objective": "torque", "clip": None}, into("motion")),
-        "ClipReference": Call(
-            fp.ClipReference,
-            {"file": None, "from_": None, "to": None, "positions": [[0.1, 0.2], [0.3, 0.4]]},
-            lambda clip: into("motion")(fp.Motion(objective="clip", clip=clip)),
-        ),
-        "Limits": Call(fp.Limits, {**limits, "acceleration": (99.0, math.inf)}, into("limits")),
-        "Motor": Call(
-            fp.Motor, {"stall": 9.0, "slope": 0.1}, lambda motor: into("limits")(fp.Limits(motor={"q1": motor}))
-        ),
-        "Circle": Call(
-            fp.Circle, {**obstacle, "center": (9, 9), "radius": 0.1}, lambda each: into("obstacles")([each])
-        ),
-        "HalfPlane": Call(
-            fp.HalfPlane, {**obstacle, "point": (0, -9), "normal": (0, 1)}, lambda each: into("obstacles")([each])
-        ),
-        "Bar": Call(
-            fp.Bar, {**obstacle, "start": (8, 9), "end": (9, 9), "radius": 0}, lambda each: into("obstacles")([each])
-        ),
-        "Sphere": Call(fp.Sphere, {**in_space, "center": (9, 9, 9), "radius": 0.1}),
-        "Capsule": Call(fp.Capsule, {**in_space, "start": (8, 9, 9), "end": (9, 9, 9), "radius": 0.1}),
-        "HalfSpace": Call(fp.HalfSpace, {**in_space, "point": (0, 0, -9), "normal": (0, 0, 1)}),
-        "Box": Call(fp.Box, {**in_space, "center": (9, 9, 9), "size": (1, 1, 1)}),
-        "SelfClearance": Call(
-            fp.SelfClearance,
-            {"links": ("body0", "body2"), "margin": 0.01},
-            lambda each: into("self_clearances")([each]),
-        ),
-        "JumpRequest": Call(
-            fp.JumpRequest,
-            {
-                "friction": 0.6,
-                "margin": {},
-                "fixed": (),
-                "takeoff": fp.JumpTakeoff(),
-                "landing": fp.JumpLanding(),
-                "feet": "point",
-                "objective": "limits",
-                "clearance": 0.03,
-                "pitch_error": 0.05,
-            },
-            into("jump"),
-        ),
-        "JumpTakeoff": Call(
-            fp.JumpTakeoff,
-            {"contacts": [["hand"]], "durations": [(0.1, 0.2)], "from_": "standing"},
-            lambda each: into("jump")(fp.JumpRequest(takeoff=each)),
-        ),
-        "JumpLanding": Call(
-            fp.JumpLanding,
-            {"contacts": [["hand"]], "durations": [(0.1, 0.2)], "to": "standing"},
-            lambda each: into("jump")(fp.JumpRequest(landing=each)),
-        ),
-        "Problem": Call(
-            fp.Problem,
-            {
-                **given,
-                "obstacles": (),
-                "self_clearances": (),
-                "name": "x",
-                "ground": False,
-                "jump": None,
-                "written": None,
-            },
-        ),
-        "Coupling": Call(fp.Coupling, {"leader": "q1", "ratio": -1.0, "offset": 0.0}),
-        "Payload": Call(fp.Payload, {"link": "body1", "mass": 0.5, "at": (0.0, 0.0, 0.1)}),
-        "Family": Call(fp.Family, {"base": problem, "varied": {"flight.duration": [1.3, 1.4]}}, lambda f: tried(f)),
-        "Perturbation": Call(
-            fp.Perturbation,
-            {
-                "h": 0.1,
-                "mass": 0.1,
-                "inertia": 0.1,
-                "torque": 0.1,
-                "rise": 0.1,
-                "noise": 0.1,
-                "friction": 0.0,
-                "armature": 0.0,
-                "rate_noise": None,
-                "delay": 0.1,
-            },
-        ),
-        "Robot": Call(
-            fp.Robot.from_urdf,
-            {
-                "source": problem.robot.path,
-                **dict.fromkeys(("plane", "joints", "coupled", "locked", "reference", "armature", "damping")),
-                "balance_inertias": True,
-                "payload": {"link": "body1", "mass": 0.5, "at": (0.0, 0.0, 0.1)},
-                "base": "planar",
-                "angles": "rad",
-            },
-        ),
+        "Family": Call(fp.Family, {"base": problem, "varied": {"flight.duration": [1.3, 1.4]}}, tried),
+        "Robot": Call(fp.Robot.from_urdf, {"source": gymnast.path, **dict.fromkeys(chosen), **robot}),
     }
 
 
@@ -247,7 +174,7 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
     return {
         "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
         "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "jobs": 1, "search": False, "attempts": 4}),
-        "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000}),
+        "certify": Call(fp.certify, {"plan": plan, "urdf": None, "budget": 4000, "out_of_plane": False}),
         "takeoff": Call(fp.takeoff, asked),
         "landing": Call(fp.landing, asked),
         "load_plan": Call(fp.load_plan, {"path": file, "urdf": None}),

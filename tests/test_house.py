@@ -22,13 +22,13 @@ PACKAGE = Path(floatplan.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (37_300, 26_500),
+    "statements": (37_440, 26_500),
     "statements of the largest file": (407, 405),
     "packs `a, b = x, y` per 1000 lines": (3.6, 4),
     "comprehensions per 1000 lines": (30.6, 25),
     "module constants": (935, 600),
-    "private words": (3_980, 2_514),
-    "lines that ask in_plane or in_space": (66, 70),
+    "private words": (1_985, 2_514),
+    "lines that ask in_plane or in_space": (67, 70),
     "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords
     "files of a folder": (20, 20),
@@ -36,9 +36,9 @@ LIMITS = {  # measure: (limit, goal)
     "imports that walls let through": (2, 2),  # `ignore_imports` of import-linter's contracts
 }
 WAYS = {  # problem: limits and goals of functions and files of the package that fp.plan calls, in a fresh process
-    "somersault.toml": ((63, 65), (20, 20)),
-    "obstacle.toml": ((108, 100), (26, 24)),
-    "space/go2_barrel_roll.toml": ((146, 140), (31, 28)),
+    "somersault.toml": ((62, 65), (19, 20)),
+    "obstacle.toml": ((100, 100), (24, 24)),
+    "space/go2_barrel_roll.toml": ((136, 140), (28, 28)),
 }
 
 # Participles and names of this project alone, where the field has a noun. "each" counts where it is a variable.

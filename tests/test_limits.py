@@ -87,7 +87,7 @@ def test_sizes(page):
         f"{resolution.NARROWEST:g} rad wide",
         f"at most {reading.LARGEST_ANGLE:g} rad",
         f"above {reading.LARGEST:g}",
-        f"above {reading.LARGEST_FOUND:g}",
+        f"above {reading.LARGEST_RESULT:g}",
         f"below {tree.LARGEST:g}",
         f"at least {check.SMALLEST_MASS:g} kg",
         *(f"`.{kind}`" for kind in collisions.MESH_KINDS),

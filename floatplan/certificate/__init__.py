@@ -1,1 +1,1 @@
-"""Is a plan true, for every instant? From its record and its URDF alone."""
+"""Is a plan true, for every instant? From its record and its URDF only."""

@@ -5,7 +5,7 @@ product with a constant matrix, and each halving shrinks the gap between coeffic
 Where a polynomial is monotone near the end of the interval, the end's value *is* the bound: this is what decides a
 foot that leaves the ground at t = 0, where the clearance is zero.
 
-A limit or a tolerance that is not finite proves nothing, and a bound that is not known is infinite.
+A limit or a tolerance that is not finite proves nothing, and a bound that is unknown is infinite.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DEEPEST = 30  # halvings of a cell
 MOST_ITEMS = 60_000
 FEW_ITEMS = 512  # up to here a round costs its calls, not its arithmetic, and three halvings at once cost no more
 SAME = 1e-12  # [-] two numbers in the file that say the same
-RECORDED_PEAK = 2e-3  # [-] recorded torque and velocity peaks, which were found on a grid
+RECORDED_PEAK = 2e-3  # [-] recorded torque and velocity peaks, which were sampled on a grid
 RECORDED_CLEARANCE = 2e-4  # [m]
 
 
@@ -38,13 +38,16 @@ def _from_powers(order: int) -> Array:
 
     def blossom(row: int, power: int) -> float:
         """That of u^power at (degree - row) times -1 and row times +1."""
-        ways = (
-            math.comb(row, plus) * math.comb(degree - row, power - plus) * (-1) ** (power - plus)
-            for plus in range(power + 1)
-        )
-        return float(sum(ways) / math.comb(degree, power))
+        ways = 0
+        for plus in range(power + 1):
+            minus = power - plus
+            ways += math.comb(row, plus) * math.comb(degree - row, minus) * (-1) ** minus
+        return float(ways / math.comb(degree, power))
 
-    return read_only([[blossom(row, power) for power in range(order)] for row in range(order)])
+    matrix = np.empty((order, order))
+    for row, power in np.ndindex(matrix.shape):
+        matrix[row, power] = blossom(row, power)
+    return read_only(matrix)
 
 
 @cache
@@ -53,7 +56,9 @@ def _splitting(order: int, halvings: int) -> Array:
 
     A product of integers, so that each entry is rounded once at most.
     """
-    left = np.array([[math.comb(r, c) << order - 1 - r for c in range(order)] for r in range(order)], dtype=object)
+    left = np.zeros((order, order), dtype=object)
+    for row, column in np.ndindex(left.shape):
+        left[row, column] = math.comb(row, column) << order - 1 - row
     matrix = np.eye(order, dtype=object)
     for _ in range(halvings):
         matrix = np.concatenate([matrix @ left, matrix @ left[::-1, ::-1]])
@@ -61,7 +66,7 @@ def _splitting(order: int, halvings: int) -> Array:
 
 
 def bernstein(model: Taylor) -> Taylor:
-    """Return the Bernstein coefficients, in place of those of powers, on [-1, 1]."""
+    """Return the Bernstein coefficients, instead of those of powers, on [-1, 1]."""
     order = model.order
     c = (_from_powers(order) @ model.c.reshape(order, -1)).reshape(model.c.shape)
     return Taylor(c, up(model.e + (order + 4) * ROUND * model.size))
@@ -128,14 +133,20 @@ class Items:
     @classmethod
     def on_cells(cls, forms: Sequence[Taylor], cell: IntArray, member: IntArray) -> Items:
         """Items that are whole cells, for forms (K, items)."""
-        together = Taylor(np.stack([form.c for form in forms], axis=1), np.stack([form.e for form in forms]))
-        return cls(together, cell, member, np.full(len(cell), -1.0), 2.0)
+        joined = Taylor(np.stack([form.c for form in forms], axis=1), np.stack([form.e for form in forms]))
+        return cls(joined, cell, member, np.full(len(cell), -1.0), 2.0)
 
     @property
     def ends(self) -> Balls:
         """Values (forms, 2, items) at the beginning and at the end."""
         c = self.forms.c
         return Balls(c[:: len(c) - 1].swapaxes(0, 1), self.forms.e[:, None])
+
+    def at_end(self, u: float) -> Items:
+        """Items of one instant, the beginning (u = -1) or the end (+1) of each."""
+        end = self.forms.c[[0 if u < 0.0 else -1]]
+        forms = Taylor(np.repeat(end, self.forms.order, axis=0), self.forms.e)
+        return Items(forms, self.cell, self.member, np.full_like(self.start, u), 0.0)
 
     def split(self, keep: IntArray, halvings: int) -> Items:
         """Equal parts of the items to keep."""
@@ -148,6 +159,12 @@ class Items:
             np.add.outer(width * np.arange(parts), self.start[keep]).ravel(),
             width,
         )
+
+
+def may_be_least(low: Array, high: Array, cells: IntArray) -> tuple[IntArray, IntArray]:
+    """Cells and members, among (cells, members), that the smallest value of all may belong to; unknowns included."""
+    row, member = np.nonzero(~(low > np.fmin.reduce(high, axis=None, initial=np.inf)))
+    return cells[row], member
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,21 +216,20 @@ def smallest(
         u[g] = items.start[item] + end * items.width
         enough = np.maximum(attained - goal.gap, np.where(attained < goal.threshold, -np.inf, goal.threshold))
         keep = ~(low >= enough[group]) & np.isfinite(low)
-        kept = np.flatnonzero(keep)
-        halvings = min(3 if 8 * len(kept) <= FEW_ITEMS else 1, DEEPEST - depth)
-        if halvings == 0 or 2 * len(kept) > MOST_ITEMS:
+        remaining = np.flatnonzero(keep)
+        halvings = min(3 if 8 * len(remaining) <= FEW_ITEMS else 1, DEEPEST - depth)
+        if halvings == 0 or 2 * len(remaining) > MOST_ITEMS:
             keep[:] = False
         np.minimum.at(bound, group[~keep], low[~keep])
         if not keep.any():
             break
-        items = items.split(kept, halvings)
+        items = items.split(remaining, halvings)
         depth = depth + halvings
-    return tuple(
-        Minimum(bound, attained, cells.time(cell, u), member)
-        for bound, attained, cell, u, member in zip(
-            *(each.tolist() for each in (bound, attained, cell, u, member)), strict=True
-        )
-    )
+    minima = []
+    for index in range(len(bound)):
+        instant = cells.time(int(cell[index]), float(u[index]))
+        minima.append(Minimum(float(bound[index]), float(attained[index]), instant, int(member[index])))
+    return tuple(minima)
 
 
 def at_most(
@@ -239,15 +255,15 @@ def at_least(
 
 
 def near(
-    kind: Kind, subject: Subject, values: Balls, wanted: Any, tolerance: float, instant: float | None = None
+    kind: Kind, subject: Subject, values: Balls, exact: Any, tolerance: float, instant: float | None = None
 ) -> Finding:
-    """Finding on numbers that should equal the wanted ones; the bound is on the largest deviation."""
-    upper, attained = deviations(values, wanted)
+    """Finding on numbers that should equal the exact ones; the bound is on the largest deviation."""
+    upper, attained = deviations(values, exact)
     return at_most(kind, subject, float(upper), float(attained), 0.0, tolerance, instant)
 
 
-def deviations(values: Balls, wanted: Any) -> tuple[Array, Array]:
+def deviations(values: Balls, exact: Any) -> tuple[Array, Array]:
     """What the largest deviation in each row is at most, and at least."""
-    deviation = np.abs(values.mid - wanted)
+    deviation = np.abs(values.mid - exact)
     radius = values.rad + 2.0**-51 * (np.abs(values.mid) + deviation)
     return (deviation + radius).max(axis=-1, initial=0.0), (deviation - radius).max(axis=-1, initial=0.0)

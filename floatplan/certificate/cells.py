@@ -101,13 +101,13 @@ class Vectors:
 
 def join_vectors(vectors: Sequence[Vectors], counts: Sequence[int]) -> Vectors:
     """Join along the last axis; a single item that stands for all is repeated to its count."""
-    each = [v if v.x.e.shape[-1] == count else v[:, [0] * count] for v, count in zip(vectors, counts, strict=True)]
-    return Vectors(stack([v.x for v in each]), stack([v.y for v in each]))
+    broadcast = [v if v.x.e.shape[-1] == count else v[:, [0] * count] for v, count in zip(vectors, counts, strict=True)]
+    return Vectors(stack([v.x for v in broadcast]), stack([v.y for v in broadcast]))
 
 
 @dataclass(frozen=True, eq=False)
 class ComplexBalls:
-    """Complex numbers known to within a radius in each part."""
+    """Complex numbers known to within a radius in its real and imaginary components."""
 
     re: Balls
     im: Balls

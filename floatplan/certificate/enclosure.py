@@ -71,7 +71,7 @@ class Balls:
     @classmethod
     def joined(cls, balls: Sequence[Balls]) -> Balls:
         """The rows of all."""
-        return cls(np.concatenate([each.mid for each in balls]), np.concatenate([each.rad for each in balls]))
+        return cls(np.concatenate([ball.mid for ball in balls]), np.concatenate([ball.rad for ball in balls]))
 
     def __neg__(self) -> Balls:
         return Balls(-self.mid, self.rad)
@@ -103,9 +103,9 @@ class Taylor:
     def polynomial(cls, coefficients: Array, radii: Array, order: int) -> Taylor:
         """Model of polynomials with ``coefficients`` (L, ...) known to within ``radii`` (L, ...); K = ``order``."""
         tail = np.abs(coefficients[order:]).sum(axis=0)
-        kept = np.zeros((order, *coefficients.shape[1:]))
-        kept[: len(coefficients)] = coefficients[:order]
-        return cls(kept, up(radii.sum(axis=0) + tail))
+        leading = np.zeros((order, *coefficients.shape[1:]))
+        leading[: len(coefficients)] = coefficients[:order]
+        return cls(leading, up(radii.sum(axis=0) + tail))
 
     @classmethod
     def constant(cls, balls: Balls, order: int) -> Taylor:
@@ -183,7 +183,8 @@ def stack(models: Sequence[Taylor]) -> Taylor:
 def products(pairs: Sequence[tuple[Taylor, Taylor]]) -> list[Taylor]:
     """Products of pairs of models of one shape (K, ..., items): as one by one, in fewer and longer operations."""
     joined = stack([pair[0] for pair in pairs]) * stack([pair[1] for pair in pairs])
-    c, e = (each.reshape(*each.shape[:-1], len(pairs), -1) for each in (joined.c, joined.e))
+    c = joined.c.reshape(*joined.c.shape[:-1], len(pairs), -1)
+    e = joined.e.reshape(*joined.e.shape[:-1], len(pairs), -1)
     return [Taylor(c[..., index, :], e[..., index, :]) for index in range(len(pairs))]
 
 
@@ -194,7 +195,7 @@ def cos_sin(angle: Taylor) -> tuple[Taylor, Taylor]:
     computed E is judged by its residual: for any polynomial E, ``|E(u) - exp(i d(u))| <= |E(0) - exp(i d(0))| + sup
     |E' - i d' E|``, because ``E exp(-i d)`` has the derivative ``(E' - i d' E) exp(-i d)``. The residual consists of
     rounding in the degrees below K - 1, and of the product's tail. Coefficient k of E is a sum of k products, each
-    part of which is rounded k + 3 times at most; k is no more than j times i + 1 for the product of the rates'
+    term of which is rounded k + 3 times at most; k is no more than j times i + 1 for the product of the rates'
     coefficient j with E's coefficient i, where i + j = k. A radius of the angle moves cosine and sine by no more than
     itself.
     """
@@ -272,8 +273,10 @@ def _delayed(b: Array) -> Array:
 def _unit_circle(angles: Array) -> tuple[Array, Array, Array]:
     """Cosines and sines of doubles, and a radius for each."""
     with flint.ctx.workprec(PRECISION):
-        parts = [part for angle in angles.ravel().tolist() for part in flint.arb(angle).sin_cos()]
-        widest = float(sum(parts, flint.arb(0)).rad())  # of a sum, which is wider than each part
-    sines, cosines = np.array([float(part) for part in parts]).reshape(-1, 2).T
+        values: list[Any] = []
+        for angle in angles.ravel().tolist():
+            values += flint.arb(angle).sin_cos()
+        widest = float(sum(values, flint.arb(0)).rad())  # of a sum, which is wider than its terms
+    sines, cosines = np.array(list(map(float, values))).reshape(-1, 2).T
     radius = up(np.full(angles.shape, 2.0 * ROUND + 2.0 * widest))
     return cosines.reshape(angles.shape), sines.reshape(angles.shape), radius

@@ -19,8 +19,8 @@ def joint_motion(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, 
     amplitude = Balls.exact(record.amplitude)
     cosine, sine = cos_sin(p)
     q = sine.times(amplitude) + Taylor.constant(Balls.exact(record.centre).broadcast(p.e.shape), ORDER)
-    swing, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
-    dq = swing.times(amplitude)
+    speed_share, speed, push = products([(cosine, dp), (dp, dp), (cosine, ddp)])
+    dq = speed_share.times(amplitude)
     ddq = (push - sine * speed).times(amplitude)
     return q, dq, ddq
 
@@ -35,12 +35,16 @@ def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, 
     p = Taylor.polynomial(c, e, ORDER)
     if (cells.half.mid < SHORTEST).any():  # no longer than an instant: nothing can be divided by its length
         rates = [polynomial.derivative() for polynomial in polynomials]
-        both = (recentred(of_time, cells, length) for of_time in (rates, [rate.derivative() for rate in rates]))
-        dp, ddp = (Taylor.polynomial(balls.mid, balls.rad, ORDER) for balls in both)
+        accelerations = [rate.derivative() for rate in rates]
+        of_rates = recentred(rates, cells, length)
+        of_accelerations = recentred(accelerations, cells, length)
+        dp = Taylor.polynomial(of_rates.mid, of_rates.rad, ORDER)
+        ddp = Taylor.polynomial(of_accelerations.mid, of_accelerations.rad, ORDER)
         return p, dp, ddp
     inverse = Balls(1.0 / cells.half.mid, up(4.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
     first = _derivative(c, e)
-    dp, ddp = (Taylor.polynomial(*by_u, ORDER).times(inverse[:, None]) for by_u in (first, _derivative(*first)))
+    dp = Taylor.polynomial(*first, ORDER).times(inverse[:, None])
+    ddp = Taylor.polynomial(*_derivative(*first), ORDER).times(inverse[:, None])
     return p, dp, ddp.times(inverse[:, None])
 
 

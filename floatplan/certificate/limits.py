@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
@@ -39,18 +39,13 @@ PEAK_GAP = 1e-6  # [-] of the peak: how sharply a peak is bounded
 
 def boundary_findings(record: PlanRecord, states: Sequence[JointState]) -> list[Finding]:
     """Positions, velocities and accelerations at both ends, (13), in Arb; ``states`` are those of :func:`at_ends`."""
-    rows = [
-        (end, quantity, tolerance, instant)
-        for end, instant in zip(ENDS, (0.0, record.duration), strict=True)
-        for quantity, tolerance in zip(QUANTITIES, BOUNDARY, strict=True)
-    ]
-    wanted = np.array([record.problem[end][quantity] for end, quantity, _, _ in rows], dtype=np.float64)
-    values = [value for state in states for of_joints in state for value in of_joints]
-    bounds = (bound.tolist() for bound in deviations(Balls.from_arb(values, wanted.shape), wanted))
-    return [
-        at_most(end, (quantity,), upper, attained, 0.0, tolerance, instant)
-        for (end, quantity, tolerance, instant), upper, attained in zip(rows, *bounds, strict=True)
-    ]
+    findings = []
+    for end, state, instant in zip(ENDS, states, (0.0, record.duration), strict=True):
+        for quantity, values, tolerance in zip(QUANTITIES, state, BOUNDARY, strict=True):
+            exact = np.array(record.problem[end][quantity], dtype=np.float64)
+            upper, attained = deviations(Balls.from_arb(values, exact.shape), exact)
+            findings.append(at_most(end, (quantity,), float(upper), float(attained), 0.0, tolerance, instant))
+    return findings
 
 
 def at_ends(record: PlanRecord) -> list[JointState]:
@@ -141,6 +136,19 @@ class Moved(Protocol):
         """The base's rate, and its limit, rad/s."""
 
 
+# Models (K, cells, n) of what limits of the joints are about, named as in the table of limits, in a plane and in space;
+# looked up only where something limits it.
+JOINT_QUANTITIES: Mapping[str, Callable[[Actuated, Moved], Taylor]] = {
+    "velocities": lambda robot, joints: joints.velocities,
+    "accelerations": lambda robot, joints: joints.accelerations,
+}
+
+
+def generalized_torques(robot: Actuated, joints: Moved) -> Taylor:
+    """Torques (K, cells, n), N m, by ratio of all motors that a planned joint moves with."""
+    return joints.motor_torques.linear(Balls.exact(robot.motor_ratios.T))
+
+
 def limit_findings(
     robot: Actuated, record: PlanRecord, joints: Moved, cells: TimeCells
 ) -> tuple[list[Finding], dict[str, list[Minimum]]]:
@@ -153,27 +161,28 @@ def limit_findings(
     limited, claimed = _limited(robot, record, joints)
     limited += [_beyond_range(record, joints.positions, joint) for joint in beyond]
     least = least_of(limited, cells)
-    findings += [
-        at_most(
-            kind=q.kind,
-            subject=q.subject,
-            upper=q.root(-peak.bound, math.inf),
-            attained=q.root(-peak.attained, 0.0),
-            limit=q.limit,
-            tolerance=q.tolerance,
-            instant=peak.instant,
-        )
-        for q, peak in zip(limited, least, strict=True)
-        if q.limit != math.inf
-    ]
-    peaks = {name: [least[index] for index in indices] for name, indices in claimed.items()}
+    for quantity, peak in zip(limited, least, strict=True):
+        if quantity.limit != math.inf:
+            finding = at_most(
+                kind=quantity.kind,
+                subject=quantity.subject,
+                upper=quantity.root(-peak.bound, math.inf),
+                attained=quantity.root(-peak.attained, 0.0),
+                limit=quantity.limit,
+                tolerance=quantity.tolerance,
+                instant=peak.instant,
+            )
+            findings.append(finding)
+    peaks = {}
+    for name, indices in claimed.items():
+        peaks[name] = [least[index] for index in indices]
     recorded = {"velocity_peak": record.velocity_peak, "torque_peak": record.torque_peak}
     if record.motor_torque_peak is not None:
         for name in robot.motors:
             if name not in record.motor_torque_peak:
                 raise InputError("is missing", element=f"motor_torque_peak.{name}")
         recorded["motor_torque_peak"] = np.array([float(record.motor_torque_peak[name]) for name in robot.motors])
-    return findings + [_recorded_peaks(name, each, peaks[name]) for name, each in recorded.items()], peaks
+    return findings + [_recorded_peaks(name, values, peaks[name]) for name, values in recorded.items()], peaks
 
 
 def _range_findings(record: PlanRecord) -> tuple[list[Finding], list[int]]:
@@ -200,14 +209,16 @@ def _limited(robot: Actuated, record: PlanRecord, joints: Moved) -> tuple[list[L
     limited: list[LimitedQuantity] = []
     claimed: dict[str, list[int]] = {"velocity_peak": [], "torque_peak": [], "motor_torque_peak": []}
     for row in JOINT_LIMITS:
-        models: Taylor = getattr(joints, row.quantity)
-        of_row = limits.get(row.key) or [None] * len(names)
+        of_row = [_limit(limit) for limit in limits.get(row.key) or [None] * len(names)]
+        is_limited = any(limit != math.inf for limit in of_row)
+        if not (row.always or is_limited):
+            continue
+        models = JOINT_QUANTITIES[row.quantity](robot, joints)
         for i, name in enumerate(names):
-            limit = _limit(of_row[i])
             if row.key == "velocity":
                 claimed["velocity_peak"].append(len(limited))
-            if row.always or limit != math.inf:
-                limited.append(LimitedQuantity(row.key, (name,), models[:, i : i + 1], limit))
+            if row.always or of_row[i] != math.inf:
+                limited.append(LimitedQuantity(row.key, (name,), models[:, i : i + 1], of_row[i]))
     own = limits.get("motor_torque") or {}
     for name in own:
         _motor(robot, name, "motor_torque")
@@ -218,11 +229,12 @@ def _limited(robot: Actuated, record: PlanRecord, joints: Moved) -> tuple[list[L
             limit = min(limit, _limit(limits["torque"][i]))
         claimed["motor_torque_peak"].append(len(limited))
         limited.append(LimitedQuantity("torque", (name,), joints.motor_torques[:, i : i + 1], limit))
+    generalized = generalized_torques(robot, joints) if several.any() else None
     for i, name in enumerate(names):
         claimed["torque_peak"].append(len(limited) if several[i] else claimed["motor_torque_peak"][i])
-        if several[i]:
-            together = joints.motor_torques.linear(Balls.exact(robot.motor_ratios[:, i : i + 1].T))
-            limited.append(LimitedQuantity("generalized_torque", (name,), together, _limit(limits["torque"][i])))
+        if generalized is not None and several[i]:
+            models = generalized[:, i : i + 1]
+            limited.append(LimitedQuantity("generalized_torque", (name,), models, _limit(limits["torque"][i])))
     for name, motor in (limits.get("motor") or {}).items():
         limited.append(_motor_curve(robot, joints, name, motor))
     if limits.get("orientation_rate") is not None:
@@ -280,7 +292,8 @@ def _recorded_peaks(name: str, recorded: Array, peaks: Sequence[Minimum]) -> Fin
     scale = RECORDED_PEAK * np.maximum(upper, 1e-3)
     farthest = np.maximum(np.abs(recorded - upper), np.abs(recorded - lower)) / scale
     nearest = np.maximum(0.0, np.maximum(recorded - upper, lower - recorded)) / scale
-    upper_off, least_off = (float(each.max()) * RECORDED_PEAK for each in (farthest, nearest))
+    upper_off = float(farthest.max()) * RECORDED_PEAK
+    least_off = float(nearest.max()) * RECORDED_PEAK
     return at_most("recorded", (name,), upper_off, least_off, 0.0, RECORDED_PEAK, None)
 
 

@@ -7,7 +7,7 @@ import io
 import sys
 
 GARBAGE_THRESHOLD = 100_000  # [-] objects: what a command imports stays, and collecting it again takes time
-INTERRUPTED = 130  # exit code where Ctrl-C ended it, as shells have it
+INTERRUPTED = 130  # exit code after Ctrl-C, as shells have it
 
 
 def main() -> None:

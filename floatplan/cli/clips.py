@@ -22,12 +22,14 @@ MOST_CLIPS = 10_000  # [-] of one command
 
 Files = Annotated[list[Path], typer.Argument(metavar="CLIP|DIR..", help="Recorded motions, or folders of them.")]
 Model = Annotated[str, option("FILE", "URDF or MJCF of the robot that moves.")]
-Format = Annotated[str | None, option("NAME", "Of the file; found by its name and its keys if left out.", "--format")]
-Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; found by the feet if left out.")]
+Format = Annotated[
+    str | None, option("NAME", "Of the file; detected by its name and its keys if left out.", "--format")
+]
+Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; detected by the feet if left out.")]
 Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
-Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; found by their shapes if left out.")]
+Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; detected by their shapes if left out.")]
 Report = Annotated[bool, flag("Write runs/<name>/report.html too: curves and faults, flight by flight.")]
-Ground = Annotated[float | None, option("Z", "Height of a level ground, m; found from the feet if left out.")]
+Ground = Annotated[float | None, option("Z", "Height of a level ground, m; estimated from the feet if left out.")]
 
 
 def clip_check(
@@ -58,15 +60,15 @@ def clip_check(
                 path, model=robot, format=form, fps=fps, quaternion=quaternion, feet=_names(feet), ground=ground
             )
             checks.append(fp.check_clip(clip))
-    checks.sort(key=lambda each: -each.unphysical_share)
+    checks.sort(key=lambda check: -check.unphysical_share)
     if page is not None:
         from floatplan.clips.page import write_page
 
         write_page(checks, page)
-    ok = all(each.ok for each in checks)
+    ok = all(check.ok for check in checks)
     if len(checks) == 1:
         common.finish(checks[0].to_dict(), json_output, lambda summary: summary.clip_summary(checks[0], page), ok)
-    facts = {"model": model, "clips": [each.to_dict() for each in checks]}
+    facts = {"model": model, "clips": [check.to_dict() for check in checks]}
     common.finish(facts, json_output, lambda summary: summary.clips_summary(checks, page), ok)
 
 
@@ -93,9 +95,7 @@ def clip_repair(
     fps: Fps = None,
     feet: Feet = None,
     ground: Ground = None,
-    output: Annotated[
-        Path | None, option("FILE", "Where it goes; beside the clip if left out.", "--output", "-o")
-    ] = None,
+    output: Annotated[Path | None, option("FILE", "The file; next to the clip if left out.", "--output", "-o")] = None,
     json_output: common.Json = False,
     quiet: common.Quiet = False,
 ) -> None:
@@ -103,7 +103,7 @@ def clip_repair(
 
     "retime" keeps postures and heights, so that a flight takes as long as its fall; "raise" keeps its duration, and the
     robot rises higher. Flights that are physical are left as they are; a clip without others is written as it is. Exit
-    code 1 where a flight is not repairable: why is said.
+    code 1 where a flight is not repairable, and the reason is printed.
     """
     from floatplan.clips.formats import LARGEST_CLIP
     from floatplan.clips.writing import write_clip
@@ -116,7 +116,7 @@ def clip_repair(
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
     with progress("repairing", quiet):
-        repaired, told = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate)
+        repaired, repair = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate)
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
     shown = _page([target]) if report else None
     if repaired is not clip:
@@ -126,14 +126,14 @@ def clip_repair(
     if shown is not None:
         from floatplan.clips.repair_page import write_repair_page
 
-        write_repair_page(repaired, told, shown)
-    facts = {**told.to_dict(), "output": str(target)}
+        write_repair_page(repaired, repair, shown)
+    facts = {**repair.to_dict(), "output": str(target)}
     common.finish(
         facts,
         json_output,
-        lambda summary: summary.repair_summary(told, target, shown),
-        told.ok,
-        told=not quiet and not json_output,
+        lambda summary: summary.repair_summary(repair, target, shown),
+        repair.ok,
+        summary_shown=not quiet and not json_output,
     )
 
 
@@ -144,8 +144,8 @@ def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, 
     if not 0 <= number < len(clip.flights):
         reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
         raise InputError(reason, element="--problem")
-    wanted = _choice(choice)
-    made = flight_problem(clip, clip.flights[number], "retime" if wanted == AUTO else wanted, degree)
+    requested = _choice(choice)
+    made = flight_problem(clip, clip.flights[number], "retime" if requested == AUTO else requested, degree)
     if made is None:
         raise InputError(
             "the centre of mass does not rise in this flight", element="--problem", advice="give --choice raise"
@@ -177,18 +177,18 @@ def _numbers(words: str | None) -> tuple[int, ...] | None:
 
 def _clip_files(files: Sequence[Path]) -> list[Path]:
     """The files themselves, and those in folders, in the order of their names."""
-    found: list[Path] = []
+    clips: list[Path] = []
     for path in files:
         if path.is_dir():
-            inside = sorted(each for each in path.iterdir() if each.suffix.lower() in ENDINGS)
+            inside = sorted(path for path in path.iterdir() if path.suffix.lower() in ENDINGS)
             if not inside:
                 raise InputError("holds no recorded motion", source=path, advice=f"these end in {', '.join(ENDINGS)}")
-            found += inside
+            clips += inside
         else:
-            found.append(path)
-    if len(found) > MOST_CLIPS:
-        raise InputError(f"are {len(found)} files, more than {MOST_CLIPS}", element="files", advice="give fewer")
-    return found
+            clips.append(path)
+    if len(clips) > MOST_CLIPS:
+        raise InputError(f"are {len(clips)} files, more than {MOST_CLIPS}", element="files", advice="give fewer")
+    return clips
 
 
 def _page(paths: Sequence[Path]) -> Path:

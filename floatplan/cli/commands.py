@@ -42,9 +42,9 @@ def main() -> None:
     app(prog_name="floatplan")
 
 
-def _print_version(wanted: bool) -> None:
+def _print_version(requested: bool) -> None:
     """Print the version, and which solver makes plans without inequalities."""
-    if wanted:
+    if requested:
         from floatplan.kernel.library import description
 
         typer.echo(f"floatplan {fp.__version__}, {description()}")
@@ -73,7 +73,7 @@ def plan(
     report: Annotated[bool, flag("Write report.html too: a page that plays the plan.", "--report")] = False,
     rate: Annotated[float, option("HZ", "Rows per second of trajectory.csv.")] = 1000.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
-    starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is kept.")] = 1,
+    starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is the result.")] = 1,
     budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
     method: Annotated[
         str, option("NAME", "The planner: kernel, or reference, which is the paper's in Python.")
@@ -81,18 +81,18 @@ def plan(
     certify: Annotated[
         bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
     ] = True,
-    prove: Annotated[bool, flag("Exit code 1 where the plan that was found is not proved.", "--prove")] = False,
+    prove: Annotated[bool, flag("Exit code 1 where the plan is not proved.", "--prove")] = False,
     launch: Annotated[
         bool, flag("Look for stances that reach the takeoff, and follow the landing.", "--launch")
     ] = False,
 ) -> None:
     """Plan a flight: from a problem file (options override it), or from a URDF and options.
 
-    The plan is proved for every instant of the flight, unless --no-certify is given. Exit code 0 where a plan was
-    found; with --prove only where it was proved too.
+    The plan is proved for every instant of the flight, unless --no-certify. Exit code 0 where there is a
+    plan; with --prove only where it was proved too.
     """
-    from floatplan.arguments import one_of
-    from floatplan.cli.asked import asked_problem, is_robot
+    from floatplan.arguments import one_of, without
+    from floatplan.cli.option_values import is_robot, requested_problem
     from floatplan.cli.results import FIGURES, REPORT, check_directory, write_problem, write_results
     from floatplan.plans.trajectory import sample_times
 
@@ -102,7 +102,7 @@ def plan(
         raise InputError(reason, element="--method", advice="leave these out")
     if prove and not certify:
         raise InputError("nothing is proved with --no-certify", element="--prove", advice="leave one of the two out")
-    problem = asked_problem(source, options, choices, degrees)
+    problem = requested_problem(source, options, choices, degrees)
     directory = runs_folder(problem.name, "flight") if output is None else output
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
@@ -112,48 +112,48 @@ def plan(
         needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         if method == "reference":
-            answer = _by_reference(problem, seed, certify, source)
+            result = _by_reference(problem, seed, certify, source)
         else:
-            answer = fp.plan(problem, seed=seed, starts=starts, budget=budget, progress=bar.say, prove=certify)
+            result = fp.plan(problem, seed=seed, starts=starts, budget=budget, progress=bar.say, prove=certify)
     with progress("stances", quiet, tell=True) as bar:
-        stances, of_stances = launches(answer, seed, progress=bar.say) if launch and answer.ok else ([], {})
+        stances, of_stances = launches(result, seed, progress=bar.say) if launch and result.ok else ([], {})
     with progress("writing", quiet):
-        files = write_results(answer, directory, rate, tell=common.tell(quiet))
+        files = write_results(result, directory, rate, tell=common.tell(quiet))
         if is_robot(source):
-            files.append(write_problem(answer, directory))
+            files.append(write_problem(result, directory))
         if figures:
             from floatplan.view.figures.figures import save_figures
 
-            files += save_figures(answer, directory / FIGURES, compare=_without_obstacles(answer, seed))
+            files += save_figures(result, directory / FIGURES, compare=_without_obstacles(result, seed))
         if report:
             from floatplan.view.report.report import write_report
 
-            files.append(write_report(answer, directory / REPORT, stances))
-    facts = {key: value for key, value in answer.record.to_dict().items() if key != "problem"}
+            files.append(write_report(result, directory / REPORT, stances))
+    facts = without(result.record.to_dict(), ("problem",))
     facts |= {"launch": of_stances} if launch else {}
-    proved = answer.certificate is not None and answer.certificate.proved
-    ok = answer.ok and (proved or not prove)
-    words = (answer, files, common.program(), stances)
-    common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, told=not quiet)
+    proved = result.certificate is not None and result.certificate.proved
+    ok = result.ok and (proved or not prove)
+    words = (result, files, common.program(), stances)
+    common.finish(facts, json_output, lambda summary: summary.plan_summary(*words), ok, summary_shown=not quiet)
 
 
 def _by_reference(problem: fp.Problem, seed: int, certify: bool, source: str) -> fp.Plan:
-    """Plan by :func:`floatplan.method.plan`, and prove the plan that is found; what is refused names the source."""
+    """Plan by :func:`floatplan.method.plan`, and prove the plan that results; what is refused names the source."""
     from floatplan.planning.repair import judged
 
     with naming(source):
-        answer = fp.method.plan(problem, seed=seed)
-    return judged(answer, fp.certify(answer)) if certify and answer.ok else answer
+        result = fp.method.plan(problem, seed=seed)
+    return judged(result, fp.certify(result)) if certify and result.ok else result
 
 
-def _without_obstacles(answer: fp.Plan, seed: int) -> fp.Plan | None:
-    """Return a plan of the problem without its obstacles, for the pictures, if it is found at once and hits them."""
+def _without_obstacles(result: fp.Plan, seed: int) -> fp.Plan | None:
+    """Return a plan of the problem without its obstacles, for the pictures, if there soon is one and hits them."""
     from floatplan.view.figures.snapshots import worst_passage
 
-    if not answer.problem.obstacles:
+    if not result.problem.obstacles:
         return None
-    unobstructed = fp.plan(replace(answer.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
-    return unobstructed if unobstructed.ok and worst_passage(answer, unobstructed)[1] is not None else None
+    unobstructed = fp.plan(replace(result.problem, obstacles=()), seed=seed, budget=COMPARISON_BUDGET)
+    return unobstructed if unobstructed.ok and worst_passage(result, unobstructed)[1] is not None else None
 
 
 def jump(
@@ -162,7 +162,7 @@ def jump(
     seed: Seed = 0,
     starts: Starts = 4,
     report: Annotated[
-        bool | None, flag("Write the page; the default unless --json is given.", "--report/--no-report")
+        bool | None, flag("Write the page; the default unless with --json.", "--report/--no-report")
     ] = None,
     json_output: common.Json = False,
     quiet: common.Quiet = False,
@@ -170,7 +170,7 @@ def jump(
     """Plan a whole jump: from standing through a flight to standing again.
 
     Its flight is proved for every instant; its stances are checked 2000 times a second, which is no proof. Writes
-    jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where a jump was found,
+    jump.json, the flight's plan.json, and report.html, a page that plays it. Exit code 0 only where there is a jump,
     proved and checked so.
     """
     from floatplan.cli.results import REPORT, check_directory, write_jump
@@ -178,7 +178,7 @@ def jump(
     problem = fp.load_problem(problem_file)
     directory = runs_folder(problem.name, "jump") if output is None else output
     check_directory(directory)
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):
         planned = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
         if planned.flight is not None and planned.flight.ok:
@@ -187,14 +187,16 @@ def jump(
     files = write_jump(planned, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and planned.flight is not None:
         files.append(planned.show(directory / REPORT, browse=False))
-    words = (planned, files, time.perf_counter() - began, common.program())
+    words = (planned, files, time.perf_counter() - start_time, common.program())
     proved = planned.flight is not None and planned.flight.certificate is not None and planned.flight.certificate.proved
     ok = planned.ok and proved
-    common.finish(planned.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, told=not quiet)
+    common.finish(
+        planned.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, summary_shown=not quiet
+    )
 
 
 def takeoff(problem_file: common.ProblemFile, json_output: common.Json = False) -> None:
-    """Tell whether joint rates within their limits let the frame leave and meet the ground at rest.
+    """Tell whether joint rates within their limits let the frame leave and meet the ground with zero speed.
 
     Looked at are the rates at these two instants, with one angular momentum for both; not how the robot gets there from
     rest, nor forces and balance. Exit code 1 where the rates are beyond their limits at one of the ends.
@@ -213,15 +215,15 @@ def takeoff(problem_file: common.ProblemFile, json_output: common.Json = False) 
 def launch(
     plan_file: common.PlanFile,
     urdf: common.Urdf = None,
-    landing: Annotated[bool, flag("From the plan's landing to rest, instead.", "--landing")] = False,
+    landing: Annotated[bool, flag("From the plan's landing to standing still, instead.", "--landing")] = False,
     friction: Annotated[float | None, option("MU", "Of the ground; the problem's, or 0.6, if left out.")] = None,
     seed: Seed = 0,
     starts: Starts = 3,
     json_output: common.Json = False,
 ) -> None:
-    """Tell whether a stance from rest that reaches a plan's takeoff is found within the limits, and what is to spare.
+    """Tell whether a stance that ends in a plan's takeoff exists within the limits, and what is to spare.
 
-    What is found is checked 2000 times a second. Exit code 1 where none is found: that is no proof that there is none.
+    A stance is checked 2000 times a second. Exit code 1 without one: that is no proof that there is none.
     """
     plan = fp.load_plan(plan_file, urdf)
     request = plan.problem.jump or fp.JumpRequest(feet="points")  # a flight alone knows frames, no feet

@@ -39,16 +39,19 @@ R = TypeVar("R")
 
 def folder() -> Path | None:
     """The folder above ``urdf/`` and ``problems/``; None where they were left out."""
-    return next((place for place in ABOVE if all((place / kind).is_dir() for kind in KINDS)), None)
+    for above in ABOVE:
+        if all((above / kind).is_dir() for kind in KINDS):
+            return above
+    return None
 
 
 def bundled(source: str) -> str:
     """The path of a file; where there is none, that of the robot or problem of this name that comes with floatplan."""
-    place = folder()
+    above = folder()
     path = Path(source)
-    if place is None or path.is_absolute() or ".." in path.parts or path.parts[:1] not in [(kind,) for kind in KINDS]:
+    if above is None or path.is_absolute() or ".." in path.parts or not path.parts or path.parts[0] not in KINDS:
         return source
-    return str(place / path) if not os.path.lexists(path) and is_file(place / path) else source
+    return str(above / path) if not os.path.lexists(path) and is_file(above / path) else source
 
 
 def argument(metavar: str, text: str) -> typer.models.ArgumentInfo:
@@ -123,10 +126,10 @@ ROBOT_OPTIONS = {
     "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
     "coupled": KeyOption("F=L,..", COUPLED_HELP, "robot.coupled"),
     "locked": KeyOption("J=A,..", "Joints that stay at an angle.", "robot.locked"),
-    "reference": KeyOption("NAME", "Posture of the SRDF file beside the URDF, for other joints.", "robot.reference"),
+    "reference": KeyOption("NAME", "Posture of the SRDF file next to the URDF, for other joints.", "robot.reference"),
     "balance_inertias": KeyOption("", BALANCE_HELP, "robot.balance_inertias", bool),
 }
-Options = Annotated[Mapping[str, Any], OPTIONS]  # those that were given, as typed
+Options = Annotated[Mapping[str, Any], OPTIONS]  # the options of the command line, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
 Degrees = Annotated[bool, flag("Unit of all angles and rates on this command line.", "--degrees/--radians")]
 
@@ -134,26 +137,30 @@ Degrees = Annotated[bool, flag("Unit of all angles and rates on this command lin
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the options of the tables that parameters of its are annotated with."""
     hints = get_type_hints(command, include_extras=True)
-    noted = {name: getattr(hint, "__metadata__", (None,))[0] for name, hint in hints.items()}
-    tables: dict[str, dict[str, KeyOption]] = {name: note for name, note in noted.items() if isinstance(note, dict)}
+    tables: dict[str, dict[str, KeyOption]] = {}
+    for name, hint in hints.items():
+        note = getattr(hint, "__metadata__", (None,))[0]
+        if isinstance(note, dict):
+            tables[name] = note
     parameters: list[Parameter] = []
     for parameter in signature(command).parameters.values():
         if parameter.name not in tables:
             parameters.append(parameter.replace(annotation=hints[parameter.name]))
         for name, row in tables.get(parameter.name, {}).items():
             asks = flag(row.help, typed_option(name)) if row.kind is bool else option(row.metavar, row.help)
-            hint = Annotated[row.kind | None, asks]  # type: ignore[name-defined]
+            hint = Annotated[row.kind | None, asks]
             parameters.append(Parameter(name, parameter.kind, default=None, annotation=hint))
 
     @functools.wraps(command)
     def run(**words: Any) -> None:
-        given = {
-            table: {name: words[name] for name in rows if words[name] is not None} for table, rows in tables.items()
-        }
-        command(**{name: value for name, value in words.items() if name in hints}, **given)
+        arguments: dict[str, Any] = {}
+        for table, rows in tables.items():
+            typed = {name: words.pop(name) for name in rows}
+            arguments[table] = {name: value for name, value in typed.items() if value is not None}
+        command(**words, **arguments)
 
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return run
 
 
@@ -171,8 +178,8 @@ def reporting_errors(command: Callable[P, R]) -> Callable[P, R]:
             _complain(str(error))
             raise typer.Exit(FAILED) from None
         except OSError as error:  # of whatever the system refuses: a full disk, a closed pipe, a name too long
-            place = "" if error.filename is None else f"{printable(str(error.filename))}: "
-            _complain(f"{place}{error.strerror or error}")
+            file = "" if error.filename is None else f"{printable(str(error.filename))}: "
+            _complain(f"{file}{error.strerror or error}")
             _drop_what_is_left()
             raise typer.Exit(BAD_INPUT) from None
         except KeyboardInterrupt:
@@ -194,8 +201,8 @@ def _as_typed(error: InputError, command: Callable[..., object]) -> InputError:
         for info in getattr(hint, "__metadata__", ()):
             if isinstance(info, typer.models.OptionInfo):
                 options |= {str(info.default), *(info.param_decls or (f"--{name.replace('_', '-')}",))}
-    known = error.source is None and name_of in options
-    return InputError(error.reason, element=option, advice=error.advice) if known else error
+    is_own = error.source is None and name_of in options
+    return InputError(error.reason, element=option, advice=error.advice) if is_own else error
 
 
 class AsTyped:
@@ -204,9 +211,11 @@ class AsTyped:
     def parse_args(self: Any, ctx: Any, args: list[str]) -> list[str]:
         """Read the words of the command line."""
         hints = getattr(self.callback, "__annotations__", {})
-        for each in self.get_params(ctx):
-            kind = AS_TYPED.get(getattr(hints.get(each.name), "__origin__", None))
-            vars(each).setdefault("process_value", functools.partial(_value, each, kind, each.process_value))
+        for parameter in self.get_params(ctx):
+            kind = AS_TYPED.get(getattr(hints.get(parameter.name), "__origin__", None))
+            vars(parameter).setdefault(
+                "process_value", functools.partial(_value, parameter, kind, parameter.process_value)
+            )
         return super().parse_args(ctx, args)  # type: ignore[misc, no-any-return]
 
 
@@ -224,7 +233,7 @@ class Command(AsTyped, TyperCommand):
 
 
 class Commands(AsTyped, TyperGroup):
-    """The commands; what is wrong with the words of a command line is said on one short line, as all else is."""
+    """The commands; what is wrong with the words of a command line is one short message, as all errors are."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command; some have two words."""
@@ -244,7 +253,7 @@ class Commands(AsTyped, TyperGroup):
 
 @contextlib.contextmanager
 def _shortly() -> Iterator[None]:
-    """Shorten the message of an error of the command line's parser, which quotes what it was given."""
+    """Shorten the message of an error of the command line's parser, which quotes the command line."""
     try:
         yield
     except Exception as error:
@@ -319,17 +328,17 @@ def finish(
     json_output: bool,
     readable: Callable[[Any], RenderableType],
     ok: bool = True,
-    told: bool | None = None,
+    summary_shown: bool | None = None,
 ) -> NoReturn:
-    """Print a command's result and end it: exit code 0 where it is as wanted, else 1.
+    """Print a command's result and end it: exit code 0 where ``ok``, else 1.
 
     Parameters
     ----------
-    facts : printed as JSON where that is asked for
+    facts : printed as JSON with ``json_output``
     readable : what is printed for a person, made with the functions of :mod:`floatplan.cli.summary`
-    told : whether that is printed, beside JSON on stderr; left out, where there is no JSON
+    summary_shown : whether that is printed, with JSON on stderr; the default is where there is no JSON
     """
-    if told or (told is None and not json_output):
+    if summary_shown or (summary_shown is None and not json_output):
         from rich.console import Console
 
         from floatplan.cli import summary

@@ -6,6 +6,7 @@ import webbrowser
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
+from itertools import compress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -17,7 +18,7 @@ from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, naming
 
-Output = Annotated[Path | None, option("DIR", "Where files go; beside the plan if left out.", "--output", "-o")]
+Output = Annotated[Path | None, option("DIR", "Where files go; next to the plan if left out.", "--output", "-o")]
 STIFFNESS = (
     "Stiffness of the joints, N m/rad, of all or by name; of a jump as of its lightest joint at 125 rad/s if left out."
 )
@@ -40,12 +41,16 @@ def certify(
     budget: Annotated[
         int | None, option("N", "Most intervals of time to examine; fewer may decide less.", min=1)
     ] = None,
+    out_of_plane: Annotated[
+        bool, flag("Bound also how far the robot leaves its plane in space, in rad.", "--out-of-plane")
+    ] = False,
     save: common.Save = False,
     json_output: common.Json = False,
 ) -> None:
     """Prove that a plan holds at every instant, not only at sampled ones. Exit code 0 only where proved."""
     with progress("proving"):
-        certificate = fp.certify(plan_file, urdf=urdf, **({} if budget is None else {"budget": budget}))
+        most = {} if budget is None else {"budget": budget}
+        certificate = fp.certify(plan_file, urdf=urdf, out_of_plane=out_of_plane, **most)
     facts = certificate.to_dict()
     if save:
         from floatplan.plans.reading import load_record
@@ -78,7 +83,7 @@ def replay(
             min=1,
         ),
     ] = None,
-    budget: Annotated[float, option("S", "Time after which no more is flown, with --replan or of a jump, s.")] = 60.0,
+    budget: Annotated[float, option("S", "Time after which no flight begins, with --replan or of a jump, s.")] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
     friction: Annotated[
         float | None, option("MU", "Of the ground under a jump; that of its problem if left out.")
@@ -95,9 +100,9 @@ def replay(
     """Fly a plan by forward dynamics under its torques. Exit code 1 where that misses the goal, undisturbed.
 
     With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
-    corrected. A jump is flown in MuJoCo with contact, from standing to a second after its end, where it is to stand.
+    corrected. A jump is simulated in MuJoCo with contact, from standing to a second after its end.
     """
-    from floatplan.cli.asked import gain
+    from floatplan.cli.option_values import gain
     from floatplan.cli.results import check_directory
     from floatplan.simulation.engines import check_engine
 
@@ -130,67 +135,72 @@ def replay(
             raise InputError("keeps a single replay only", element="--save", advice="leave --runs out")
         options = {"engine": checked, "perturb": perturb, "feedback": feedback, "step": step}
         _fly_often(plan, json_output, flights, seed=seed, budget=budget, **options)
-    kept = motion_file if save else None
-    _fly_once(plan, kept, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
+    saved_to = motion_file if save else None
+    _fly_once(plan, saved_to, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
 
 
-def _fly_once(plan: fp.Plan, kept: str | None, json_output: bool, *, step: float | None, **options: Any) -> NoReturn:
-    """Fly a plan, keep what came of it in the file ``kept`` where there is one, and print."""
+def _fly_once(
+    plan: fp.Plan, saved_to: str | None, json_output: bool, *, step: float | None, **options: Any
+) -> NoReturn:
+    """Fly a plan, save the replay into the file ``saved_to`` where there is one, and print."""
     from floatplan.simulation.replay import STEP
 
     with progress("flying"):
-        flown = fp.replay(plan, step=STEP if step is None else step, **options)
-    facts = flown.to_dict()
-    if kept is not None:
-        plan.record.with_checks(replay=facts).save(kept)
-    common.finish(facts, json_output, lambda summary: summary.replay_summary(flown), flown.landed or flown.disturbed)
+        replay = fp.replay(plan, step=STEP if step is None else step, **options)
+    facts = replay.to_dict()
+    if saved_to is not None:
+        plan.record.with_checks(replay=facts).save(saved_to)
+    common.finish(facts, json_output, lambda summary: summary.replay_summary(replay), replay.landed or replay.disturbed)
 
 
 def _fly_often(plan: fp.Plan, json_output: bool, flights: int, **options: Any) -> NoReturn:
     """Fly a plan many times, and print; options are those of :func:`floatplan.simulation.replay.replays`."""
+    from floatplan.arguments import without_none
     from floatplan.simulation.replay import replays
 
-    chosen = {name: value for name, value in options.items() if value is not None}
+    chosen = without_none(options)
     with progress("flying", tell=True) as bar:
-        flown = replays(plan, flights, progress=partial(bar.count, "flight"), **chosen)
-    facts = [flight.to_dict() for flight in flown]
-    ok = all(flight.landed or flight.disturbed for flight in flown)
+        results = replays(plan, flights, progress=partial(bar.count, "flight"), **chosen)
+    facts = [flight.to_dict() for flight in results]
+    ok = all(flight.landed or flight.disturbed for flight in results)
     facts_of_all = {"asked": flights, "flights": facts}
-    common.finish(facts_of_all, json_output, lambda summary: summary.replays_summary(flown, flights), ok)
+    common.finish(facts_of_all, json_output, lambda summary: summary.replays_summary(results, flights), ok)
 
 
 def _fly_jump(jump: fp.Jump, output: Path | None, json_output: bool, **options: Any) -> NoReturn:
     """Fly a jump, and print; ``options`` are those of :func:`floatplan.replay_jump`."""
     with progress("flying", tell=True) as bar:
-        flown = fp.replay_jump(jump, progress=bar.count, **options)
+        replay = fp.replay_jump(jump, progress=bar.count, **options)
         files = list[Path]()
     if output is not None:
         from floatplan.view.report.flights import write_jump_pages
 
         with progress("drawing") as bar:
-            files = write_jump_pages(flown, output, bar.reach)
-    ok = flown.landed or flown.perturbation.any
-    common.finish(flown.to_dict(), json_output, lambda summary: summary.flown_jump_summary(flown, files), ok)
+            files = write_jump_pages(replay, output, bar.reach)
+    ok = replay.landed or replay.perturbation.any
+    common.finish(replay.to_dict(), json_output, lambda summary: summary.jump_replay_summary(replay, files), ok)
 
 
 def _fly_many(
     plan: fp.Plan, rate: float | None, with_authority: bool, output: Path | None, json_output: bool, **options: Any
 ) -> NoReturn:
-    """Fly with and without corrections where there is a rate, tell how much can be corrected where asked, and print.
+    """Fly with corrections and without where there is a rate, tell on request how much they can do, and print.
 
     ``options`` are those of :func:`floatplan.closed_loop`; None is left to it.
     """
-    chosen = {name: value for name, value in options.items() if value is not None}
-    flown = None if rate is None else fp.closed_loop(plan, rate, **chosen)
+    from floatplan.arguments import without_none
+
+    chosen = without_none(options)
+    closed_loop = None if rate is None else fp.closed_loop(plan, rate, **chosen)
     authority = fp.authority(plan) if with_authority else None
     page = None
-    if output is not None and flown is not None:
+    if output is not None and closed_loop is not None:
         from floatplan.view.report.flights import write_flights_page
 
-        page = write_flights_page(plan, output / "flights.html", flown)
-    facts: dict[str, Any] = {} if flown is None else flown.to_dict()
+        page = write_flights_page(plan, output / "flights.html", closed_loop)
+    facts: dict[str, Any] = {} if closed_loop is None else closed_loop.to_dict()
     facts |= {} if authority is None else {"authority": authority.to_dict()}
-    common.finish(facts, json_output, lambda summary: summary.flights_summary(flown, authority, page))
+    common.finish(facts, json_output, lambda summary: summary.flights_summary(closed_loop, authority, page))
 
 
 def show(
@@ -200,7 +210,7 @@ def show(
     svg: Annotated[bool, flag("The same as SVG.", "--svg")] = False,
     gif: Annotated[bool, flag("A film, GIF.", "--gif")] = False,
     mp4: Annotated[bool, flag("A film, MP4; needs ffmpeg.", "--mp4")] = False,
-    compare: Annotated[str | None, option("PLAN.json", "A second plan for the figures, drawn dashed.")] = None,
+    compare: Annotated[str | None, option("PLAN.json", "A second plan for the figures, as dashed lines.")] = None,
     speed: Annotated[float, option("X", "Of films: 0.5 is slow motion.")] = 0.5,
     output: Output = None,
     urdf: common.Urdf = None,
@@ -219,8 +229,9 @@ def show(
     other = None if compare is None else fp.load_plan(compare)
     directory = Path(motion_file).parent if output is None else output
     check_directory(directory)
-    formats = [name for name, wanted in (("png", png or (other is not None and not svg)), ("svg", svg)) if wanted]
-    films = [name for name, wanted in (("gif", gif), ("mp4", mp4)) if wanted]
+    png = png or (other is not None and not svg)
+    formats = list(compress(("png", "svg"), (png, svg)))
+    films = list(compress(("gif", "mp4"), (gif, mp4)))
     files = []
     with progress("drawing", quiet) as bar:
         if not (scene or formats or films):
@@ -274,21 +285,21 @@ def export(
     kp: Annotated[str | None, option("K|J=K,..", STIFFNESS)] = None,
     kd: Annotated[str | None, option("K|J=K,..", DAMPING)] = None,
     model: Annotated[str | None, option("FILE", common.MODEL)] = None,
-    output: Annotated[Path | None, option("FILE", "The file; beside the plan if left out.", "--output", "-o")] = None,
+    output: Annotated[Path | None, option("FILE", "The file; next to the plan if left out.", "--output", "-o")] = None,
     urdf: common.Urdf = None,
     quiet: common.Quiet = False,
 ) -> None:
     """Hand a plan or a whole jump on, to a robot, a simulator or another program. SI units and radians.
 
-    Files of jumps also have phases, contacts, forces and gains, where their format has room for them.
+    Files of jumps also have phases, contacts, forces and gains, where their format has them.
     """
-    from floatplan.cli.asked import gain
+    from floatplan.cli.option_values import gain
     from floatplan.export.formats import format_of, read_notes
 
-    known = format_of(form)
+    chosen_format = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
     motion = common.read_motion(motion_file, urdf)
-    path = Path(motion_file).parent / known.file if output is None else output
+    path = Path(motion_file).parent / chosen_format.file if output is None else output
     common.check_model(form, model, motion.problem.robot, quiet)
     with progress("exporting", quiet), _naming_the_file(motion_file):
         path = motion.export(form, path, rate, kp=stiffness, kd=damping, model=model)

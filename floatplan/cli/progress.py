@@ -1,4 +1,4 @@
-"""What is going on, on stderr: a bar in a terminal for what takes more than a second, and a log if asked for."""
+"""What is going on, on stderr: a bar in a terminal for what takes more than a second, and a log on request."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ LOG_FORMAT = "%(relativeCreated)7.0f ms  %(message)s"
 
 
 class ProgressBar:
-    """A bar in a terminal; ``told`` elsewhere, words in a line each, or nothing.
+    """A bar in a terminal; elsewhere messages, a line each, where ``printed``.
 
     Parameters
     ----------
     what : str
         The work: "planning".
-    told : bool
+    printed : bool
         Whether words are printed.
     bar : rich.progress.Progress, optional
         What has the work as its only task.
     """
 
-    def __init__(self, what: str, told: bool, bar: Progress | None) -> None:
+    def __init__(self, what: str, printed: bool, bar: Progress | None) -> None:
         self._what = what
-        self._told = told
+        self._printed = printed
         self._bar = bar
-        self._said = time.monotonic()
+        self._last_message = time.monotonic()
 
     def say(self, words: str) -> None:
         """Say in a few words how the work goes."""
-        if self._told:
+        if self._printed:
             typer.echo(f"{self._what}: {words}", err=True)
         self._update(description=f"{self._what}: {words}")
 
@@ -56,8 +56,8 @@ class ProgressBar:
     def say_now_and_then(self, words: str, done: int, total: int) -> None:
         """Say how much of the work is done, in words where the last ones were a while ago, or all is done."""
         self.reach(done, total)
-        if done == total or time.monotonic() - self._said >= EVERY:
-            self._said = time.monotonic()
+        if done == total or time.monotonic() - self._last_message >= EVERY:
+            self._last_message = time.monotonic()
             self.say(words)
 
     def _update(self, **looks: Any) -> None:
@@ -101,7 +101,7 @@ def progress(what: str, quiet: bool = False, tell: bool = False) -> Iterator[Pro
 
 @contextmanager
 def log_on_stderr(verbose: bool) -> Iterator[None]:
-    """Print what the package logs, where it is asked for."""
+    """Print what the package logs, with ``verbose``."""
     if not verbose or sys.stderr is None:
         yield
         return

@@ -1,4 +1,4 @@
-"""The files of a plan: plan.json, trajectory.csv, figures, and problem.toml where no problem file was given."""
+"""The files of a plan: plan.json, trajectory.csv, figures, and problem.toml where there was no problem file."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.export.table import table_text
-from floatplan.files import check_readable, write_atomically, write_together
+from floatplan.files import check_readable, write_all, write_atomically
 from floatplan.problem.file import problem_text
 from floatplan.tables import LIMIT_TABLE
 
@@ -18,9 +18,9 @@ JUMP = "jump.json"
 TRAJECTORY = "trajectory.csv"
 PROBLEM = "problem.toml"
 FIGURES = "figures"
-SCHEMA_FILE = "floatplan.schema.json"  # beside problem files, where floatplan schema wrote it
+SCHEMA_FILE = "floatplan.schema.json"  # next to problem files, where floatplan schema wrote it
 OF_JUMPS = ("moments", "contacts", "forces", "friction", "torque_use", "held_use", "rate_use", "com_height")
-DRAWN = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance", *OF_JUMPS)
+FIGURE_NAMES = ("snapshots", "kinogram", "comparison", "configuration", "momentum", "inertia", "clearance", *OF_JUMPS)
 REPORT = "report.html"
 SCENE = "scene.html"
 FILM = "flight"
@@ -68,10 +68,10 @@ def _unsuitable(directory: Path, reason: str) -> InputError:
 def write_results(
     plan: fp.Plan, directory: Path, rate: float, tell: Callable[[str], object] | None = None
 ) -> list[Path]:
-    """Write plan.json and trajectory.csv in place of an older run's results, and return their paths.
+    """Write plan.json and trajectory.csv and replace an older run's results, and return their paths.
 
-    Older results stay where the new ones cannot be written, and go before the first new one takes its place; ``tell``
-    is told in a sentence which they were.
+    Older results stay where the new ones cannot be written, and go before the first new one is renamed; ``tell``
+    gets a sentence which they were.
 
     Raises
     ------
@@ -79,13 +79,13 @@ def write_results(
         The directory cannot be written to.
     """
     contents = {directory / PLAN: plan.record.to_json(), directory / TRAJECTORY: table_text(plan, rate)}
-    return write_together(contents, replacing=lambda: _remove_older(directory, tell))
+    return write_all(contents, replacing=lambda: _remove_older(directory, tell))
 
 
 def write_jump(jump: fp.Jump, directory: Path, tell: Callable[[str], object] | None = None) -> list[Path]:
-    """Write jump.json and its flight's plan.json in place of an older run's results, and return their paths.
+    """Write jump.json and its flight's plan.json and replace an older run's results, and return their paths.
 
-    Of a jump that was not found there is no plan, and that of an older jump goes. Errors as :func:`write_results`.
+    Without a jump there is no plan, and that of an older jump goes. Errors as :func:`write_results`.
     """
     contents = {directory / JUMP: jump.to_json()}
     if jump.flight is not None:
@@ -93,15 +93,15 @@ def write_jump(jump: fp.Jump, directory: Path, tell: Callable[[str], object] | N
 
     def replacing() -> None:
         was_jump = (directory / JUMP).is_file()
-        _remove_older(directory, tell, kept=(JUMP,))
+        _remove_older(directory, tell, except_for=(JUMP,))
         if was_jump and jump.flight is None:
             (directory / PLAN).unlink(missing_ok=True)
 
-    return write_together(contents, replacing=replacing)
+    return write_all(contents, replacing=replacing)
 
 
-def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: Sequence[str] = ()) -> None:
-    """Remove what an older run made of its plan, so that none of it stands beside another plan as if it were its own.
+def _remove_older(directory: Path, tell: Callable[[str], object] | None, except_for: Sequence[str] = ()) -> None:
+    """Remove what an older run made of its plan, so that nobody takes it for results of the new plan.
 
     Only files by their usual names, and only where that plan is still there; a problem file may be the user's own.
     """
@@ -109,16 +109,17 @@ def _remove_older(directory: Path, tell: Callable[[str], object] | None, kept: S
         return
     trajectory = directory / TRAJECTORY
     check_readable(trajectory, "is not removed")
-    if {path.name for path in directory.glob("[!.]*")} <= {PLAN, TRAJECTORY, *kept}:
+    if {path.name for path in directory.glob("[!.]*")} <= {PLAN, TRAJECTORY, *except_for}:
         trajectory.unlink(missing_ok=True)
         return
     from floatplan.export.formats import FORMATS
 
-    drawn = {*DRAWN, *(row.title.lower() for row in LIMIT_TABLE.values())}
+    figure_names = {*FIGURE_NAMES, *(row.title.lower() for row in LIMIT_TABLE.values())}
     made = [directory / name for name in (JUMP, REPORT, SCENE, f"{FILM}.gif", f"{FILM}.mp4")]
     made += [directory / form.file for form in FORMATS.values()]
-    made += [directory / FIGURES / f"{name}.{form}" for name in drawn for form in ("png", "svg")]
-    older = [path for path in made if path.is_file() and path.name not in (TRAJECTORY, *kept)]
+    for name in figure_names:
+        made += [directory / FIGURES / f"{name}.png", directory / FIGURES / f"{name}.svg"]
+    older = [path for path in made if path.is_file() and path.name not in (TRAJECTORY, *except_for)]
     for path in older:
         check_readable(path, "is not removed")
     for path in [trajectory, *older]:

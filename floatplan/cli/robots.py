@@ -16,7 +16,7 @@ from floatplan.cli import common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, install_advice
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 
 if TYPE_CHECKING:
     from floatplan.motion.flight import Reachable
@@ -36,10 +36,14 @@ def robots(json_output: common.Json = False) -> None:
     from floatplan.robot.urdf.tree import PREFIX, example_urdfs
 
     with progress("reading"):
-        place = common.folder()
-        own = [] if place is None else sorted(f"urdf/{path.name}" for path in place.glob("urdf/*.*"))
-        known = [_facts(source) for source in (*own, *(PREFIX + name for name in example_urdfs()))]
-    usable, unusable = ([facts for facts in known if ("reason" in facts) == refused] for refused in (False, True))
+        above = common.folder()
+        own = [] if above is None else sorted(f"urdf/{path.name}" for path in above.glob("urdf/*.*"))
+        sources = own + [PREFIX + name for name in example_urdfs()]
+        usable: list[dict[str, Any]] = []
+        unusable: list[dict[str, Any]] = []
+        for source in sources:
+            facts = _facts(source)
+            (unusable if "reason" in facts else usable).append(facts)
     if json_output:
         common.print_json({"robots": usable, "unusable": unusable})
         return
@@ -71,7 +75,7 @@ def _lines(usable: list[dict[str, Any]], unusable: list[dict[str, Any]]) -> Iter
         count += f" + {len(facts['followers'])}" if facts["followers"] else ""
         pairs = " --coupled mirror" if facts["coupled"] else ""
         yield f"{count:<9}{facts['mass']:>7.3g}  {facts['plane']:<5}  {facts['robot']}{pairs}"
-    yield "Joints are those that turn in the plane + those that follow them; floatplan info ROBOT tells more."
+    yield "Joints are those that turn in the plane + those that follow them; floatplan info ROBOT shows more."
     if unusable:
         yield f"{len(unusable)} more cannot be used as they are: --json has the reasons."
     if robots_folder() is None:
@@ -103,7 +107,7 @@ def info(
     json_output: common.Json = False,
 ) -> None:
     """Tell what a robot is: plane, joints, limits, inertia, shapes, and how far it leaves its plane."""
-    from floatplan.cli.asked import named_robot
+    from floatplan.cli.option_values import named_robot
 
     robot = named_robot(source, choices, degrees)
     facts = robot_facts(robot)
@@ -116,45 +120,50 @@ def info(
 
 
 def robot_facts(robot: fp.Robot) -> dict[str, Any]:
-    """Return a robot's properties; lists in the order of ``joints``, ``None`` for a limit that is not given.
+    """Return a robot's properties; lists in the order of ``joints``, ``None`` for no limit.
 
     In a plane also what it is there; the extremes of D are those over the joint ranges of its file, [-pi, pi] where it
     gives none.
     """
+    from floatplan.arguments import attributes
     from floatplan.robot.wheels import explain_wheels
 
     facts: dict[str, Any] = {
-        **{name: getattr(robot, name) for name in OF_ROBOT},
+        **attributes(robot, OF_ROBOT),
         "locked": dict(robot.locked),
-        **{name: dict(getattr(robot, name)) for name in ("armature", "damping", "friction")},
+        "armature": dict(robot.armature),
+        "damping": dict(robot.damping),
+        "friction": dict(robot.friction),
         "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
         "balance_inertias": robot.balance_inertias,
-        "payload": [asdict(each) for each in robot.payload],
+        "payload": [asdict(payload) for payload in robot.payload],
         "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
         **(_facts_in_plane(robot) if robot.in_plane else {"base": robot.base, "frames": sorted(robot.frame_names)}),
         "wheels": explain_wheels(robot),
     }
     facts["warnings"] = [*robot.warnings, *facts.get("warnings", [])]
-    shown: dict[str, Any] = plain(facts)
+    shown: dict[str, Any] = json_value(facts)
     return shown
 
 
 def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
+    from floatplan.arguments import attributes
     from floatplan.problem.resolution import position_limits
     from floatplan.robot.leak import explain_leak, out_of_plane_leak
     from floatplan.robot.planar.inertia import inertia_extremes
 
     low, high = inertia_extremes(robot.tree, position_limits(robot, fp.Limits()))
     leak = out_of_plane_leak(robot)
+    shapes = []
+    for shape in robot.shapes:
+        length = abs(shape.end - shape.start)
+        shapes.append({"link": shape.link, "length": length, "radius": shape.radius})
     return {
-        "plane": {name: getattr(robot.plane, name) for name in ("name", "horizontal", "vertical", "normal")},
+        "plane": attributes(robot.plane, ("name", "horizontal", "vertical", "normal")),
         "D_min": low,
         "D_max": high,
         "frames": sorted(robot.frames),
-        "shapes": [
-            {"link": shape.link, "length": abs(shape.end - shape.start), "radius": shape.radius}
-            for shape in robot.shapes
-        ],
+        "shapes": shapes,
         "out_of_plane_leak": leak,
         "warnings": [*filter(None, [explain_leak(robot, leak)])],
     }
@@ -168,7 +177,7 @@ def init(
     turns: Annotated[
         int | None, typer.Option(min=0, max=MOST_TURNS, metavar="N", help="Whole turns, forwards; 0: a jump without.")
     ] = None,
-    backwards: Annotated[bool, flag("Turn backwards: once, unless --turns says more.", "--backwards")] = False,
+    backwards: Annotated[bool, flag("Rotate backwards: once, unless --turns says more.", "--backwards")] = False,
     duration: Annotated[float | None, option("S", "Time of flight, s.")] = None,
     contacts: Annotated[
         str | None,
@@ -179,7 +188,7 @@ def init(
     ] = None,
     posture: Annotated[
         str | None,
-        option("J=A,..", "Where joints stand before the jump; those left out are found, where they have to be."),
+        option("J=A,..", "Positions of joints before the jump; those left out are chosen."),
     ] = None,
     degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
@@ -187,23 +196,23 @@ def init(
     seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
     quiet: common.Quiet = False,
 ) -> None:
-    """Write a problem file for a robot: a jump with a whole turn, else without, from standing to standing.
+    """Write a problem file for a robot: a jump with a whole rotation, else without, from standing to standing.
 
     The file plans as it stands: floatplan jump FILE.toml finds the jump, floatplan plan FILE.toml proves its flight.
-    What that does beside what is asked is a warning, here and in the file, which says what was found too: plane, joints
-    with their ranges, couplings, feet, and the limits of the robot's file. Where no jump is found, or CasADi is not
-    installed, it is a turn afloat, and the file says why.
+    What that does in addition to the request is a warning, here and in the file, which lists the choices: plane, joints
+    with their ranges, couplings, feet, and the limits of the robot's file. Where there is no jump, or CasADi is not
+    installed, it is a rotation afloat, and the file says why.
 
-    What is left open is found: it turns once, backwards where it takes off from the rear, or not at all. What is asked
-    is kept, or nothing is written: where no jump as asked is found, the exit code is 1, and the answer says what stands
-    in the way, and without which option one is found.
+    What is left open is chosen: one rotation, backwards where it takes off from the rear, or none. What is requested
+    is fixed, or nothing is written: where no such jump exists, the exit code is 1, and the message says what is in
+    the way, and without which option there is one.
     """
-    from floatplan.cli import asked as typed
+    from floatplan.cli import option_values
     from floatplan.cli.results import check_folder
     from floatplan.initial.flight import requested_flight
     from floatplan.initial.options import InitOptions
     from floatplan.initial.text import problem_file_text
-    from floatplan.robot.asked import blamed
+    from floatplan.robot.chosen import blamed
 
     path = Path(f"{Path(robot).stem}.toml") if output is None else output
     if path.suffix != ".toml":
@@ -214,7 +223,7 @@ def init(
         )
     check_folder(path.parent)
 
-    robot_choices = typed.robot_choices(choices, degrees)
+    robot_choices = option_values.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
     options = InitOptions(
         takeoff=takeoff,
@@ -222,12 +231,12 @@ def init(
         turns=turns,
         backwards=backwards,
         duration=duration,
-        contacts=typed.contacts("--contacts", contacts),
-        landing_contacts=typed.contacts("--landing-contacts", landing_contacts),
-        posture=typed.posture("--posture", posture, degrees),
+        contacts=option_values.contacts("--contacts", contacts),
+        landing_contacts=option_values.contacts("--landing-contacts", landing_contacts),
+        posture=option_values.posture("--posture", posture, degrees),
         angles="deg" if degrees else "rad",
     )
-    with progress("init", quiet, tell=True) as bar, blamed(robot_choices, typed.PLACE, "--"):
+    with progress("init", quiet, tell=True) as bar, blamed(robot_choices, option_values.SOURCE, "--"):
         chosen, flight = requested_flight(
             robot, options, robot_choices, words, seed, lambda line: bar.say(escaped(line))
         )
@@ -243,7 +252,7 @@ def init(
 
 
 def _typed(name: str, value: str | bool) -> str:
-    """An option of the robot as it was typed."""
+    """An option of the robot as it was option_values."""
     return common.typed_option(name) if value is True else f"{common.typed_option(name)} {value}"
 
 
@@ -252,10 +261,10 @@ def bounds(
     picture: Annotated[Path | None, option("FILE.png", "Draw what joint rates reach at takeoff and landing.")] = None,
     json_output: common.Json = False,
 ) -> None:
-    """Tell which angular momentum suits a flight: of joints that do not turn back, and by their rates at both ends.
+    """Tell which angular momentum suits a flight: of joints that keep their direction, and by their rates at both ends.
 
     For the former an interval and its midpoint; at takeoff and landing what joint rates within their limits make,
-    the frame on the ground being at rest: intervals of angular momentum and velocity.
+    where the frame on the ground does not move: intervals of angular momentum and velocity.
     """
     from floatplan.motion.flight import reachable_sets
 
@@ -272,26 +281,23 @@ def bounds(
 def momentum_facts(problem: fp.Problem, sets: Mapping[str, Reachable]) -> dict[str, Any]:
     """Return (7)-(10): the extremes of D over the problem's joint ranges, the interval for h and its midpoint.
 
-    Beside them what joint rates reach at each end: null where no frame stands there or nothing is reached, and ends of
+    Further what joint rates attain at each end: null where no frame stands there or nothing is attained, and ends of
     intervals null where they are not bounded.
     """
     from floatplan.motion.flight import End
 
     low, high = problem.inertia_extremes
-    facts: dict[str, Any] = plain(
-        {
-            "angular_momentum_bounds": problem.momentum_interval,
-            "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
-            "D_min": low,
-            "D_max": high,
-            **{
-                f"{end}_{key}": getattr(sets.get(end), key.removesuffix("_bounds"), None)
-                for end in get_args(End)
-                for key in OF_ENDS
-            },
-        }
-    )
-    return facts
+    facts: dict[str, Any] = {
+        "angular_momentum_bounds": problem.momentum_interval,
+        "angular_momentum_midpoint": sum(problem.momentum_interval) / 2,
+        "D_min": low,
+        "D_max": high,
+    }
+    for end in get_args(End):
+        for key in OF_ENDS:
+            facts[f"{end}_{key}"] = getattr(sets.get(end), key.removesuffix("_bounds"), None)
+    written: dict[str, Any] = json_value(facts)
+    return written
 
 
 class File(StrEnum):
@@ -304,7 +310,7 @@ class File(StrEnum):
 def schema(
     file: Annotated[File, typer.Argument(help="Which file.")] = File.PROBLEM,
     output: Annotated[
-        Path | None, option("FILE", "Write it there: floatplan.schema.json beside problems.", "--output", "-o")
+        Path | None, option("FILE", "Write it there: floatplan.schema.json next to problems.", "--output", "-o")
     ] = None,
 ) -> None:
     """Print the JSON Schema (2020-12) of problem or study files, by which editors complete and check them."""

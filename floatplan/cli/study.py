@@ -41,16 +41,16 @@ def study(
     json_output: common.Json = False,
     quiet: common.Quiet = False,
 ) -> None:
-    """Plan a problem for many values of its numbers, and map what was found; go on where an earlier run ended.
+    """Plan a problem for many values of its numbers, and map the results; go on where an earlier run stopped.
 
     Exit code 0 once every row has a status, whatever it is.
     """
-    from floatplan.pool import get_ready
+    from floatplan.pool import start_server
     from floatplan.studies.driver import started
     from floatplan.studies.file import load_study_file
     from floatplan.studies.study import planned_study
 
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     if export is not None and shard is not None:
         raise InputError("is for the whole study", element="export", advice="merge the shards first")
     if export is not None:  # before hours of work
@@ -59,12 +59,12 @@ def study(
         raise InputError("is for --export", element="--rate" if model is None else "--model", advice="add it")
     try:
         if engine == "processes" and jobs != 1:
-            get_ready("floatplan.studies.study")
+            start_server("floatplan.studies.study")
         with progress("study", quiet, tell=True) as bar:
             chosen = started(engine, jobs, scheduler)
 
-            def say(reached: Progress) -> None:
-                bar.say_now_and_then(str(reached), reached.done, reached.total)
+            def say(progress: Progress) -> None:
+                bar.say_now_and_then(str(progress), progress.done, progress.total)
 
             done = planned_study(Path(study_file), output, restart, chosen, say, shard)
         if export is not None:
@@ -73,7 +73,7 @@ def study(
     except KeyboardInterrupt:
         typer.echo("interrupted: the same command goes on from here", err=True)
         raise typer.Exit(common.FAILED) from None
-    _tell(done, began, json_output, quiet)
+    _tell(done, start_time, json_output, quiet)
 
 
 def merge(
@@ -85,20 +85,20 @@ def merge(
     json_output: common.Json = False,
     quiet: common.Quiet = False,
 ) -> None:
-    """Put the rows of all shards of a study into its table, and map what was found.
+    """Put the rows of all shards of a study into its table, and map the results.
 
     Exit code 2 where a shard is missing, not done, of another study, or there twice.
     """
     from floatplan.studies.shards import merged
 
-    began = time.perf_counter()
+    start_time = time.perf_counter()
     with progress("study", quiet):
         done = merged(Path(study_file), output, shards or [])
-    _tell(done, began, json_output, quiet)
+    _tell(done, start_time, json_output, quiet)
 
 
-def _tell(done: fp.Study, began: float, json_output: bool, quiet: bool) -> NoReturn:
-    """Print what a study has found and where it is, and end."""
+def _tell(done: fp.Study, start_time: float, json_output: bool, quiet: bool) -> NoReturn:
+    """Print the results of a study and where it is, and exit."""
     if not quiet:
         for status, count in done.statuses.items():
             typer.echo(f"{count:>9} {status.replace('_', ' ')}", err=json_output)
@@ -111,7 +111,7 @@ def _tell(done: fp.Study, began: float, json_output: bool, quiet: bool) -> NoRet
                 "rows": len(done),
                 "statuses": done.statuses,
                 "files": [str(path) for path in done.files],
-                "seconds": time.perf_counter() - began,
+                "seconds": time.perf_counter() - start_time,
             }
         )
     raise typer.Exit(common.DONE)
@@ -132,7 +132,7 @@ def studio(
     Drag the robot at takeoff and landing, obstacles, sliders; Ctrl-C ends it. A robot without a problem file begins
     with the flight that floatplan init finds.
     """
-    from floatplan.cli.asked import is_robot
+    from floatplan.cli.option_values import is_robot
     from floatplan.studio.page import Studio
 
     import_optional("viser", name="viser", element="studio", extra="view")

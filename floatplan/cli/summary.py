@@ -25,8 +25,8 @@ MOST_JOINTS_SHOWN = 6  # [-] rows of a table
 MOST_WARNINGS_SHOWN = 3  # [-] lines
 MOST_FINDINGS_SHOWN = 20  # [-] rows of a table
 LONGEST_EXPLANATION = 800  # [-] characters
-FOLLOWED = 30.0  # [rad] bandwidth times duration with which joints are held to their paths
-REACHED = {
+TRACKING = 30.0  # [rad] bandwidth times duration of a feedback that tracks the paths of the joints
+REACHABLE_TITLES = {
     "angular_momentum": "h, kg m^2/s",
     "horizontal_velocity": "horizontal, m/s",
     "vertical_velocity": "vertical, m/s",
@@ -39,23 +39,23 @@ def plan_summary(
 ) -> RenderableType:
     """Return at most 25 lines about a plan and the files that were written of it.
 
-    ``program`` is what users type; ``stances`` is what is said of those before and after the flight, if anything.
+    ``program`` is what users type; ``stances`` is the rows about those before and after the flight.
     """
     problem, (word, tone), (status, *results) = plan.problem, plan_verdict(plan), result_rows(plan)
     obstacles = [_counted(len(problem.obstacles), "obstacle")] if problem.obstacles else []
-    asked = [
+    words = [
         problem.robot.name,
         _counted(len(problem.robot.joints), "joint"),
         f"{problem.flight.duration:g} s of flight",
     ]
-    rows = [Row("problem", ", ".join([*asked, *obstacles]))]
+    rows = [Row("problem", ", ".join([*words, *obstacles]))]
     for name, end in (("start", problem.initial), ("goal", problem.final)):
         turned = end.attitude or f"{math.degrees(end.orientation):z.6g}"
         rows.append(Row(name, f"{turned}; {shortened(np.degrees(end.positions), 6)} deg"))
     places: dict[str, Path] = {}  # by kind: pictures by their folder
     for path in files:
-        drawn = path.suffix in (".png", ".svg")
-        places["figures" if drawn else path.stem] = path.parent if drawn else path
+        is_picture = path.suffix in (".png", ".svg")
+        places["figures" if is_picture else path.stem] = path.parent if is_picture else path
     written = [Row(name, escaped(str(path))) for name, path in places.items()]
     if "plan" in places and "report" not in places:
         written.append(Row("next", f"{program} show {shlex.quote(str(places['plan']))}"))
@@ -78,7 +78,7 @@ def plan_summary(
 
 
 def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool = False) -> RenderableType:
-    """Return the result of ``floatplan info``, for reading: joints first, frames and shapes where asked for."""
+    """Return the result of ``floatplan info``, for reading: joints first, frames and shapes on request."""
     plane = facts.get("plane")
     flies = (
         ("base", facts["base"]) if plane is None else ("plane", f"{plane['name']}, normal {shortened(plane['normal'])}")
@@ -96,13 +96,17 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         ratio = {1.0: "", -1.0: "-"}.get(coupling["ratio"], f"{coupling['ratio']:g} ")
         offset = f" {coupling['offset']:+g} rad" if coupling["offset"] else ""
         follows.append(Text(f"{joint} follows {ratio}{coupling['leader']}{offset}"))
-    carried = [
-        f"{payload['mass']:g} kg on {payload['link']} at {shortened(payload['at'])} m" for payload in facts["payload"]
-    ]
-    rest = [
+    carried = []
+    for payload in facts["payload"]:
+        position = shortened(payload["at"])
+        carried.append(f"{payload['mass']:g} kg on {payload['link']} at {position} m")
+    rows = [
         *([("payload", "; ".join(carried))] if carried else []),
         *_rotors(facts),
-        ("locked, rad or m", ", ".join(f"{joint} = {place:.6g}" for joint, place in facts["locked"].items()) or "none"),
+        (
+            "locked, rad or m",
+            ", ".join(f"{joint} = {position:.6g}" for joint, position in facts["locked"].items()) or "none",
+        ),
         ("frames", ", ".join(facts["frames"]) if frames else f"{len(facts['frames'])}; --frames has them"),
         *([] if plane is None else _named_in_plane(facts, shapes)),
     ]
@@ -115,7 +119,7 @@ def facts_summary(facts: Mapping[str, Any], frames: bool = False, shapes: bool =
         _table(titles, joints),
         *(note if open_limits else []),
         *follows,
-        _named(rest),
+        _named(rows),
         *map(Text, facts["wheels"]),
         *warnings,
     )
@@ -135,14 +139,14 @@ def _named_in_plane(facts: Mapping[str, Any], shapes: bool) -> list[tuple[str, s
     for shape in facts["shapes"]:
         radius = f", radius {shape['radius']:.3g} m" if shape["radius"] else ""
         capsules.append(f"{shape['link']} {shape['length']:.3g} m{radius}")
-    rest = [
+    rows = [
         ("shapes", (", ".join(capsules) or "none") if shapes else f"{len(capsules)}; --shapes has them"),
         ("out of plane", f"{facts['out_of_plane_leak']:.3g} times as much momentum out of the plane as in it"),
     ]
     if facts["tilt"]:
-        rest.append(("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad"))
+        rows.append(("tilt", f"axes turned onto the plane's normal by up to {facts['tilt']:.2g} rad"))
     inertia = f"{_span(facts['D_min'][0], facts['D_max'][0], 6)} kg m^2 about the centre of mass, by the posture"
-    return [*rest, ("inertia", inertia)]
+    return [*rows, ("inertia", inertia)]
 
 
 def _span(low: float, high: float, digits: int) -> str:
@@ -152,11 +156,11 @@ def _span(low: float, high: float, digits: int) -> str:
 
 
 def momentum_summary(problem: fp.Problem, facts: Mapping[str, Any]) -> RenderableType:
-    """Return the result of ``floatplan bounds``, for reading: of joints that do not turn back, and of their rates."""
+    """Return the result of ``floatplan bounds``, for reading: by directions and by rates of the joints."""
     low, high = facts["angular_momentum_bounds"]
-    given = problem.flight.angular_momentum
-    outside = not isinstance(given, str) and not low <= given <= high
-    text = given if isinstance(given, str) else f"{given} kg m^2/s"
+    momentum = problem.flight.angular_momentum
+    outside = not isinstance(momentum, str) and not low <= momentum <= high
+    text = momentum if isinstance(momentum, str) else f"{momentum} kg m^2/s"
     table = _named(
         [
             ("problem", problem.name),
@@ -184,31 +188,31 @@ def certificate_summary(certificate: fp.Certificate) -> RenderableType:
     return Group(verdict, _table(titles, rows), *_more(len(cells) - MOST_FINDINGS_SHOWN))
 
 
-def replay_summary(flown: fp.Replay) -> RenderableType:
+def replay_summary(replay: fp.Replay) -> RenderableType:
     """Return the result of ``floatplan replay``, for reading."""
-    landed = "landed" if flown.landed else "landed elsewhere, disturbed" if flown.disturbed else "missed the goal"
-    tone: Tone = "good" if flown.landed else "open" if flown.disturbed else "bad"
+    landed = "landed" if replay.landed else "landed elsewhere, disturbed" if replay.disturbed else "missed the goal"
+    tone: Tone = "good" if replay.landed else "open" if replay.disturbed else "bad"
     titles = {"times": "after, s", "orientation": "orientation, rad", "joints": "joints, rad", "com": "CM, m"}
-    errors = zip(*(map(short, getattr(flown.growth, name)) for name in titles), strict=True)
-    unstable = not flown.landed and not flown.disturbed and flown.feedback is None
-    tracked = short(FOLLOWED / float(flown.growth.times[-1]))
+    errors = zip(*(map(short, getattr(replay.growth, name)) for name in titles), strict=True)
+    unstable = not replay.landed and not replay.disturbed and replay.feedback is None
+    tracked = short(TRACKING / float(replay.growth.times[-1]))
     advice = f"with --feedback {tracked} an unstable motion lands all the same, a wrong plan does not"
     return Group(
-        Text(f"{landed} in {flown.seconds:.3g} s", f"bold {COLOURS[tone]}"),
-        _named(flown.rows()),
+        Text(f"{landed} in {replay.seconds:.3g} s", f"bold {COLOURS[tone]}"),
+        _named(replay.rows()),
         _table(titles.values(), errors),
         *([Text(advice, "dim")] if unstable else []),
     )
 
 
-def replays_summary(flown: Sequence[fp.Replay], requested: int) -> RenderableType:
+def replays_summary(replays: Sequence[fp.Replay], requested: int) -> RenderableType:
     """Return the result of ``floatplan replay --runs``, for reading."""
     from floatplan.simulation.replay import landing_rows
 
-    landed = f"{sum(flight.landed for flight in flown)} of {len(flown)} landed"
-    landed += f", of {requested} asked for" if len(flown) < requested else ""
-    table = _table(("at landing", "median", "worst"), landing_rows(flown))
-    return Group(Text(landed, "bold"), _named(flown[0].rows()[:1]), table)
+    landed = f"{sum(flight.landed for flight in replays)} of {len(replays)} landed"
+    landed += f", of {requested} asked for" if len(replays) < requested else ""
+    table = _table(("at landing", "median", "worst"), landing_rows(replays))
+    return Group(Text(landed, "bold"), _named(replays[0].rows()[:1]), table)
 
 
 def contact_summary(ends: Sequence[fp.Contact], disagreement: str | None) -> RenderableType:
@@ -236,10 +240,12 @@ def _reachable(facts: Mapping[str, Any]) -> RenderableType:
     rows = []
     for end in ends:
         rows.append((f"{end}, desired", *(f"{value:.5g}" for value in facts[f"{end}_asked"])))
-        rows.append(("each alone, by joint rates", *(_interval(facts[f"{end}_{key}_bounds"]) for key in REACHED)))
-    unlimited = all(None in (facts[f"{end}_{key}_bounds"] or ()) for end in ends for key in REACHED)
+        rows.append(
+            ("each alone, by joint rates", *(_interval(facts[f"{end}_{key}_bounds"]) for key in REACHABLE_TITLES))
+        )
+    unlimited = all(None in (facts[f"{end}_{key}_bounds"] or ()) for end in ends for key in REACHABLE_TITLES)
     note = "joints without velocity limits reach anything: limits.velocity sets them"
-    return Group(_table(("", *REACHED.values()), rows), *([Text(note, "dim")] if unlimited else []))
+    return Group(_table(("", *REACHABLE_TITLES.values()), rows), *([Text(note, "dim")] if unlimited else []))
 
 
 def _interval(bounds: Sequence[float | None] | None) -> str:
@@ -247,8 +253,9 @@ def _interval(bounds: Sequence[float | None] | None) -> str:
         return "nothing"
     low, high = bounds
     if low is None or high is None:
-        ends = [f"{word} {end:z.5g}" for word, end in (("above", low), ("below", high)) if end is not None]
-        return ends[0] if ends else "no limit"
+        if low is not None:
+            return f"above {low:z.5g}"
+        return "no limit" if high is None else f"below {high:z.5g}"
     return _span(low, high, 5)
 
 
@@ -260,7 +267,7 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     took = f"in {seconds:.3g} s"
     if jump.flight is None:
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
-    broken, held = check_lines(jump.check, jump.request)
+    broken, stance_rows = check_lines(jump.check, jump.request)
     written = [Row(path.stem, escaped(str(path))) for path in files]
     return Group(
         Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump.tone]}"),
@@ -269,7 +276,7 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
         *(Text(", ".join(words), "red") for words in broken),
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings[:MOST_WARNINGS_SHOWN]),
         *_more(len(jump.warnings) - MOST_WARNINGS_SHOWN, " warnings"),
-        _table(STANCES, held),
+        _table(STANCES, stance_rows),
         _named([*written, Row("next", f"{program} show {shlex.quote(str(files[0]))} --scene    # the jump in 3-D")]),
         Text(CHECKED, "dim"),
     )
@@ -280,20 +287,20 @@ CLIP_COLOURS = {"physical": "green", "unphysical": "red", "undecided": "yellow",
 
 
 def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableType:
-    """Return what ``floatplan clip check`` found of one clip, for reading: a line for each flight, and the page."""
+    """Return what ``floatplan clip check`` reports of one clip, for reading: a line for each flight, and the page."""
     clip = check.clip
     rows: list[Sequence[str | Text]] = []
     faults: list[Text] = []
     for judged in check.flights:
         flight = judged.flight
         when = f"{flight.begin:.2f}..{flight.end:.2f} s"
-        turn = "too few frames" if judged.turn is None else f"{math.degrees(judged.turn.rms):.2f}"
-        shares = [_clip_share(each) for each in (judged.torque_share, judged.rate_share)]
+        rotation = "too few frames" if judged.rotation is None else f"{math.degrees(judged.rotation.rms):.2f}"
+        shares = [_clip_share(share) for share in (judged.torque_share, judged.rate_share)]
         fall = (
             f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
         )
         verdict = Text(judged.verdict, CLIP_COLOURS[judged.verdict])
-        rows.append((when, verdict, fall, turn, *shares, f"{1e3 * judged.sliding:.0f}"))
+        rows.append((when, verdict, fall, rotation, *shares, f"{1e3 * judged.sliding:.0f}"))
         faults += [Text(f"{when}: {fault}", "red") for fault in judged.faults[:MOST_WARNINGS_SHOWN]]
     words = f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {_counted(len(check.flights), 'flight')}"
     return Group(
@@ -306,8 +313,8 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
     )
 
 
-def _clip_share(found: tuple[float, str] | None) -> str:
-    return "" if found is None else f"{100 * found[0]:.0f} %"
+def _clip_share(share: tuple[float, str] | None) -> str:
+    return "" if share is None else f"{100 * share[0]:.0f} %"
 
 
 def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) -> RenderableType:
@@ -316,29 +323,28 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
     titles = ("flight", "done", "duration, s", "joints, deg rms", "most", "base", "feet, mm", "rate", "torque")
     rows: list[Sequence[str | Text]] = []
     reasons: list[Text] = []
-    for each in repair.flights:
-        found, flight = each.repaired, each.flight
-        if found is None:
+    for flight_repair in repair.flights:
+        repaired, flight = flight_repair.repaired, flight_repair.flight
+        if repaired is None:
             continue
         when = f"{flight.begin:.2f} to {flight.end:.2f} s"
-        shares = [_clip_share(share) for share in (found.rate_share, found.torque_share)]
-        degrees = [
-            f"{math.degrees(value):.2f}" for value in (found.joints_rms, found.joints_largest, found.base_largest)
-        ]
-        word = Text(str(found.choice), "green") if found.repairable else Text("left", "red")
+        shares = [_clip_share(share) for share in (repaired.rate_share, repaired.torque_share)]
+        changes = np.degrees([repaired.joints_rms, repaired.joints_largest, repaired.base_largest])
+        degrees = [f"{value:.2f}" for value in changes]
+        word = Text(str(repaired.choice), "green") if repaired.repairable else Text("left", "red")
         rows.append(
             (
                 when,
                 word,
-                f"{flight.duration:.3f} to {found.duration:.3f}",
+                f"{flight.duration:.3f} to {repaired.duration:.3f}",
                 *degrees,
-                f"{1e3 * each.seam_foot:.1f}",
+                f"{1e3 * flight_repair.seam_foot:.1f}",
                 *shares,
             )
         )
-        if not found.repairable:
-            reasons.append(Text(f"{when}: not repairable: {found.reason}", "red"))
-        elif each.stance is not None and each.stance.vertical_least < 0:
+        if not repaired.repairable:
+            reasons.append(Text(f"{when}: not repairable: {repaired.reason}", "red"))
+        elif flight_repair.stance is not None and flight_repair.stance.vertical_least < 0:
             reasons.append(
                 Text(
                     f"{when}: a stance beside it would have to pull at the ground: stances are bent, not planned",
@@ -359,9 +365,9 @@ def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> R
     titles = ("clip", "flights", "physical", "unphysical", "worst fall, m/s^2", "most off a flight, deg")
     rows = []
     for check in checks:
-        falls = [each.fall.fall for each in check.flights if math.isfinite(each.fall.interval)]
-        turns = [math.degrees(each.turn.rms) for each in check.flights if each.turn is not None]
-        unphysical = sum(each.verdict == "unphysical" for each in check.flights)
+        falls = [flight.fall.fall for flight in check.flights if math.isfinite(flight.fall.interval)]
+        turns = [math.degrees(flight.rotation.rms) for flight in check.flights if flight.rotation is not None]
+        unphysical = sum(flight.verdict == "unphysical" for flight in check.flights)
         worst = f"{max(falls, key=lambda fall: abs(fall - check.gravity)):.2f}" if falls else ""
         name = Text(escaped(check.clip.path.name), COLOURS["good" if check.ok else "bad"])
         most = f"{max(turns):.2f}" if turns else ""
@@ -371,36 +377,40 @@ def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> R
 
 def launch_summary(launch: fp.Launch) -> RenderableType:
     """Return the result of ``floatplan launch``, for reading."""
-    verdict, *rest = launch.sentences
+    verdict, *sentences = launch.sentences
     unproved = "" if launch.impossible else "That none was found does not prove that none exists."
     remark = CHECKED if launch.ok else unproved
-    lines = [Text(f"  {sentence}") for sentence in rest]
+    lines = [Text(f"  {sentence}") for sentence in sentences]
     tone: Tone = "good" if launch.ok else "bad"
     return Group(Text(verdict, f"bold {COLOURS[tone]}"), *lines, Text(remark, "dim"))
 
 
-def flown_jump_summary(flown: fp.JumpReplay, files: Sequence[Path]) -> RenderableType:
+def jump_replay_summary(replay: fp.JumpReplay, files: Sequence[Path]) -> RenderableType:
     """Return the result of ``floatplan replay`` of a jump, for reading."""
     from floatplan.view.report.flights import LANDING_TITLES, jump_rows, summary
 
-    stands = int(flown.landings.stands.sum())
-    verdict = "stands in the end" if flown.landed else f"falls in {flown.flights - stands} of {flown.flights} flights"
+    stands = int(replay.landings.stands.sum())
+    verdict = (
+        "stands in the end" if replay.landed else f"falls in {replay.flights - stands} of {replay.flights} flights"
+    )
     return Group(
-        Text(verdict, f"bold {COLOURS['good' if flown.landed else 'bad']}"),
-        Text(summary(flown)),
-        Text(flown.control),
-        _table(LANDING_TITLES, jump_rows(flown)) if flown.corrected is not None else _named(jump_rows(flown)),
+        Text(verdict, f"bold {COLOURS['good' if replay.landed else 'bad']}"),
+        Text(summary(replay)),
+        Text(replay.control),
+        _table(LANDING_TITLES, jump_rows(replay)) if replay.corrected is not None else _named(jump_rows(replay)),
         *(Text(escaped(str(path)), overflow="fold") for path in files),
     )
 
 
-def flights_summary(flown: fp.ClosedLoop | None, authority: fp.Authority | None, page: Path | None) -> RenderableType:
+def flights_summary(
+    closed_loop: fp.ClosedLoop | None, authority: fp.Authority | None, page: Path | None
+) -> RenderableType:
     """Return the result of ``floatplan replay`` with --replan and --authority, for reading."""
     from floatplan.view.report.flights import LANDING_TITLES, landing_rows, summary
 
     parts: list[RenderableType] = []
-    if flown is not None:
-        parts += [Text(summary(flown), "bold"), _table(LANDING_TITLES, landing_rows(flown))]
+    if closed_loop is not None:
+        parts += [Text(summary(closed_loop), "bold"), _table(LANDING_TITLES, landing_rows(closed_loop))]
     if authority is not None:
         parts.append(_table(AUTHORITY_TITLES, authority_rows(authority)))
     if page is not None:
@@ -408,10 +418,10 @@ def flights_summary(flown: fp.ClosedLoop | None, authority: fp.Authority | None,
     return Group(*parts)
 
 
-def authority_rows(found: fp.Authority) -> list[Sequence[str]]:
+def authority_rows(authority: fp.Authority) -> list[Sequence[str]]:
     """Return rows of (begin, momentum, inertia), for reading."""
     rows: list[Sequence[str]] = []
-    for time, momentum, inertia in zip(found.times.tolist(), found.momentum, found.inertia, strict=True):
+    for time, momentum, inertia in zip(authority.times.tolist(), authority.momentum, authority.inertia, strict=True):
         rows.append((f"{time:.3g} s", _errors(*momentum.tolist()), _errors(*inertia.tolist())))
     return rows
 
@@ -424,15 +434,18 @@ def _errors(low: float, high: float) -> str:
 
 
 def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: bool = False) -> Table:
-    """A table without lines, all of it plain text; where it would not fit the terminal, its columns stand closer.
+    """A table without lines, its cells without markup; where it would not fit the terminal, its columns stand closer.
 
     Nothing is cut short; where ``whole``, names, which come first, are broken into lines before anything else is.
     """
-    cells = [[cell if isinstance(cell, Text) else Text(cell) for cell in row] for row in ([*titles], *rows)]
+    cells = []
+    for row in ([*titles], *rows):
+        texts = [cell if isinstance(cell, Text) else Text(cell) for cell in row]
+        cells.append(texts)
     first, *others = (max(map(len, column)) for column in zip(*cells, strict=True))
     width = Console().width
     whole = whole and sum(others) + len(others) < width
-    columns = [Column(cell.plain, no_wrap=whole and place > 0, overflow="fold") for place, cell in enumerate(cells[0])]
+    columns = [Column(cell.plain, no_wrap=whole and index > 0, overflow="fold") for index, cell in enumerate(cells[0])]
     close = first + sum(others) + 2 * len(others) > width
     table = Table(*columns, box=None, header_style="dim", pad_edge=False, collapse_padding=close)
     for row in cells[1:]:
@@ -441,7 +454,7 @@ def _table(titles: Iterable[str], rows: Iterable[Sequence[str | Text]], whole: b
 
 
 def _named(rows: Iterable[Row | Sequence[str]]) -> Table:
-    """Names and what is said under them, broken where it is too long; what is not good is coloured."""
+    """Names and what stands under them, broken where it is too long; what is not good is coloured."""
     table = Table.grid(padding=(0, 2))
     table.add_column(style="dim", no_wrap=True)
     table.add_column()
@@ -455,5 +468,5 @@ def _counted(count: int, what: str) -> str:
 
 
 def _more(count: int, of: str = "") -> list[Text]:
-    """What is said of rows that are left out."""
+    """The line about rows that are left out."""
     return [Text(f"and {count} more{of}; --json has all", "dim")] if count > 0 else []

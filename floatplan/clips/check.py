@@ -1,4 +1,4 @@
-"""What is said of a clip: a verdict on each of its flights."""
+"""The check of a clip: a verdict on each of its flights."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from floatplan.pool import one_thread
 
 @dataclass(frozen=True, eq=False)
 class ClipCheck:
-    """What was found of a clip.
+    """The result of the check of a clip.
 
     Attributes
     ----------
@@ -34,21 +34,21 @@ class ClipCheck:
     @property
     def ok(self) -> bool:
         """Whether no flight is unphysical."""
-        return all(each.verdict != UNPHYSICAL for each in self.flights)
+        return all(flight.verdict != UNPHYSICAL for flight in self.flights)
 
     @cached_property
     def physical(self) -> int:
         """How many flights are physical."""
-        return sum(each.verdict == PHYSICAL for each in self.flights)
+        return sum(flight.verdict == PHYSICAL for flight in self.flights)
 
     @property
     def unphysical_share(self) -> float:
         """Share of the flights that are unphysical; 0 of none."""
-        return sum(each.verdict == UNPHYSICAL for each in self.flights) / max(len(self.flights), 1)
+        return sum(flight.verdict == UNPHYSICAL for flight in self.flights) / max(len(self.flights), 1)
 
     def table(self) -> list[dict[str, Any]]:
         """One row a flight, with the keys of the command line's ``--json``."""
-        return [_row(each) for each in self.flights]
+        return [_row(flight) for flight in self.flights]
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as the command line's ``--json`` has it."""
@@ -78,12 +78,12 @@ def check_clip(clip: Clip, gravity: float = GRAVITY) -> ClipCheck:
     Returns
     -------
     ClipCheck
-        Its ``ok`` says that no flight is unphysical; "undecided" is one of too few frames for the fall to be told.
+        Its ``ok`` says that no flight is unphysical; "undecided" is one of too few frames to judge the fall.
 
     Raises
     ------
     InputError
-        No foot can be told, or the robot has no shapes.
+        No foot can be identified, or the robot has no shapes.
     """
     made(Clip, advice="fp.load_clip reads one")(clip, "clip")
     positive(unit="m/s^2")(gravity, "gravity")
@@ -92,7 +92,7 @@ def check_clip(clip: Clip, gravity: float = GRAVITY) -> ClipCheck:
 
 def _row(judged: FlightJudgement) -> dict[str, Any]:
     flight = judged.flight
-    turn = judged.turn
+    rotation = judged.rotation
     return {
         "begin": flight.begin,
         "end": flight.end,
@@ -101,9 +101,9 @@ def _row(judged: FlightJudgement) -> dict[str, Any]:
         "fall": or_none(judged.fall.fall),
         "fall_interval": or_none(judged.fall.interval),
         "sideways": or_none(judged.fall.sideways),
-        "angular_momentum": None if turn is None else np.asarray(turn.angular_momentum).tolist(),
-        "turn_rms": None if turn is None else turn.rms,
-        "turn_noise": None if turn is None else turn.noise,
+        "angular_momentum": None if rotation is None else np.asarray(rotation.angular_momentum).tolist(),
+        "turn_rms": None if rotation is None else rotation.rms,
+        "turn_noise": None if rotation is None else rotation.noise,
         "rate_share": share_table(judged.rate_share),
         "torque_share": share_table(judged.torque_share),
         "wrench": {"force": or_none(judged.wrench[0]), "moment": or_none(judged.wrench[1])},
@@ -117,6 +117,6 @@ def or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def share_table(found: tuple[float, str] | None) -> dict[str, Any] | None:
+def share_table(share: tuple[float, str] | None) -> dict[str, Any] | None:
     """Return the largest share of a limit and whose it is, as JSON has it; None without limits."""
-    return None if found is None else {"share": found[0], "joint": found[1]}
+    return None if share is None else {"share": share[0], "joint": share[1]}

@@ -210,7 +210,7 @@ def _solids_by_body(robot: Robot) -> dict[int, list[LinkSolid]]:
     for solid in robot.solids:
         solids_by_body.setdefault(solid.body, []).append(solid)
     if not solids_by_body:
-        raise InputError("has no shapes: what touches the ground is not known", source=robot.source)
+        raise InputError("has no shapes: what touches the ground is unknown", source=robot.source)
     return solids_by_body
 
 

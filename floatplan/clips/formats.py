@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from floatplan.arguments import without
 from floatplan.arrays import Array, BoolArray
 from floatplan.clips.pickles import NUMBERS, read_pickle
 from floatplan.errors import InputError
@@ -212,7 +213,7 @@ def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
 
 def _unitree(table: Array) -> Recording:
     if table.shape[1] < 8:
-        raise InputError(f"has {table.shape[1]} columns, not place, quaternion and joints: 8 at least")
+        raise InputError(f"has {table.shape[1]} columns, not position, quaternion and joints: 8 at least")
     return Recording(
         position=table[:, :3], quaternion=table[:, 3:7], joints=table[:, 7:], fps=None, quaternion_order=""
     )
@@ -245,14 +246,14 @@ def _gmr(data: Mapping[str, Any]) -> Recording:
         joints=_numbers(data, "dof_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others={key: value for key, value in others.items() if key not in KEYS["gmr-pkl"]},
+        others=without(others, KEYS["gmr-pkl"]),
     )
 
 
 def _mimickit(data: Mapping[str, Any]) -> Recording:
     frames = _numbers(data, "frames")
     if frames.shape[1] < 7:
-        reason = f"has {frames.shape[1]} columns, not place, rotation vector and joints: 7 at least"
+        reason = f"has {frames.shape[1]} columns, not position, rotation vector and joints: 7 at least"
         raise InputError(reason, element="frames")
     if not np.isfinite(frames[:, 3:6]).all() or np.abs(frames[:, 3:6]).max(initial=0.0) > SENSIBLE.joint:
         raise InputError("has a rotation vector that is none", element="frames")
@@ -334,13 +335,13 @@ def _check(recording: Recording) -> None:
     for name in ("quaternion", "joints", "contacts"):
         values = getattr(recording, name)
         if values is not None and len(values) != count:
-            raise InputError(f"has {len(values)} frames of its {name}, {count} of its place")
+            raise InputError(f"has {len(values)} frames of its {name}, {count} of its position")
     if count < SENSIBLE.frames:
         raise InputError(f"has {count} frames", advice=f"give {SENSIBLE.frames} at least")
     if count > MOST_FRAMES:
         raise InputError(f"has {count} frames, more than {MOST_FRAMES}", advice="cut it into clips")
     limited = (
-        ("place", recording.position, SENSIBLE.position),
+        ("position", recording.position, SENSIBLE.position),
         ("quaternion", recording.quaternion, 1.0 + SENSIBLE.length),
         ("joints", recording.joints, SENSIBLE.joint),
     )

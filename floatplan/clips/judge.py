@@ -20,7 +20,7 @@ from floatplan.robot.robot import Robot
 GRAVITY = 9.81  # [m/s^2]
 PHYSICAL = "physical"
 UNPHYSICAL = "unphysical"
-BESIDE = 0.3  # [s] before and after a flight, of the stances whose feet are judged
+STANCE_SPAN = 0.3  # [s] before and after a flight, of the stances whose feet are judged
 
 
 @lru_cache(maxsize=16)
@@ -41,7 +41,7 @@ class FlightJudgement:
     faults : what is wrong, a sentence each
     fall : Fall
     joints : JointFit, optional
-    turn : TurnFit, optional
+    rotation : TurnFit, optional
         None, as the joints' fit, of a flight of too few frames.
     rate_share, torque_share : the largest share of a limit, and whose; None where the robot has no such limits
     wrench : (2,) N and N m
@@ -54,7 +54,7 @@ class FlightJudgement:
     faults: tuple[str, ...]
     fall: Fall
     joints: JointFit | None
-    turn: TurnFit | None
+    rotation: TurnFit | None
     rate_share: tuple[float, str] | None
     torque_share: tuple[float, str] | None
     wrench: tuple[float, float]
@@ -85,7 +85,7 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
         faults=faults,
         fall=fall,
         joints=joints,
-        turn=turning,
+        rotation=turning,
         rate_share=rate_share,
         torque_share=torque_share,
         wrench=_wrench(clip.robot, fall, joints, turning, dynamics, times, gravity),
@@ -196,7 +196,7 @@ def _stance_errors(clip: Clip, flight: ClipFlight) -> tuple[float, float, float]
     scene = clip.scene
     step = float(scene.times[1] - scene.times[0])
     floating = sinking = sliding = 0.0
-    for begin, end in ((flight.begin - BESIDE, flight.begin), (flight.end, flight.end + BESIDE)):
+    for begin, end in ((flight.begin - STANCE_SPAN, flight.begin), (flight.end, flight.end + STANCE_SPAN)):
         near = np.flatnonzero((scene.times >= begin) & (scene.times <= end))
         if not len(near):
             continue

@@ -14,11 +14,11 @@ from floatplan.arrays import Array
 from floatplan.clips.check import ClipCheck
 from floatplan.clips.fall import Fall
 from floatplan.clips.flights import FOOT_CLEARANCE
-from floatplan.clips.judge import BESIDE, UNPHYSICAL, FlightJudgement
+from floatplan.clips.judge import STANCE_SPAN, UNPHYSICAL, FlightJudgement
 from floatplan.files import write_atomically
 from floatplan.view.report.report import asset, filled, policy
 
-MOST_FLIGHTS = 60  # [-] that are drawn, the unphysical ones first; tables list all
+MOST_FLIGHTS = 60  # [-] that have charts, the unphysical ones first; tables list all
 POSTURES = 5  # [-] of the robot in a flight
 WIDTH, HEIGHT = 540, 200  # [px] of a chart
 LEFT, RIGHT, TOP, BOTTOM = 52, 150, 22, 26  # [px] between it and its frame; names are to its right
@@ -40,7 +40,7 @@ td, th { padding: 2px 14px 2px 0; }
 
 @dataclass(frozen=True)
 class Line:
-    """A curve of a chart: its points (K,), (K,), what it is called, its colour, and how it is drawn."""
+    """A curve of a chart: its points (K,), (K,), what it is called, its colour, and its style."""
 
     x: Array
     y: Array
@@ -60,12 +60,14 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     """
     name = checks[0].clip.path.name if len(checks) == 1 else f"{len(checks)} clips"
     title = f"{html.escape(name)}: its flights" if len(checks) == 1 else f"{html.escape(name)}: their flights"
-    flights = [(check, judged) for check in checks for judged in check.flights]
+    flights = []
+    for check in checks:
+        flights += [(check, judged) for judged in check.flights]
     flights.sort(key=lambda pair: pair[1].verdict != UNPHYSICAL)
     parts = [clip_facts(check) for check in checks]
     parts += [_flight_section(check, judged) for check, judged in flights[:MOST_FLIGHTS]]
     if len(flights) > MOST_FLIGHTS:
-        parts.append(f"<p>{len(flights) - MOST_FLIGHTS} more flights are not drawn.</p>")
+        parts.append(f"<p>{len(flights) - MOST_FLIGHTS} more flights have no charts.</p>")
     page = {
         "title": title,
         "policy": policy(()),
@@ -90,11 +92,11 @@ def clip_facts(check: ClipCheck) -> str:
 
 def _table_row(judged: FlightJudgement) -> list[str]:
     flight = judged.flight
-    turn = "" if judged.turn is None else f"{np.rad2deg(judged.turn.rms):.2f}"
+    rotation = "" if judged.rotation is None else f"{np.rad2deg(judged.rotation.rms):.2f}"
     fall = f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if np.isfinite(judged.fall.interval) else ""
     force = f"{judged.wrench[0]:.0f}" if np.isfinite(judged.wrench[0]) else ""
     sliding = f"{1e3 * judged.sliding:.0f}"
-    return [f"{flight.begin:.2f} to {flight.end:.2f}", judged.verdict, fall, turn, force, sliding]
+    return [f"{flight.begin:.2f} to {flight.end:.2f}", judged.verdict, fall, rotation, force, sliding]
 
 
 def _flight_section(check: ClipCheck, judged: FlightJudgement) -> str:
@@ -131,11 +133,11 @@ def _missing_height(fall: Fall, times: Array, gravity: float) -> Array:
 def _turning_chart(judged: FlightJudgement) -> str:
     """By how much the attitude in each frame is off the nearest flight with a constant momentum."""
     title = "attitude off a flight, degrees"
-    if judged.turn is None:
+    if judged.rotation is None:
         return _chart(title, [])
     times = judged.fall.times
-    off = np.rad2deg(np.linalg.norm(judged.turn.residuals, axis=1))
-    tolerance = np.rad2deg(judged.turn.tolerance)
+    off = np.rad2deg(np.linalg.norm(judged.rotation.residuals, axis=1))
+    tolerance = np.rad2deg(judged.rotation.tolerance)
     lines = [
         Line(times, off, "frames", COLOURS[1], dots=True),
         Line(times[[0, -1]], np.array([tolerance, tolerance]), "most, rms", COLOURS[2], dashed=True),
@@ -144,10 +146,10 @@ def _turning_chart(judged: FlightJudgement) -> str:
 
 
 def _feet_chart(check: ClipCheck, judged: FlightJudgement) -> str:
-    """Heights of the feet over the ground, in the flight and beside it."""
+    """Heights of the feet over the ground, in the flight, before and after it."""
     scene = check.clip.scene
     flight = judged.flight
-    near = (scene.times >= flight.begin - BESIDE) & (scene.times <= flight.end + BESIDE)
+    near = (scene.times >= flight.begin - STANCE_SPAN) & (scene.times <= flight.end + STANCE_SPAN)
     times = scene.times[near]
     heights = scene.foot_heights[near] - scene.ground.heights[near, None]
     lines = []
@@ -165,10 +167,10 @@ def _chart(
 
     Parameters
     ----------
-    title : what is drawn, with its unit
+    title : the quantity, with its unit
     lines : the curves
     least : the lowest value that the axis has at least
-    span : s, when the flight is, drawn behind the curves
+    span : s, when the flight is, shaded behind the curves
     """
     heading = f'<text x="{LEFT}" y="13">{html.escape(title)}</text>'
     if not lines:
@@ -193,12 +195,12 @@ def _chart(
             f'<rect class="air" x="{begin:.1f}" y="{TOP}" width="{end - begin:.1f}" height="{HEIGHT - TOP - BOTTOM}"/>'
         )
     for value in _ticks(low, high):
-        place = float(up(np.array(value)))
-        parts.append(f'<line class="axis" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{place:.1f}" y2="{place:.1f}"/>')
-        parts.append(f'<text x="{LEFT - 5}" y="{place + 4:.1f}" text-anchor="end">{value:g}</text>')
+        pixel = float(up(np.array(value)))
+        parts.append(f'<line class="axis" x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{pixel:.1f}" y2="{pixel:.1f}"/>')
+        parts.append(f'<text x="{LEFT - 5}" y="{pixel + 4:.1f}" text-anchor="end">{value:g}</text>')
     for value in _ticks(first, last):
-        place = float(across(np.array(value)))
-        parts.append(f'<text x="{place:.1f}" y="{HEIGHT - 10}" text-anchor="middle">{value:g} s</text>')
+        pixel = float(across(np.array(value)))
+        parts.append(f'<text x="{pixel:.1f}" y="{HEIGHT - 10}" text-anchor="middle">{value:g} s</text>')
     for number, line in enumerate(lines):
         parts.append(_curve(across(line.x), up(line.y), line))
         parts.append(
@@ -210,9 +212,10 @@ def _chart(
 
 def _curve(x: Array, y: Array, line: Line) -> str:
     if line.dots:
-        return "".join(
-            f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{line.colour}"/>' for a, b in zip(x, y, strict=True)
-        )
+        dots = ""
+        for a, b in zip(x, y, strict=True):
+            dots += f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{line.colour}"/>'
+        return dots
     dashes = ' stroke-dasharray="5 4"' if line.dashed else ""
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
     return f'<polyline points="{points}" stroke="{line.colour}"{dashes}/>'
@@ -222,13 +225,14 @@ def _ticks(low: float, high: float) -> list[float]:
     """Round numbers between two others."""
     rough = (high - low) / TICKS
     power = 10.0 ** np.floor(np.log10(rough))
-    step = min(factor * power for factor in (1, 2, 5, 10) if factor * power >= rough)
+    steps = power * np.array([1.0, 2.0, 5.0, 10.0])
+    step = steps[steps >= rough][0]
     numbers = np.arange(np.ceil(low / step), np.floor(high / step) + 1)
     return [round(float(number * step), 10) + 0.0 for number in numbers]
 
 
 def _postures(check: ClipCheck, judged: FlightJudgement) -> str:
-    """The robot at equal steps of the flight, one beside the other, seen from its right: joints and feet as sticks."""
+    """The robot at equal steps of the flight, side by side, seen from its right: joints and feet as sticks."""
     clip = check.clip
     flight = judged.flight
     times = np.linspace(flight.begin, flight.end, POSTURES)

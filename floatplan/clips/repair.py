@@ -1,4 +1,4 @@
-"""A clip whose flights fly: each that is not physical planned anew, and the stances beside it brought to meet it."""
+"""A clip whose flights fly: those that are not physical planned anew, and the stances around them adapted."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from floatplan.clips.judge import GRAVITY, UNPHYSICAL
 from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion, plan_configurations
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
-from floatplan.clips.stances import foot_misses, turn_between
+from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
 from floatplan.tables import Range
 
-BESIDE = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
+STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
 MOST_FLIGHTS = 10**6  # [-] numbers of flights
 FORCE_STEP = 0.01  # [s] between the instants at which they are
 
@@ -38,7 +38,7 @@ class FlightRepair:
     flight : ClipFlight
     repaired : RepairedFlight, optional
     seam_base, seam_turn, seam_foot : m, rad, m
-        Largest jump of base and attitude at its ends, and by how much feet beside it are off the clip's.
+        Largest jump of base and attitude at its ends, and by how much feet before and after are off the clip's.
     stance : StanceFigures, optional
     """
 
@@ -51,21 +51,21 @@ class FlightRepair:
 
     def to_dict(self) -> dict[str, Any]:
         """As the command line's ``--json`` has it."""
-        found = self.repaired
-        if found is None:
+        repaired = self.repaired
+        if repaired is None:
             return {"begin": self.flight.begin, "end": self.flight.end, "changed": False}
         return {
             "begin": self.flight.begin,
             "end": self.flight.end,
-            "changed": found.repairable,
-            "choice": found.choice,
+            "changed": repaired.repairable,
+            "choice": repaired.choice,
             "duration_before": self.flight.duration,
-            "duration_after": found.duration,
-            "joints_rms": or_none(found.joints_rms),
-            "joints_largest": or_none(found.joints_largest),
-            "base_largest": or_none(found.base_largest),
-            "rate_share": share_table(found.rate_share),
-            "torque_share": share_table(found.torque_share),
+            "duration_after": repaired.duration,
+            "joints_rms": or_none(repaired.joints_rms),
+            "joints_largest": or_none(repaired.joints_largest),
+            "base_largest": or_none(repaired.base_largest),
+            "rate_share": share_table(repaired.rate_share),
+            "torque_share": share_table(repaired.torque_share),
             "seam": {"base": self.seam_base, "turn": self.seam_turn, "foot": self.seam_foot},
             "stance": None
             if self.stance is None
@@ -74,8 +74,8 @@ class FlightRepair:
                 "friction": or_none(self.stance.friction),
                 "pressure_outside": self.stance.pressure_outside,
             },
-            "repairable": found.repairable,
-            "reason": found.reason or None,
+            "repairable": repaired.repairable,
+            "reason": repaired.reason or None,
         }
 
 
@@ -96,23 +96,23 @@ class ClipRepair:
     @property
     def ok(self) -> bool:
         """Whether every flight that was unphysical is repaired."""
-        return all(each.repaired is None or each.repaired.repairable for each in self.flights)
+        return all(flight.repaired is None or flight.repaired.repairable for flight in self.flights)
 
     @property
     def changed(self) -> bool:
         """Whether anything was changed."""
-        return any(each.repaired is not None and each.repaired.repairable for each in self.flights)
+        return any(flight.repaired is not None and flight.repaired.repairable for flight in self.flights)
 
     def table(self) -> list[dict[str, Any]]:
         """One row a flight, with the keys of ``repairs`` of the command line's ``--json``."""
-        return [each.to_dict() for each in self.flights]
+        return [flight.to_dict() for flight in self.flights]
 
     def to_dict(self) -> dict[str, Any]:
         """Everything, as the command line's ``--json`` has it."""
         return {**self.before.to_dict(), "repairs": self.table()}
 
     def __repr__(self) -> str:
-        done = sum(each.repaired is not None and each.repaired.repairable for each in self.flights)
+        done = sum(flight.repaired is not None and flight.repaired.repairable for flight in self.flights)
         return f"ClipRepair({self.before.clip.path.name!r}, {done} of {len(self.flights)} flights repaired)"
 
 
@@ -135,7 +135,7 @@ def repair_clip(
     Parameters
     ----------
     clip : Clip
-    choice : "retime" (postures and heights are kept), "raise" (the duration is kept), a number from 0, which is
+    choice : "retime" (postures and heights stay), "raise" (the duration stays), a number from 0, which is
         "retime", to 1, which is "raise", for a duration between both, or "auto": retime where the robot's limits hold,
         else raise
     flights : numbers of flights, optional
@@ -165,28 +165,30 @@ def repair_clip(
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
     repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
-    good = {number: each for number, each in repaired.items() if each.repairable}
-    plans = {number: each.plan for number, each in good.items() if each.plan is not None}
+    good = {number: flight for number, flight in repaired.items() if flight.repairable}
+    plans = {number: flight.plan for number, flight in good.items() if flight.plan is not None}
     left = {number: FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights)}
     if not plans and rate in (None, clip.fps):
         return clip, ClipRepair(before, tuple(left.values()))
     motion = RepairedMotion(clip, plans)
-    told = {number: _told(motion, clip, number, each, gravity) for number, each in good.items()}
-    return motion.clip(rate or clip.fps), ClipRepair(before, tuple((left | told).values()))
+    repairs = {number: _flight_repair(motion, clip, number, flight, gravity) for number, flight in good.items()}
+    return motion.clip(rate or clip.fps), ClipRepair(before, tuple((left | repairs).values()))
 
 
 def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
     """Numbers of the flights to repair."""
     if flights is None:
-        return [number for number, each in enumerate(check.flights) if each.verdict == UNPHYSICAL]
+        return [number for number, flight in enumerate(check.flights) if flight.verdict == UNPHYSICAL]
     wrong = [number for number in flights if not 0 <= number < len(check.flights)]
     if wrong:
         raise InputError(f"there is no flight {wrong[0]}: they are 0 to {len(check.flights) - 1}", element="flights")
     return sorted(set(flights))
 
 
-def _told(motion: RepairedMotion, clip: Clip, number: int, repaired: RepairedFlight, gravity: float) -> FlightRepair:
-    """What is said of a flight that was repaired: its seams, and what the stances beside it would take."""
+def _flight_repair(
+    motion: RepairedMotion, clip: Clip, number: int, repaired: RepairedFlight, gravity: float
+) -> FlightRepair:
+    """The report on a repaired flight: its seams, and the forces of the stances before and after."""
     plan = repaired.plan
     assert plan is not None, "the flight is repaired"
     flight = clip.flights[number]
@@ -195,10 +197,10 @@ def _told(motion: RepairedMotion, clip: Clip, number: int, repaired: RepairedFli
     q = plan_configurations(plan, np.array([0.0, plan.duration]))
     attitudes = clip.curve.attitudes(ends)
     base = float(np.linalg.norm(q[:, :3] - clip.curve.base_positions(ends), axis=1).max())
-    turns = [turn_between(now, own) for now, own in zip(of_quaternions(q[:, 3:7]), attitudes, strict=True)]
+    turns = [angle_between(now, own) for now, own in zip(of_quaternions(q[:, 3:7]), attitudes, strict=True)]
     misses = [0.0]
     figures = []
-    for first, last in ((begin - BESIDE, begin), (begin + plan.duration, begin + plan.duration + BESIDE)):
+    for first, last in ((begin - STANCE_SPAN, begin), (begin + plan.duration, begin + plan.duration + STANCE_SPAN)):
         times = np.arange(max(first, 0.0), min(last, motion.clock.duration), FORCE_STEP)
         if len(times) <= 2 * STEPS:
             continue
@@ -218,7 +220,7 @@ def _told(motion: RepairedMotion, clip: Clip, number: int, repaired: RepairedFli
 
 def _worst(figures: Sequence[StanceFigures]) -> StanceFigures:
     return StanceFigures(
-        vertical_least=min(each.vertical_least for each in figures),
-        friction=max(each.friction for each in figures),
-        pressure_outside=max(each.pressure_outside for each in figures),
+        vertical_least=min(stance.vertical_least for stance in figures),
+        friction=max(stance.friction for stance in figures),
+        pressure_outside=max(stance.pressure_outside for stance in figures),
     )

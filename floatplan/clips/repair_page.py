@@ -16,7 +16,7 @@ from floatplan.clips.curve import centre_of_mass
 from floatplan.clips.formats import continuous_signs
 from floatplan.clips.page import clip_facts
 from floatplan.clips.repair import ClipRepair, FlightRepair
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import robot_in_space, rounded
@@ -24,38 +24,38 @@ from floatplan.view.report.report import page
 from floatplan.view.solids import rendered_solids
 from floatplan.view.style import TRAILS
 
-BESIDE = 0.5  # [s] before the first flight that is changed, and after the last, that is played
+STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
 RATE = 60.0  # [Hz] of what is played
 SCRIPTS = ("theme.js", "motion.js", "camera.js", "stage.js", "player.js", "pair.js")
 TITLES = ("flight, s", "what", "duration, s", "joints, deg", "base, deg", "torque", "rate", "feet, mm", "why not")
 
 
-def write_repair_page(repaired: Clip, told: ClipRepair, path: str | Path) -> Path:
+def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> Path:
     """Write a page about a clip that was repaired.
 
     Parameters
     ----------
     repaired : Clip
-    told : ClipRepair
+    repair : ClipRepair
         What was done, with the clip as it was.
     path : of the page
     """
-    clip = told.before.clip
-    after = check_clip(repaired, told.before.gravity)
-    rows = [_row(each) for each in told.flights]
+    clip = repair.before.clip
+    after = check_clip(repaired, repair.before.gravity)
+    rows = [_row(flight) for flight in repair.flights]
     parts = [html_table("", rows, TITLES) if rows else ""]
-    parts += [f"<h2>{words}</h2>{clip_facts(check)}" for words, check in (("before", told.before), ("after", after))]
-    pair = [
-        {"name": name, "motion": motion_data(each, *_played(each, told))}
-        for name, each in (("before", clip), ("after", repaired))
-    ]
-    done = sum(each.repaired is not None and each.repaired.repairable for each in told.flights)
+    parts += [f"<h2>before</h2>{clip_facts(repair.before)}", f"<h2>after</h2>{clip_facts(after)}"]
+    pair = []
+    for name, shown in (("before", clip), ("after", repaired)):
+        begin, end = _played(shown, repair)
+        pair.append({"name": name, "motion": motion_data(shown, begin, end)})
+    done = sum(flight.repaired is not None and flight.repaired.repairable for flight in repair.flights)
     data: dict[str, Any] = {
         "name": f"{clip.path.name}: repaired",
-        "question": f"{clip.robot.name}, {done} of {len(told.flights)} flights planned anew",
+        "question": f"{clip.robot.name}, {done} of {len(repair.flights)} flights planned anew",
         "version": version("floatplan"),
-        "pair": plain(pair),
+        "pair": json_value(pair),
     }
     facts = {"facts": "".join(parts)}
     styles = ("report.css", "pair.css")
@@ -63,38 +63,42 @@ def write_repair_page(repaired: Clip, told: ClipRepair, path: str | Path) -> Pat
     return write_atomically(path, made)
 
 
-def _row(each: FlightRepair) -> list[str]:
-    flight = each.flight
+def _row(flight_repair: FlightRepair) -> list[str]:
+    flight = flight_repair.flight
     when = f"{flight.begin:.2f} to {flight.end:.2f}"
-    found = each.repaired
-    if found is None:
+    repaired = flight_repair.repaired
+    if repaired is None:
         return [when, "left as it is"] + [""] * (len(TITLES) - 2)
     changes = ["", ""]
-    if found.plan is not None:
-        changes = [f"{np.rad2deg(value):.2g}" for value in (found.joints_rms, found.base_largest)]
-    shares = ["" if share is None else f"{100 * share[0]:.0f} %" for share in (found.torque_share, found.rate_share)]
+    if repaired.plan is not None:
+        changes = [f"{np.rad2deg(value):.2g}" for value in (repaired.joints_rms, repaired.base_largest)]
+    shares = [_percent(repaired.torque_share), _percent(repaired.rate_share)]
     return [
         when,
-        str(found.choice) if found.repairable else "not repairable",
-        f"{flight.duration:.3f} to {found.duration:.3f}",
+        str(repaired.choice) if repaired.repairable else "not repairable",
+        f"{flight.duration:.3f} to {repaired.duration:.3f}",
         *changes,
         *shares,
-        f"{1e3 * each.seam_foot:.2f}",
-        found.reason,
+        f"{1e3 * flight_repair.seam_foot:.2f}",
+        repaired.reason,
     ]
 
 
-def _played(clip: Clip, told: ClipRepair) -> tuple[float, float]:
-    """From when to when a clip is played, s: its flights that were changed, and a little of the stances beside them."""
-    changed = [number for number, each in enumerate(told.flights) if each.repaired is not None]
-    if not changed or len(clip.flights) != len(told.flights):
+def _percent(share: tuple[float, str] | None) -> str:
+    return "" if share is None else f"{100 * share[0]:.0f} %"
+
+
+def _played(clip: Clip, repair: ClipRepair) -> tuple[float, float]:
+    """From when to when a clip is played, s: its flights that were changed, and a little of the stances around them."""
+    changed = [number for number, flight in enumerate(repair.flights) if flight.repaired is not None]
+    if not changed or len(clip.flights) != len(repair.flights):
         return 0.0, min(clip.duration, LONGEST)
-    begin = max(clip.flights[changed[0]].begin - BESIDE, 0.0)
-    return begin, min(clip.flights[changed[-1]].end + BESIDE, clip.duration, begin + LONGEST)
+    begin = max(clip.flights[changed[0]].begin - STANCE_SPAN, 0.0)
+    return begin, min(clip.flights[changed[-1]].end + STANCE_SPAN, clip.duration, begin + LONGEST)
 
 
 def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
-    """Return a part of a clip as the page's moving robot has it: columns at equal steps of time, and the floor."""
+    """Return an interval of a clip as the page's moving robot has it: columns at equal steps of time, and the floor."""
     robot = clip.robot
     times = np.linspace(begin, end, max(int((end - begin) * RATE), 4) + 1)
     poses = clip.curve.poses(times)

@@ -7,6 +7,7 @@ the centre of mass takes as long as it needs to fall; "raise" keeps the duration
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -35,7 +36,7 @@ AUTO = "auto"
 SHARES = {
     "retime": 0.0,
     "raise": 1.0,
-}  # [-] of the clip's own duration in that of the repaired flight; the rest is the fall's
+}  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
 CHOICE = one_of(*SHARES, AUTO, or_number=number(Range(0.0, 1.0, "")))
 DEGREES = ((0.35, 9), (0.7, 11), (math.inf, 13))  # [s, -] degree of the polynomials of flights no longer than that
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
@@ -46,19 +47,19 @@ FULL = 1.0  # [-] share of a limit
 HOPELESS = 20.0  # [-] share of a limit, above which no flight within the limits is looked for: it takes seconds
 INSIDE = 0.97  # [-] of the limits that a flight which exceeds them is planned again within
 LARGEST_CHANGE = math.radians(30.0)  # [rad] of a joint: a flight that is changed more is another motion
-HALF_TURN = math.pi / 2  # [rad] of rotation from takeoff to landing, below which the shortest way is the clip's
+QUARTER_ROTATION = math.pi / 2  # [rad] of rotation from takeoff to landing, below which the shortest way is the clip's
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
 
 
 @dataclass(frozen=True, eq=False)
 class RepairedFlight:
-    """A flight of a clip and the plan in its place.
+    """A flight of a clip and the plan that replaces it.
 
     Attributes
     ----------
     flight : ClipFlight
     plan : Plan, optional
-        None where none was found.
+        None where there is none.
     choice : "retime", "raise", or a number between both
     joints_rms, joints_largest : rad, by which joints differ from the clip's
     base_largest : rad, by which the base's attitude does, along the way
@@ -83,7 +84,7 @@ class RepairedFlight:
 
     @property
     def repairable(self) -> bool:
-        """Whether there is a plan in its place, within the robot's limits and near to the clip."""
+        """Whether there is a plan instead, within the robot's limits and near to the clip."""
         return not self.reason
 
 
@@ -99,18 +100,18 @@ def repair_flight(
     degree : of the polynomials (12); by the flight's duration where left out
     gravity : m/s^2
     """
-    wanted: tuple[str | float, ...] = tuple(SHARES) if choice == AUTO else (choice,)
+    shares: tuple[str | float, ...] = tuple(SHARES) if choice == AUTO else (choice,)
     tried: list[RepairedFlight] = []
-    for each in wanted:
-        found = _planned(clip, flight, each, degree, gravity)
-        if found.repairable:
-            return found
-        tried.append(found)
-    return min(tried, key=lambda found: (found.plan is None, _largest_share(found), found.joints_largest))
+    for share in shares:
+        repaired = _planned(clip, flight, share, degree, gravity)
+        if repaired.repairable:
+            return repaired
+        tried.append(repaired)
+    return min(tried, key=lambda repaired: (repaired.plan is None, _largest_share(repaired), repaired.joints_largest))
 
 
-def _largest_share(found: RepairedFlight) -> float:
-    shares = (found.rate_share, found.torque_share)
+def _largest_share(repaired: RepairedFlight) -> float:
+    shares = (repaired.rate_share, repaired.torque_share)
     return max((share[0] for share in shares if share is not None), default=0.0)
 
 
@@ -122,12 +123,12 @@ def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | 
     plan = plan_flight(problem)
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
-    found = _judged(clip, flight, choice, plan)
-    if not FULL < _largest_share(found) <= HOPELESS:
-        return found
+    nearest = _judged(clip, flight, choice, plan)
+    if not FULL < _largest_share(nearest) <= HOPELESS:
+        return nearest
     limits = _limits_within(problem, INSIDE)
     within = plan_flight(replace(problem, limits=limits))
-    return _judged(clip, flight, choice, within) if within.ok else found
+    return _judged(clip, flight, choice, within) if within.ok else nearest
 
 
 def _none(flight: ClipFlight, choice: str | float, reason: str) -> RepairedFlight:
@@ -137,13 +138,14 @@ def _none(flight: ClipFlight, choice: str | float, reason: str) -> RepairedFligh
 def _limits_within(problem: Problem, share: float) -> Limits:
     """The limits of the robot's file, less a margin."""
     robot = problem.robot
-    rates = zip(robot.motors, robot.motor_velocity_limits.tolist(), strict=True)
-    torques = zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True)
-    return replace(
-        problem.limits,
-        velocity={motor: share * limit for motor, limit in rates if math.isfinite(limit)} or "none",
-        torque={motor: share * limit for motor, limit in torques if math.isfinite(limit)} or "none",
-    )
+    rates = _finite_limits(robot.motors, share * robot.motor_velocity_limits)
+    torques = _finite_limits(robot.motors, share * robot.motor_torque_limits)
+    return replace(problem.limits, velocity=rates or "none", torque=torques or "none")
+
+
+def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
+    """Limits by motor, those without one left out."""
+    return {motor: limit for motor, limit in zip(motors, limits.tolist(), strict=True) if math.isfinite(limit)}
 
 
 def flight_problem(
@@ -172,15 +174,15 @@ def flight_problem(
     chosen = degree or next(value for longest, value in DEGREES if duration <= longest)
     rates = _end_rates(planned, (low + high) / 2, (high - low) / 2, duration, chosen)
     goal_angles = _attitudes_of_ends(clip, flight)
-    postures = [
-        Posture(
+    postures = []
+    for end in (0, 1):
+        posture = Posture(
             orientation=goal_angles[end],
             positions=tuple(planned[end].tolist()),
             velocities=tuple(rates[end].tolist()),
             accelerations="free",
         )
-        for end in (0, 1)
-    ]
+        postures.append(posture)
     across = (com[1, :2] - com[0, :2]) / duration
     instants = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
     reference = clip.curve.positions(instants)[:, columns]
@@ -229,10 +231,10 @@ def _end_rates(positions: Array, centre: Array, amplitude: Array, duration: floa
     free = s * (1.0 - s) * legendre
     weights = np.sqrt(grid.weights)[:, None]
     smooth = ROUGHNESS * np.diag(np.arange(degree - 1) ** 2.0)
-    wanted = weights * (between - first - s * (last - first))
+    targets = weights * (between - first - s * (last - first))
     coefficients, *_ = np.linalg.lstsq(
         np.concatenate((weights * free, smooth)),
-        np.concatenate((wanted, np.zeros((degree - 1, len(centre))))),
+        np.concatenate((targets, np.zeros((degree - 1, len(centre))))),
         rcond=None,
     )
     at_ends = np.polynomial.legendre.legvander(np.array([-1.0, 1.0]), degree - 2) @ coefficients
@@ -241,14 +243,14 @@ def _end_rates(positions: Array, centre: Array, amplitude: Array, duration: floa
 
 
 def _attitudes_of_ends(clip: Clip, flight: ClipFlight) -> tuple[Attitude, Attitude]:
-    """Attitudes at takeoff and landing; of more than a quarter of a turn as angles, which count whole turns."""
+    """Attitudes at takeoff and landing; of more than 90 degrees as angles, which count whole rotations."""
     instants = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
     attitudes = clip.curve.attitudes(instants)
     steps = logarithm(np.swapaxes(attitudes[:-1], 1, 2) @ attitudes[1:])
     turned = float(np.linalg.norm(steps, axis=1).sum())
-    if turned < HALF_TURN:
+    if turned < QUARTER_ROTATION:
         quaternions = Rotation.from_matrix(attitudes[[0, -1]]).as_quat()
-        first, last = (Attitude(quaternion_xyzw=tuple(each.tolist())) for each in quaternions)
+        first, last = (Attitude(quaternion_xyzw=tuple(quaternion.tolist())) for quaternion in quaternions)
         return first, last
     orders = ("yxz", "xyz", "zyx", "yzx", "xzy", "zxy")
     unwrapped = {axes: unwrapped_angles(axes, attitudes) for axes in orders}
@@ -274,13 +276,12 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> 
     rate_share = largest_share(rates, robot.motor_velocity_limits, robot.motors)
     torque_share = largest_share(torques, robot.motor_torque_limits, robot.motors)
     largest = float(np.abs(change).max())
-    reasons = [
-        f"{motor} needs {100 * share:.0f} % of its {what}"
-        for what, found in (("rate", rate_share), ("torque", torque_share))
-        if found is not None
-        for share, motor in [found]
-        if share > FULL
-    ]
+    reasons = []
+    for quantity, largest_use in (("rate", rate_share), ("torque", torque_share)):
+        if largest_use is not None:
+            share, motor = largest_use
+            if share > FULL:
+                reasons.append(f"{motor} needs {100 * share:.0f} % of its {quantity}")
     if largest > LARGEST_CHANGE:
         joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]
         reasons.append(f"{joint} would move {math.degrees(largest):.0f} degrees from the clip")

@@ -32,7 +32,7 @@ def plan_velocities(plan: Plan, times: Array) -> Array:
 
 
 class RepairedMotion:
-    """A clip with plans in place of some of its flights, and its stances brought to meet them.
+    """A clip with plans instead of some of its flights, and its stances changed to meet them.
 
     Parameters
     ----------
@@ -44,14 +44,15 @@ class RepairedMotion:
         self._clip = clip
         self._plans = plans
         flights = clip.flights
-        factors = [
-            plans[number].duration / flight.duration if number in plans else 1.0
-            for number, flight in enumerate(flights)
-        ]
+        factors = [1.0] * len(flights)
+        for number, plan in plans.items():
+            factors[number] = plan.duration / flights[number].duration
         self.clock = Clock.of(clip.duration, flights, factors)
         begins = self.clock.to_new(np.array([flight.begin for flight in flights]))
         self.begins = {number: float(begins[number]) for number in plans}
-        self._seams = [seam for number in plans for seam in self._seams_of(number, factors[number])]
+        self._seams: list[Seam] = []
+        for number in plans:
+            self._seams += self._seams_of(number, factors[number])
 
     def _seams_of(self, number: int, pace: float) -> list[Seam]:
         """Where the stances before and after a flight meet it."""
@@ -71,7 +72,7 @@ class RepairedMotion:
             of_clip = clip.curve.velocities(np.array([at]))
             change = velocity_difference(own, (of_clip[0][0], of_clip[1][0], of_clip[2][0]), pace, attitude)
             instant = self.begins[number] + local
-            seams.append(Seam(instant=instant, sign=sign, room=min(RAMP, 0.5 * free), change=change))
+            seams.append(Seam(instant=instant, sign=sign, span=min(RAMP, 0.5 * free), change=change))
         return seams
 
     def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
@@ -85,20 +86,20 @@ class RepairedMotion:
     def configurations(self, times: Array) -> Array:
         """Configurations (K, 7 + J) at times (K,), s."""
         clip_times = self.clock.to_clip(times)
-        found = np.empty((len(times), self._clip.robot.model.nq))
+        configurations = np.empty((len(times), self._clip.robot.model.nq))
         stands = np.ones(len(times), np.bool_)
         for plan, inside, local in self._in_flight(times):
-            found[inside] = plan_configurations(plan, local)
+            configurations[inside] = plan_configurations(plan, local)
             stands &= ~inside
-        found[stands] = stance_configurations(self._clip, clip_times[stands], times[stands], self._seams)
-        return found
+        configurations[stands] = stance_configurations(self._clip, clip_times[stands], times[stands], self._seams)
+        return configurations
 
     def velocities(self, times: Array) -> Array:
         """Velocities (K, 6 + J) of Pinocchio's model at times (K,): of plans their own, in stances by differences."""
-        found = np.empty((len(times), self._clip.robot.model.nv))
+        velocities = np.empty((len(times), self._clip.robot.model.nv))
         stands = np.ones(len(times), np.bool_)
         for plan, inside, local in self._in_flight(times):
-            found[inside] = plan_velocities(plan, local)
+            velocities[inside] = plan_velocities(plan, local)
             stands &= ~inside
         at = times[stands]
         early = np.clip(at - STEP, 0.0, self.clock.duration)
@@ -108,8 +109,8 @@ class RepairedMotion:
         turned = Rotation.from_quat(before[:, 3:7]).inv() * Rotation.from_quat(after[:, 3:7])
         linear = Rotation.from_quat(middle[:, 3:7]).apply((after[:, :3] - before[:, :3]) / passed, inverse=True)
         joints = (after[:, 7:] - before[:, 7:]) / passed
-        found[stands] = np.concatenate((linear, turned.as_rotvec() / passed, joints), axis=1)
-        return found
+        velocities[stands] = np.concatenate((linear, turned.as_rotvec() / passed, joints), axis=1)
+        return velocities
 
     def clip(self, rate: float) -> Clip:
         """The same as a clip of so many frames a second."""

@@ -1,4 +1,4 @@
-"""What the stances beside a repaired flight would take of the ground: they are bent, not planned."""
+"""Forces of the stances before and after a repaired flight: they are bent, not planned."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ DIRECTIONS = np.stack([np.cos(ANGLES), np.sin(ANGLES)], axis=1)
 
 @dataclass(frozen=True, eq=False)
 class StanceFigures:
-    """What the stances beside a repaired flight would take.
+    """Forces of the stances before and after a repaired flight.
 
     Attributes
     ----------
-    vertical_least : least vertical force of the ground, in shares of the weight; negative where it would have to pull
-    friction : the largest share of horizontal in vertical force; infinite where it would have to pull
+    vertical_least : least vertical force of the ground, in shares of the weight; negative where that would be adhesive
+    friction : the largest share of horizontal in vertical force; infinite where it would have to be adhesive
     pressure_outside : m, by which the centre of pressure is outside of the feet that stand, at most
     """
 
@@ -64,11 +64,11 @@ def stance_figures(clip: Clip, configurations: Array, clip_times: Array, step: f
     reach, ground = _reach(clip, standing, clip_times[inner])
     pressure = _centre_of_pressure(com[inner], force, moment, ground)
     outside = (pressure @ DIRECTIONS.T - reach).max(axis=1)
-    known = (force[:, 2] > LOADED) & np.isfinite(outside)
+    loaded = (force[:, 2] > LOADED) & np.isfinite(outside)
     return StanceFigures(
         vertical_least=float(force[:, 2].min()),
         friction=float(friction.max()),
-        pressure_outside=float(outside[known].max(initial=0.0)),
+        pressure_outside=float(outside[loaded].max(initial=0.0)),
     )
 
 
@@ -100,8 +100,8 @@ def _reach(clip: Clip, poses: BodyPoses, clip_times: Array) -> tuple[Array, Arra
         for solid in solids:
             points = poses.points(body, solid.points)
             # a ball is round about its middle: below that is its lowest point
-            round_part = lowest_point(poses, [solid])[:, 2] - points[..., 2].min(axis=1)
-            heights = points[..., 2] + round_part[:, None]
+            below_points = lowest_point(poses, [solid])[:, 2] - points[..., 2].min(axis=1)
+            heights = points[..., 2] + below_points[:, None]
             on_ground = (heights < lowest[:, None] + SOLE) & (clearances[:, foot, None] < FOOT_CLEARANCE)
             along = np.where(on_ground[..., None], points[..., :2] @ DIRECTIONS.T, -np.inf)
             reach = np.maximum(reach, along.max(axis=1))

@@ -1,7 +1,7 @@
-"""The stances beside repaired flights: they meet these with their speeds, and feet stay where the clip has them.
+"""The stances around repaired flights: they meet these with their speeds, and feet stay where the clip has them.
 
 The clip runs on in its own time around a flight. Where the flight's velocities differ from it the base and the joints
-take them over, and lose them within a part of the stance; then the legs are bent so that feet near the ground are where
+take them over, and lose them before the stance is over; then the legs are bent so that feet near the ground are where
 the clip has them.
 """
 
@@ -23,12 +23,12 @@ from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
-HELD = 0.02  # [m] over the ground, up to which feet are held to the clip
+FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
 LOOSE = 0.05  # [m] over the ground, from where on they are not
 ROUNDS = 8  # [-] of Gauss and Newton at most
 CLOSE = 1e-8  # [rad] of a step, which is the last
 DAMPING = 1e-7  # [m^2] of the squared change of joints
-SOLE = 0.01  # [m/rad] that an attitude counts beside a place: with fewer than six joints the place comes first
+SOLE = 0.01  # [m/rad] that an attitude counts relative to a position: with fewer than six joints the position wins
 FREE = 5  # [-] of a joint's number less in the model than its column in a configuration
 
 
@@ -40,20 +40,20 @@ class Seam:
     ----------
     instant : s, of the repaired clip
     sign : 1 where the stance follows, -1 where it is before
-    room : s
+    span : s
     change : (6 + J,) of the base in the world, m/s and rad/s, and of the joints: the flight's less the clip's
     """
 
     instant: float
     sign: float
-    room: float
+    span: float
     change: Array
 
     def moved(self, times: Array) -> Array:
-        """By how much (K, 6 + J) base and joints are moved at times (K,), s: ``u (1 - u/room)^3`` times the change."""
+        """By how much (K, 6 + J) base and joints are moved at times (K,), s: ``u (1 - u/span)^3`` times the change."""
         passed = self.sign * (times - self.instant)
-        inside = (passed > 0) & (passed < self.room)
-        shape = np.where(inside, passed * (1.0 - passed / max(self.room, 1e-9)) ** 3, 0.0)
+        inside = (passed > 0) & (passed < self.span)
+        shape = np.where(inside, passed * (1.0 - passed / max(self.span, 1e-9)) ** 3, 0.0)
         return self.sign * shape[:, None] * self.change
 
 
@@ -73,31 +73,31 @@ def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Se
         moved += seam.moved(times)
     turned = Rotation.from_rotvec(moved[:, 3:BASE]) * Rotation.from_matrix(curve.attitudes(clip_times))
     bases = curve.base_positions(clip_times) + moved[:, :3]
-    found = np.concatenate((bases, turned.as_quat(), positions + moved[:, BASE:]), axis=1)
+    configurations = np.concatenate((bases, turned.as_quat(), positions + moved[:, BASE:]), axis=1)
     is_moved = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
     if len(is_moved):
-        found[is_moved] = _with_feet_held(clip, found[is_moved], clip_times[is_moved])
-    return found
+        configurations[is_moved] = _with_feet_fixed(clip, configurations[is_moved], clip_times[is_moved])
+    return configurations
 
 
-def _with_feet_held(clip: Clip, configurations: Array, clip_times: Array) -> Array:
+def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array) -> Array:
     """Configurations (K, 7 + J) with the legs bent so that feet near the ground are where the clip has them."""
     scene = clip.scene
-    held = configurations.copy()
-    shares = np.clip((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - HELD), 0.0, 1.0)
+    bent = configurations.copy()
+    shares = np.clip((LOOSE - scene.foot_clearances(clip_times)) / (LOOSE - FIXED), 0.0, 1.0)
     chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
     for foot, chain in enumerate(chains):
-        others = {joint for other, joints in enumerate(chains) if other != foot for joint in joints}
+        others = set[int]().union(*chains[:foot], *chains[foot + 1 :])
         leg = [joint for joint in chain if joint not in others]
         near = np.flatnonzero(shares[:, foot] > 0)
         if not (leg and len(near)):
             continue
         targets = clip.curve.poses(clip_times[near])
-        bent = _bent(clip.robot, configurations[near], chain, leg, targets, scene.foot_solids[foot])
+        angles = _bent(clip.robot, configurations[near], chain, leg, targets, scene.foot_solids[foot])
         columns = FREE + np.array(leg)
-        change = shares[near, foot, None] * (bent - configurations[near][:, columns])
-        held[near[:, None], columns] += change
-    return held
+        change = shares[near, foot, None] * (angles - configurations[near][:, columns])
+        bent[near[:, None], columns] += change
+    return bent
 
 
 def _chain(robot: Robot, body: int) -> list[int]:
@@ -119,14 +119,14 @@ def _bent(
 ) -> Array:
     """Positions (K, m) of the m joints of a leg that bring its foot to where it is to be.
 
-    Steps of Gauss and Newton, damped, of all K instants at once. What is held is the point of the foot that is lowest,
+    Steps of Gauss and Newton, damped, of all K instants at once. The target is of the point of the foot that is lowest,
     and its attitude as far as the leg has joints for that.
 
     Parameters
     ----------
     configurations : (K, 7 + J)
     chain : joints from the base to the foot
-    leg : those of them that move this foot alone
+    leg : those of them that move this foot only
     targets : K poses of all bodies
     solids : the foot's shapes
     """
@@ -140,8 +140,8 @@ def _bent(
     for _ in range(ROUNDS):
         poses = body_poses(robot, configurations[:, :3], attitudes, positions, chain)
         point = on_body(poses, body, local)
-        turn = logarithm(targets.rotations[:, body] @ np.swapaxes(poses.rotations[:, body], 1, 2))
-        miss = np.concatenate((target - point, SOLE * turn), axis=1)
+        rotation = logarithm(targets.rotations[:, body] @ np.swapaxes(poses.rotations[:, body], 1, 2))
+        miss = np.concatenate((target - point, SOLE * rotation), axis=1)
         sliding = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, :3])
         turning = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, 3:])
         arms = point[:, None] - poses.places[:, leg]
@@ -155,7 +155,7 @@ def _bent(
 
 
 def foot_misses(clip: Clip, clip_times: Array, configurations: Array) -> Array:
-    """By how much (K, F), m, feet that are held are off the clip's, at times of the clip; 0 of others."""
+    """By how much (K, F), m, feet that should stay are off the clip's, at times of the clip; 0 of others."""
     scene = clip.scene
     own = clip.curve.poses(clip_times)
     new = body_poses(clip.robot, configurations[:, :3], of_quaternions(configurations[:, 3:7]), configurations[:, 7:])
@@ -163,13 +163,13 @@ def foot_misses(clip: Clip, clip_times: Array, configurations: Array) -> Array:
     for foot, (body, solids) in enumerate(zip(scene.foot_bodies, scene.foot_solids, strict=True)):
         target = lowest_point(own, solids)
         misses[:, foot] = np.linalg.norm(on_body(new, body, in_body(own, body, target)) - target, axis=1)
-    return np.where(scene.foot_clearances(clip_times) < HELD, misses, 0.0)
+    return np.where(scene.foot_clearances(clip_times) < FIXED, misses, 0.0)
 
 
 def velocity_difference(
     flight: Array, clip_velocities: tuple[Array, Array, Array], pace: float, attitude: Array
 ) -> Array:
-    """The change (6 + J,) of a seam: a flight's velocity (6 + J,), its base's part in the base's axes, less the clip's.
+    """The change (6 + J,) of a seam: a flight's velocity (6 + J,), the base's components in its axes, less the clip's.
 
     The clip's are of its own time; a second of the clip is ``pace`` seconds of the repaired one.
     """
@@ -178,6 +178,6 @@ def velocity_difference(
     return own - np.concatenate((linear, angular, joints)) / pace
 
 
-def turn_between(first: Array, second: Array) -> float:
+def angle_between(first: Array, second: Array) -> float:
     """Angle, rad, between two attitudes (3, 3)."""
     return float(np.linalg.norm(logarithm((first @ second.T)[None])))

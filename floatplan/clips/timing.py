@@ -1,6 +1,6 @@
 """How long a repaired flight takes, and how the time of a clip runs around it.
 
-A flight that takes rho times as long as in the clip is the clip played slower in the air by that; in the stances beside
+A flight that takes rho times as long as in the clip is the clip played slower in the air by that; in the stances around
 it the clock goes from one pace to the other over a ramp, so that no speed jumps.
 """
 

@@ -85,7 +85,7 @@ def _mimickit(clip: Clip) -> bytes:
 
 
 def _continuous_vectors(turns: Array) -> Array:
-    """Rotation vectors (N, 3), rad, each of the two nearest to half a turn that is nearer to the one before."""
+    """Rotation vectors (N, 3), rad, each of the two nearest to 180 degrees that is nearer to the one before."""
     continuous = turns.copy()
     for frame in range(1, len(continuous)):
         angle = float(np.linalg.norm(continuous[frame]))

@@ -121,7 +121,7 @@ def exported(
 ) -> Exported:
     """Return a motion as exporters read it.
 
-    There are gains where one is given, or where the motion is a jump, which no motor follows without. Defaults of a
+    There are gains where there is one, or where the motion is a jump, which no motor tracks without. Defaults of a
     jump are those with which :func:`floatplan.replay_jump` begins to search,
     :func:`floatplan.simulation.gains.first_gains`. Of a plan the default stiffness of a joint is ``BANDWIDTH**2`` times
     the inertia that it moves at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and its

@@ -9,13 +9,13 @@ import numpy as np
 
 from floatplan.arguments import FINITE, Outlined
 from floatplan.arrays import Array, read_only
-from floatplan.files import plain
+from floatplan.files import json_value
 from floatplan.inflight.estimate import Estimate, adapted
 from floatplan.inflight.remaining_motion import Rewriting
 from floatplan.inflight.replanner import REACHED, Replanner
 from floatplan.inflight.update import Update
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.plan import Plan, as_plan
 from floatplan.pool import one_thread
 
 SHARES = (0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9)  # [-] of the flight, when corrections begin
@@ -55,7 +55,7 @@ class Authority(Outlined):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --authority --json`` prints."""
-        facts: dict[str, Any] = plain({name: getattr(self, name) for name in self.__dataclass_fields__})
+        facts: dict[str, Any] = json_value({name: getattr(self, name) for name in self.__dataclass_fields__})
         return facts
 
 
@@ -77,7 +77,7 @@ def authority(plan: Plan | str | Path) -> Authority:
     InputError
         The plan reaches no goal, or has no angular momentum to be wrong.
     """
-    plan = given_plan(plan)
+    plan = as_plan(plan)
     replanner = Replanner(plan, CORRECTIONS / plan.duration)
     times = plan.duration * np.array(SHARES)
     real = Update(plan.robot.tree, replanner.views, Rewriting(plan), 1.0, 1.0)

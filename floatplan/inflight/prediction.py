@@ -22,7 +22,7 @@ from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.planning.kernel_input.rows import SUMMED, Block, DistanceRows, can_write
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
-from floatplan.problem.problem import Problem, Shares, shares_of_limits
+from floatplan.problem.problem import Problem, Shares
 from floatplan.robot.robot import LinkCapsule, PlanarTree
 from floatplan.tables import LIMIT_TABLE
 
@@ -66,7 +66,7 @@ def limit_rows(problem: Problem) -> list[LimitRows]:
         Corrections in flight do not know a limit.
     """
     rows = []
-    for shares in shares_of_limits(problem):
+    for shares in problem.limit_shares:
         for quantity in shares.used.keys() - SUMMED:
             raise InputError(
                 f"corrections in flight do not know limits of {quantity}",

@@ -23,7 +23,7 @@ from floatplan.inflight.update import Corrected, Update
 from floatplan.inflight.warm_starts import WarmStarts
 from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.plan import Plan, as_plan
 from floatplan.pool import one_thread
 
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
@@ -113,7 +113,7 @@ class Replanner:
     def __init__(
         self, plan: Plan | str | Path, rate: float = 200.0, sigma: float = 0.001, acceleration: float | None = None
     ) -> None:
-        plan = given_plan(plan)
+        plan = as_plan(plan)
         rate = positive(1e5, "Hz")(rate, "rate")
         sigma = positive(LARGEST)(sigma, "sigma")
         acceleration = optional(positive(LARGEST))(acceleration, "acceleration")

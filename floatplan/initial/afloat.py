@@ -1,4 +1,4 @@
-"""Flights afloat, without gravity and angular momentum: between postures at rest, the base rotated by the joints."""
+"""Flights afloat, without gravity and angular momentum: between motionless postures, the base rotated by the joints."""
 
 import math
 from collections.abc import Iterator
@@ -39,7 +39,7 @@ def limits_of(chosen: ChosenRobot) -> Limits:
 
 
 def problems_afloat(chosen: ChosenRobot, duration: float | None = None) -> Iterator[Problem]:
-    """Yield problems without gravity and angular momentum, between postures at rest: smaller and slower ones later.
+    """Yield problems without gravity and angular momentum, between motionless postures: smaller and slower ones later.
 
     Of the directions in which the joints may move they take those that rotate the base farthest. All have the same
     duration, s, where that is set.
@@ -100,7 +100,7 @@ def _rotations(chosen: ChosenRobot, start: Array, goals: Array) -> Array:
 def planned_afloat(problem: Problem) -> tuple[tuple[Problem, Plan] | None, float]:
     """Return a problem with its proved plan without warnings, and the work of the search, instants of one body.
 
-    It is the plan that ``floatplan plan`` makes, given up where that takes long. Where only a locked joint bears too
+    It is the plan that ``floatplan plan`` makes, abandoned where that takes long. Where only a locked joint bears too
     much, it is one that moves more calmly; where links overlap, one that separates them, or else it has that warning.
     """
     work = 0.0

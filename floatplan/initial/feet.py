@@ -51,7 +51,7 @@ def feet(robot: Robot, requested: str | None = None) -> tuple[str, ...]:
         low_limbs = _low(others, bottom, lowest + near)
         if _over(robot, low_limbs.values(), near):
             legs = low_limbs
-    distinct: dict[tuple[float, ...], str] = {}  # by how they turn: one of left and right
+    distinct: dict[tuple[float, ...], str] = {}  # by how they rotate: one of left and right
     if requested is not None and requested in robot.frames:
         distinct[tuple(tree.turns[robot.frames[requested].body].tolist())] = requested
     for body, frame in sorted(legs.items(), key=lambda leg: bottom[leg[1]]):

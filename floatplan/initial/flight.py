@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import without
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, problems_afloat, warnings_in_plane
@@ -30,7 +31,7 @@ DIGITS = 6  # [-] of numbers of a jump in the problem file
 
 
 class NoFlightError(FloatplanError):
-    """No requested jump was found whose flight is proved, nor a flight afloat without warnings."""
+    """There is no requested jump whose flight is proved, nor a flight afloat without warnings."""
 
 
 def jump_problem(chosen: ChosenRobot, turns: int, options: InitOptions) -> Problem:
@@ -84,7 +85,7 @@ def flight_of_jump(jump: Jump, flight: Plan) -> Problem:
 
 
 def _contacts(stance: Stance) -> tuple[str, ...]:
-    """Frames that stand, as problem files name them: of a sole that stands on its toe alone, that."""
+    """Frames that stand, as problem files name them: of a sole that stands only on its toe, that."""
     frames = [contact.frame for contact in stance.contacts]
     names: dict[str, None] = {}
     for contact in stance.contacts:
@@ -115,8 +116,8 @@ class FirstFlight:
     ----------
     problem : Problem
     plan : Plan
-        That of a jump may have warnings, which are reported: a jump that was found is not exchanged for less.
-    reasons : why it is no more than it is; empty where it is of a jump with a whole turn
+        That of a jump may have warnings, which are reported: a jump is not replaced by less.
+    reasons : why it is no more than it is; empty where it is of a jump with a whole rotation
     jump : the jump around it; None where it is afloat
     """
 
@@ -159,7 +160,7 @@ def requested_flight(
         for name, word in list({**options.typed, **words}.items())[:most]:
             progress(f"without {word}")
             fewer = replace(options, **{name: getattr(InitOptions, name)}) if name in options.typed else options
-            others = {key: value for key, value in robot_options.items() if key != name}
+            others = without(robot_options, (name,))
             try:
                 other = chosen_robot(source, others, fewer.foot, fewer.posture)
                 first_flight(other, fewer, seed=seed, progress=progress, afloat=False)
@@ -180,7 +181,7 @@ def first_flight(
     progress: Callable[[str], None] | None = None,
     afloat: bool = True,
 ) -> FirstFlight:
-    """Search for the flight of a jump, with a whole turn, else without; where there is none, for one in free fall.
+    """Search for the flight of a jump, with a whole rotation, else without; where there is none, for one in free fall.
 
     Parameters
     ----------
@@ -199,7 +200,7 @@ def first_flight(
     InputError
         The robot's geometry is wrong, it leaves its plane, or the options are impossible.
     NoFlightError
-        None of the jumps tried was found with a flight that is proved, and no flight afloat has no warnings.
+        None of the jumps tried has a flight that is proved, and no flight afloat has no warnings.
     """
     options = options or InitOptions()
     options.check(chosen)
@@ -322,7 +323,7 @@ def _is_proved(flight: Plan) -> bool:
 
 
 def _with_separated_links(first: Jump, seed: int, say: Callable[[str], None]) -> Jump:
-    """A jump whose links do not overlap, if one is found near the first; else that one, with its warning."""
+    """A jump whose links do not overlap, if there is one near the first; else that one, with its warning."""
     result = first
     for _ in range(2):  # since then other links may overlap
         problem = separated(result.problem, result.planned_positions, result.duration) if result.ok else None

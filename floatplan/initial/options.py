@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from floatplan.arguments import number
+from floatplan.arguments import number, without
 from floatplan.errors import InputError
 from floatplan.initial.feet import position, standing_height, upright
 from floatplan.initial.robots import ChosenRobot
@@ -45,7 +45,7 @@ class InitOptions:
     @property
     def typed(self) -> dict[str, str]:
         """The options that are set, as they are typed."""
-        options = {name: value for name, value in asdict(self).items() if name != "angles"}
+        options = without(asdict(self), ("angles",))
         if self.posture is not None and self.angles == "deg":
             options["posture"] = {joint: math.degrees(angle) for joint, angle in self.posture.items()}
         typed = {}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arguments import without
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.initial.feet import feet, named_foot, wheel_feet
@@ -88,7 +89,7 @@ def chosen_robot(
     """
     options = options or {}
     if "locked" in options and "coupled" not in options:
-        unlocked = {key: value for key, value in options.items() if key != "locked"}
+        unlocked = without(options, ("locked",))
         _refuse_halves(chosen_robot(source, unlocked, foot).robot, options["locked"])
     of_file = _FromFile.read(source, bool(options.get("balance_inertias")))
     reference: dict[str, str] = {}

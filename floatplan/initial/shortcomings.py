@@ -1,6 +1,6 @@
 """In what a first jump falls short of others: margin for errors where it lands, and feet that are well in the air.
 
-A jump that is found, but is not clear of the ground where it lands rotated by the usual pitch error, lacks margin for
+A jump that exists, but is not clear of the ground where it lands rotated by the usual pitch error, lacks margin for
 an error, not a motion: its request is changed to the errors at which it is clear, and a sentence says so.
 """
 
@@ -20,7 +20,7 @@ USUAL_PITCH_ERROR = JumpRequest().pitch_error  # rad
 
 
 def with_largest_pitch_error(jump: Jump) -> Jump:
-    """Return a jump that fails its check at touchdown alone with the request of the errors at which it is clear.
+    """Return a jump that fails its check only at touchdown with the request of the errors at which it is clear.
 
     That is the largest pitch error, a round number of degrees, up to which nothing but its feet touches the ground.
     Others are returned as they are.

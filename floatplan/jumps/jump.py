@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.jumps.check import JumpCheck, check_jump
 from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
@@ -104,7 +104,7 @@ class Jump(Outputs, JumpMotion):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as builtin data: what ``floatplan jump --json`` prints."""
-        facts: dict[str, Any] = plain(
+        facts: dict[str, Any] = json_value(
             {
                 "status": self.status,
                 "ok": self.ok,
@@ -135,7 +135,7 @@ class Jump(Outputs, JumpMotion):
             "flight": None if self.flight is None else self.flight.record.to_dict(),
             "stances": [{"side": side, **self.stance_table(stance)} for side, stances in sides for stance in stances],
         }
-        return json.dumps(plain(content), indent=1, allow_nan=False) + "\n"
+        return json.dumps(json_value(content), indent=1, allow_nan=False) + "\n"
 
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""

@@ -24,7 +24,7 @@ from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.setup import NodeMargins, Setup, corrected, side_setup
 from floatplan.jumps.variables import JumpSolution
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
-from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
@@ -115,7 +115,7 @@ def launch(
         The plan or the request is wrong, nothing can stand as requested, or CasADi is not installed.
     """
     casadi()
-    plan = given_plan(plan)
+    plan = as_plan(plan)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump
     if request is None:  # flights know frames and no feet
         request = JumpRequest(feet="points")

@@ -26,7 +26,7 @@ from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
-from floatplan.problem.file import given_problem
+from floatplan.problem.file import as_problem
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
@@ -82,7 +82,7 @@ def jump(
     casadi()
     kernel()  # an error of its own is none of a flight's
     file = None if isinstance(problem, Problem) else problem
-    problem = given_problem(problem)
+    problem = as_problem(problem)
     requested = _requested(problem, request, file)
     if requested is not problem.jump:
         problem = replace(problem, jump=requested)

@@ -220,7 +220,7 @@ class Setup:
     def program(self, margins: NodeMargins, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some margins, that is solved in so many iterations at most."""
         problem = self.problem
-        origin = problem.takeoff.place_in_plane
+        origin = problem.takeoff.planar_position
         separation = Separation(
             problem.robot,
             obstacles=problem.obstacles,

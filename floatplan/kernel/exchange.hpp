@@ -107,6 +107,7 @@ template <typename Flight> class Follower {
     Status status = infeasible;
     bool has_rows, is_best = false, is_bare = true;  // the last: no instants have joined those watched
     double objective = 0;  // of the best
+    double left_between = 0;  // of rows between the instants: by how much the last look found the lowest one too low
     double *extra, *watched, *start, *restored, *best, *looked_at;
 
     // From the best motion so far, once more. Without rows straight to the objective: what (14) alone lacks, the steps of the
@@ -178,6 +179,7 @@ template <typename Flight> class Follower {
         program.scale_equalities(*search.now);
         program.guess_hessian(*search.now, search.hessian);
         const Index begun = search.iterations;
+        left_between = 0;
         Index stages[3] = {0, 2};
         const Index last = has_rows ? 1 : choose_stages(level, stages);
         Index stage = 0;
@@ -185,12 +187,16 @@ template <typename Flight> class Follower {
             const bool is_last = stage == last;
             const bool is_free = !program.watches && problem.at_once;
             const double longest = is_free ? rules.longest_free_step : set.longest_step;
-            status = search.minimise(set.stages[stages[stage]], longest, is_last);
+            Stage own = set.stages[stages[stage]];
+            const double rough = is_last ? rules.between_left * left_between : 0;
+            const bool is_rough = rough > own.feasibility;
+            if (is_rough) own.feasibility = rough;
+            status = search.minimise(own, longest, is_last);
             if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
             if (!is_last) ++stage;
             const double error = set.stages[stages[stage]].quadrature_error;
             const Index needed = std::max(level, program.level_needed(*search.now, error));
-            bool finished = is_last && needed == level;
+            bool finished = is_last && needed == level && !(is_rough && search.now->worst > program.back_off / 4);
             if (search.iterations - begun > set.most_iterations) return;
             if (status == infeasible && (is_last || !(search.now->worst <= set.hopeless))) {
                 // What nearly holds may have no room inside its limits, but just as much as they leave.
@@ -260,11 +266,13 @@ template <typename Flight> class Follower {
         look();
         bool holds = true;
         Index news = 0;
+        left_between = 0;
         for (Index found = 0; found < minima.found; ++found) {
             const double s = minima.s[found], least = minima.least[found];
             if (!(s > rules.given && s < 1 - rules.given)) continue;
             const double room = program.back_off > 0 ? program.back_off : -problem.tolerance[minima.row[found]];
             if (least < rules.inside_enough * room) holds = false;
+            left_between = larger(left_between, rules.inside_enough * room - least);
             if (least < rules.watched && news < rules.most_instants) watched[news++] = s;
         }
         const Index all = news;

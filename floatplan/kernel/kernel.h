@@ -195,7 +195,7 @@ typedef struct {
 typedef struct {
     double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
     double nearly_promising, elastic_stalled;
-    double longest_free_step;
+    double longest_free_step, momentum_curvature, between_left;
     double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping;
     double regularisation, qp_tolerance;
     double evaluation, differentiation, entry, solving;  // work: of a program, and of an operation of a quadratic one
@@ -204,6 +204,7 @@ typedef struct {
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
     Index compiled_level, constrained_level, closer, watched_at_most;
     double looked_ahead, value_kept;
+    Index begins_with_active;
 } Exchange;
 
 // One search: starts followed to their ends, by number. Number 0 is the x given, others are drawn. What is asked stands

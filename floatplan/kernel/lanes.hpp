@@ -39,7 +39,9 @@ static inline double dot(const double *a, const double *b, Index size, double re
 }
 
 static inline void add(double factor, const double *values, Index size, double *result) {
-    for (Index k = 0; k < size; ++k) result[k] += factor * values[k];
+    Index k = 0;
+    for (; k + LANES <= size; k += LANES) store(result + k, load(result + k) + all(factor) * load(values + k));
+    for (; k < size; ++k) result[k] += factor * values[k];
 }
 
 // The same of as many numbers as whole vectors hold, several sums side by side.
@@ -60,11 +62,18 @@ static inline void multiply(const double *left, Index rows, Index inner, const d
         for (Index k = 0; k < inner; ++k) add(left[r * inner + k], right + k * columns, columns, result + r * columns);
 }
 
-// The same of a matrix (rows, inner) and a vector, bit for bit: sums of several rows side by side, as each waits for itself.
-static inline void multiply_vector(const double *matrix, Index rows, Index inner, const double *vector, double *result) {
-    zero(result, rows);
-    for (Index k = 0; k < inner; ++k)
-        for (Index r = 0; r < rows; ++r) result[r] += matrix[r * inner + k] * vector[k];
+// Sums dot(row, vector) of rows (rows, inner) that begin so far apart: of several rows side by side, as each waits for itself.
+static inline void multiply_vector(const double *matrix, Index rows, Index inner, Index apart, const double *vector,
+                                   double *result) {
+    constexpr Index side_by_side = 8;
+    Index r = 0;
+    for (; r + side_by_side <= rows; r += side_by_side, matrix += side_by_side * apart) {
+        double sums[side_by_side] = {};
+        for (Index k = 0; k < inner; ++k)
+            for (Index own = 0; own < side_by_side; ++own) sums[own] += matrix[own * apart + k] * vector[k];
+        copy(result + r, sums, side_by_side);
+    }
+    for (; r < rows; ++r, matrix += apart) result[r] = dot(matrix, vector, inner);
 }
 
 // Sine and cosine to about 1e-16, after the nearest multiple of pi/2 is taken away: the polynomials of FDLIBM's k_sin.c

@@ -106,7 +106,7 @@ template <typename Flight> void Program<Flight>::guess_hessian(At &at, double *h
     differentiate(at);
     zero(hessian, size * size);
     if (!problem.objective_sums && !motions.map) {
-        for (Index a = 0; a < size; ++a) hessian[a * size + a] = 1;
+        for (Index a = 0; a < size; ++a) hessian[a * size + a] = a < free ? 1 : rules.momentum_curvature;
         return;
     }
     add_gauss_newton(at, hessian);

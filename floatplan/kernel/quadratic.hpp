@@ -35,14 +35,19 @@ static inline bool eliminate(double *matrix, double *right, Index n, Index colum
 }
 
 // Factor L of H = L L^T (n, n), below and on the diagonal of `factor`, with something added to H's diagonal; false where
-// H is not positive definite.
+// H is not positive definite. L^T is made first, row by row above the diagonal: its sums go along rows.
 static inline bool cholesky(const double *matrix, Index n, double *factor, double added = 0) {
-    for (Index i = 0; i < n; ++i)
-        for (Index j = 0; j <= i; ++j) {
-            const double left = matrix[i * n + j] + (i == j) * added - dot(factor + i * n, factor + j * n, j);
-            if (i == j && !(left > 0 && std::isfinite(left))) return false;
-            factor[i * n + j] = i == j ? std::sqrt(left) : left / factor[j * n + j];
-        }
+    for (Index j = 0; j < n; ++j) {
+        double *row = factor + j * n;
+        zero(row + j, n - j);
+        for (Index k = 0; k < j; ++k) add(factor[k * n + j], factor + k * n + j, n - j, row + j);
+        const double left = matrix[j * n + j] + added - row[j];
+        if (!(left > 0 && std::isfinite(left))) return false;
+        row[j] = std::sqrt(left);
+        for (Index i = j + 1; i < n; ++i) row[i] = (matrix[i * n + j] - row[i]) / row[j];
+    }
+    for (Index i = 1; i < n; ++i)
+        for (Index j = 0; j < i; ++j) factor[i * n + j] = factor[j * n + i];
     return true;
 }
 
@@ -70,8 +75,9 @@ class DualMethod {
         arena.take(idle, most_rows);
     }
 
-    // Whether it is solved; where rows contradict one another it is not.
-    bool solve(const Quadratic &qp) {
+    // Whether it is solved; where rows contradict one another it is not. Some rows, which are likely to be active, are looked
+    // at first: fewer others become active only to leave again.
+    bool solve(const Quadratic &qp, const Index *likely = nullptr, Index likely_count = 0) {
         OBSERVE_QUADRATIC(qp);
         n = qp.size;
         count = held = changes = 0;
@@ -80,12 +86,17 @@ class DualMethod {
         copy(idle, qp.inequality, qp.rows);
         for (Index e = 0; e < qp.equalities; ++e)
             if (!hold_equality(qp, e)) return false;
-        for (; changes <= qp.changes; ++changes) {
-            const Index row = most_violated(qp);
-            if (row < 0) return true;
-            if (count > n || !hold_row(qp, row)) return false;
-        }
-        return false;
+        for (Index k = 0; k < likely_count; ++k)
+            if (is_violated(qp, likely[k]) && (count > n || !hold_row(qp, likely[k]))) return false;
+        return hold_violated(qp);
+    }
+
+    // The same of the program solved last, to which rows have been added: from its solution on.
+    bool resume(const Quadratic &qp) {
+        changes = 0;
+        copy(idle, qp.inequality, qp.rows);
+        for (Index k = held; k < count; ++k) idle[active[k]] = HUGE_VAL;
+        return hold_violated(qp);
     }
 
   private:
@@ -113,18 +124,32 @@ class DualMethod {
 
     // J = L^-T, and the solution without rows.
     bool start(const Quadratic &qp) {
-        if (!factorise(qp.hessian)) return false;
+        const bool is_plain = is_identity(qp.hessian);
+        if (!is_plain && !factorise(qp.hessian)) return false;
         for (Index k = 0; k < n; ++k) {
             if (!std::isfinite(qp.gradient[k])) return false;
             x[k] = -qp.gradient[k];
         }
-        solve_cholesky(factor, n, x);
         zero(j, n * n);
-        for (Index c = 0; c < n; ++c) {  // column c of L^-1 is row c of L^-T
-            double *column = j + c * n;
-            for (Index i = c; i < n; ++i)
-                column[i] = ((i == c) - dot(factor + i * n + c, column + c, i - c)) / factor[i * n + i];
+        if (is_plain) {
+            for (Index k = 0; k < n; ++k) j[k * n + k] = 1;
+            return true;
         }
+        solve_cholesky(factor, n, x);
+        const Index across = across_of(n);
+        for (Index i = 0; i < n; ++i) {  // row i of L^-1 is column i of L^-T
+            double *row = wide + i * across;
+            zero(row, i + 1);
+            for (Index k = 0; k < i; ++k) add(factor[i * n + k], wide + k * across, k + 1, row);
+            for (Index c = 0; c <= i; ++c) j[c * n + i] = row[c] = ((i == c) - row[c]) / factor[i * n + i];
+        }
+        return true;
+    }
+
+    bool is_identity(const double *hessian) const {
+        for (Index i = 0; i < n; ++i)
+            for (Index k = 0; k < n; ++k)
+                if (hessian[i * n + k] != (i == k)) return false;
         return true;
     }
 
@@ -179,7 +204,7 @@ class DualMethod {
         zero(d, n);
         for (Index i = 0; i < n; ++i) add(row[i], j + i * n, n, d);
         const double whole = dot(d, d, n), left = dot(d + count, d + count, n - count);
-        for (Index i = 0; i < n; ++i) z[i] = dot(j + i * n + count, d + count, n - count);
+        multiply_vector(j + count, n, n - count, n, d + count, z);
         for (Index i = count; i-- > 0;)
             by[i] = (d[i] - dot(r + i * n + i + 1, by + i + 1, count - i - 1)) / r[i * n + i];
         return left > dependent * dependent * whole ? left : 0;
@@ -226,6 +251,22 @@ class DualMethod {
             b = 0;
             rotate(j, n, c, cosine, sine);
         }
+    }
+
+    // Makes rows active until none is violated.
+    bool hold_violated(const Quadratic &qp) {
+        for (; changes <= qp.changes; ++changes) {
+            const Index row = most_violated(qp);
+            if (row < 0) return true;
+            if (count > n || !hold_row(qp, row)) return false;
+        }
+        return false;
+    }
+
+    bool is_violated(const Quadratic &qp, Index row) const {
+        double value = idle[row];
+        for (Index k = 0; k < n; ++k) value += x[k] * qp.inequality_rows[(row / 8 * n + k) * 8 + row % 8];
+        return value < -qp.tolerance;
     }
 
     bool hold_equality(const Quadratic &qp, Index e) {

@@ -40,6 +40,8 @@ template <typename Flight> class Sqp {
             arena.take(*each, most_rows);
         arena.take(squares_of_rows, size * (size + 3) / 2 * 8);
         for (Index **each : {&active, &step_active, &taken}) arena.take(*each, most_rows);
+        for (Index **each : {&likely, &likely_row}) arena.take(*each, size + 1);
+        arena.take(likely_instant, size + 1);
     }
 
     At *now, *trial;
@@ -80,7 +82,7 @@ template <typename Flight> class Sqp {
                 copy(initial, hessian, size * size);
                 find_step();
             }
-            while (reaches_more(longest_step)) find_step();
+            while (reaches_more(longest_step)) find_step(rules.begins_with_active && !elastic);
             if (!elastic) {
                 of_elastic.known = 0;
             } else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
@@ -171,6 +173,8 @@ template <typename Flight> class Sqp {
     double *squares_of_rows, *gathered, *linear, *slope;
     // Multipliers of the Lagrangian, of entries of the values, and those of the step's quadratic program.
     Index active_count = 0, step_count = 0, *active, *step_active, *taken;
+    Index last_count = 0, *likely, *likely_row;  // rows that were active in the last step, and at which instants
+    double *likely_instant;
     double *multipliers, *step_multipliers, *multiplier_of;
 
     double squares(const At &at) const {
@@ -217,11 +221,14 @@ template <typename Flight> class Sqp {
         program.work += rules.solving * (factors + static_cast<double>(qp.changes) * size * (near() + 3 * size));
     }
 
-    void find_step() {
+    // From the step found last where that is so, and rows have joined since.
+    void find_step(bool resumes = false) {
         program.differentiate_rows(*now, rules.looked_ahead);
         gather(*now);
         violation_left = 0;
-        elastic = !qp.solve(quadratic(hessian, now->gradient, now->equality)) || qp.held < program.equalities;
+        const Quadratic of_step = quadratic(hessian, now->gradient, now->equality);
+        const bool solved = resumes ? qp.resume(of_step) : qp.solve(of_step, likely, count_likely());
+        elastic = !solved || qp.held < program.equalities;
         count_solving();
         if (elastic) return find_elastic_step();
         copy(direction, qp.x, size);
@@ -231,6 +238,26 @@ template <typename Flight> class Sqp {
             step_active[k] = entry(qp.active[k + qp.held]);
             step_multipliers[k] = qp.multipliers[k + qp.held];
         }
+        for (Index k = 0; k < step_count; ++k) {
+            likely_row[k] = step_active[k] / program.stride;
+            likely_instant[k] = program.instant(step_active[k] % program.stride);
+        }
+        last_count = step_count;
+    }
+
+    // Writes which of the differentiated rows are those that were active in the last step, each at the nearest instant.
+    Index count_likely() {
+        Index found = 0;
+        for (Index k = 0; k < last_count && rules.begins_with_active; ++k) {
+            Index nearest = 0;
+            for (Index other = 1; other < program.instants(); ++other)
+                if (std::fabs(program.instant(other) - likely_instant[k]) <
+                    std::fabs(program.instant(nearest) - likely_instant[k]))
+                    nearest = other;
+            const Index e = likely_row[k] * program.stride + nearest, pack = now->place[e / 8];
+            if (pack >= 0) likely[found++] = 8 * pack + e % 8;
+        }
+        return found;
     }
 
     // elastic.hpp
@@ -382,7 +409,7 @@ template <typename Flight> class Sqp {
             program.add_slopes(*now, active[k], -multipliers[k], gradient);
             program.add_slopes(*trial, active[k], multipliers[k], gradient);
         }
-        multiply_vector(hessian, size, size, change, product);
+        multiply_vector(hessian, size, size, size, change, product);
         const double approximated = dot(change, product, size);
         double measured = dot(change, gradient, size);
         if (approximated < 1e-20) return;

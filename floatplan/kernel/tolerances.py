@@ -7,7 +7,7 @@ What depends on the problem, or is a number of another room, is 0 here and fille
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,8 @@ class Exchange:
     nearly_promising: float = 0.1  # [-] squared violations, below which restoration watches the motion more closely
     elastic_stalled: float = 0.95  # [-] of the violation stall_iterations elastic steps before: above, it is hopeless
     longest_free_step: float = 0.5  # [-] of the whitened variables, where there are no rows
+    momentum_curvature: float = 1.0  # [-] of the objective by h, of which there is none, in the first Hessian
+    between_left: float = 0.0  # [-] of the violation between the instants, to which rows are met in the next round
 
     feasible: float = 1e-11  # [unit of the row] root of the squared violations, at which restoration ends
     stalled: float = 0.8  # [-] of the squared violation stall_iterations before: above it restoration has stalled
@@ -137,6 +139,7 @@ class Exchange:
     watched_at_most: int = 6  # level of grids
     looked_ahead: float = 0.2  # [-] of a row's scale: a look along a step tells which of the rows above it reaches
     value_kept: float = 0.5  # [-] of a row's value: where a whole step leaves so much, it does not reach the row
+    begins_with_active: int = 0  # whether a step's quadratic program begins with the rows of the step before
 
 
 @dataclass(frozen=True)
@@ -172,4 +175,17 @@ EXCHANGE_IN_SPACE = Exchange(
     solving=0.005,  # [instants of one body] variables may be a hundred and more
     closer=0,  # every start is a lifted motion, followed at once like the plain one
 )
+
+
+def near_recorded(exchange: Exchange) -> Exchange:
+    """Return the same for the motion that is nearest to a recorded one.
+
+    There the variables are differences in radians, hundredths mostly, and the multipliers of the rows as small: with a
+    curvature of 1 by h, steps creep along h, each twice as long as the one before, 30 iterations rather than 10. The
+    torques of a tree of 30 joints are costly: no round is solved further than the next one will move, and quadratic
+    programs of 200 variables begin with the rows that were active.
+    """
+    return replace(exchange, momentum_curvature=1e-4, between_left=0.1, begins_with_active=1)
+
+
 CORRECTION_GAINS = CorrectionGains()

@@ -18,9 +18,9 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
 from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
-from floatplan.problem.file import given_problem
+from floatplan.problem.file import as_problem
 from floatplan.problem.parts import Circle, HalfPlane
-from floatplan.problem.problem import Problem, shares_of_limits
+from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
 INSTANTS = np.linspace(0, 1, 65)[1:-1]  # of the flight, at which inequalities hold at first
@@ -54,7 +54,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
         The problem is none, its file is wrong, or it asks for what is not taken.
     """
     began = time.perf_counter()
-    problem = given_problem(problem)
+    problem = as_problem(problem)
     refuse(problem)
     tried = []
     steps = 0
@@ -99,7 +99,7 @@ def refuse(problem: Problem) -> None:
     for index, obstacle in enumerate(problem.obstacles):
         others[f"obstacles.{index}.kind"] = not isinstance(obstacle, Circle | HalfPlane)
         others[f"obstacles.{index}.window"] = obstacle.window
-    for limit in shares_of_limits(problem):
+    for limit in problem.limit_shares:
         others[f"limits.{'motor' if limit.also else limit.key}"] = limit.also or {*limit.used} - {*QUANTITIES}
     reason = "the reference method plans flights in a plane, between given states, past circles and half-planes, "
     reason += f"with limits of {', '.join(QUANTITIES)} alone"

@@ -11,7 +11,7 @@ from floatplan.method.motion import Motions
 from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.problem.parts import Circle, HalfPlane, Obstacle
-from floatplan.problem.problem import Problem, shares_of_limits
+from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
 QUADRATURE = gauss_legendre(96)  # of (14) and (18): exact to 1e-12 rad but for motions that nobody wants
@@ -46,8 +46,8 @@ class Program:
         self.motions = Motions(problem, degrees, branch)
         self.dynamics = Dynamics(problem.robot)
         self.flight = planar_flight(problem)  # the path of the CM (2), (3), (6), the momenta (7) to (10)
-        self.size = self.motions.size + self.flight.momentum_set.free
-        self.limits = [(name, used) for shares in shares_of_limits(problem) for name, used in shares.used.items()]
+        self.size = self.motions.size + self.flight.momentum_set.axes.shape[1]
+        self.limits = [(name, used) for shares in problem.limit_shares for name, used in shares.used.items()]
 
     def angular_momentum(self, x: Array) -> Array:
         """The h (1,), kg m^2/s."""
@@ -97,7 +97,7 @@ class Program:
         quantity = OBJECTIVE_TABLE[self.problem.motion.objective].quantity
         if quantity is None:
             b, b_by_z = self.motions.b(x[: self.motions.size])
-            return b, np.pad(b_by_z, ((0, 0), (0, self.flight.momentum_set.free)))
+            return b, np.pad(b_by_z, ((0, 0), (0, self.flight.momentum_set.axes.shape[1])))
         weights = np.sqrt(2 * self.problem.flight.duration * QUADRATURE.weights)
         at_nodes = [self.dynamics.quantities(state)[quantity] for state in u]
         residuals = [weight * values for weight, (values, _) in zip(weights, at_nodes, strict=True)]

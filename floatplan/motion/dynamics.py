@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -29,16 +28,11 @@ RatesAtEnds: TypeAlias = Callable[[Array], Array]  # the joints' rates (2, n), r
 class MomentumSet:
     """The angular momenta that a search may choose: ``h = centre + axes @ y``, with the H numbers y about -1 to 1.
 
-    ``centre`` (e,), ``axes`` (e, H), kg m^2/s; H = 0 where h is given.
+    ``centre`` (e,), ``axes`` (e, H), kg m^2/s; H = 0 where h is given: then ``axes.size`` is 0.
     """
 
     centre: Array
     axes: Array
-
-    @cached_property
-    def free(self) -> int:
-        """Number H."""
-        return int(self.axes.shape[1])
 
 
 class FlightDynamics(Hashable, Protocol):

@@ -18,15 +18,16 @@ from floatplan.kernel.tolerances import MOST_STARTS
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.sine_polynomial import Form, SinePolynomials, boundary_arguments
-from floatplan.planning.constraints import Limit
+from floatplan.planning.constraints import limit
 from floatplan.planning.kernel_input.numbers import Numbers, key
+from floatplan.planning.kernel_input.rows import SumRows
 from floatplan.planning.kernel_problem import INFEASIBLE, OPTIMAL, STATUS, KernelProblem
 from floatplan.planning.options import ATTEMPTS, SearchOptions
 from floatplan.planning.result import AttemptResult
 from floatplan.planning.search import Search
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, Start, whitened
-from floatplan.plans.plans import ALL_HOLDS, Answer
+from floatplan.plans.plans import ALL_HOLDS, PlanEntry
 from floatplan.problem.problem import Problem, shares_of_limits
 
 
@@ -218,13 +219,13 @@ class Batch:
         numbers = self.attempts.numbers
         return np.where(numbers["violation"] < np.inf, np.abs(numbers["missed"][:, 0]), np.inf)
 
-    def answer(self, row: int) -> Answer | None:
+    def answer(self, row: int) -> PlanEntry | None:
         """Where the best start of one of them led; None where that is no plan."""
         attempt = self.attempts.pointer[row]
         if not attempt.violation <= 0:  # which may be no number
             return None
         b = self.coefficients[row]
-        return Answer(
+        return PlanEntry(
             status=STATUS[attempt.status],
             objective=attempt.objective if attempt.wanted else float(np.linalg.norm(b)),
             angular_momentum=float(self.motions.momentum[row]),
@@ -312,8 +313,11 @@ def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str,
         least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
         found = {"obstacles": doubles(numbers.obstacle_numbers()), "least": least}
     if numbers.limits and numbers.limits is not numbers.like:
-        blocks = [Limit.of(shares).compiled(spec.flight) for shares in shares_of_limits(numbers.limits)]
-        shapes = [(count, len(block.constant), rows.sums.terms) for block in blocks]
-        sums = [np.broadcast_to(rows.sums.rows(b), shape) for b, shape in zip(blocks, shapes, strict=True)]
-        found["sums"] = doubles(np.concatenate((np.empty((count, 0, rows.sums.terms)), *sums), axis=1))
+        sums = [np.empty((count, 0, rows.sums.terms))]
+        for shares in shares_of_limits(numbers.limits):
+            of_limit = limit(shares, spec.flight).rows
+            assert isinstance(of_limit, SumRows), "limits are of sums"
+            own = rows.sums.rows(of_limit)
+            sums.append(np.broadcast_to(own, (count, *own.shape[-2:])))
+        found["sums"] = doubles(np.concatenate(sums, axis=1))
     return found

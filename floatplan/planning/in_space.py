@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -15,7 +16,7 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.result import AttemptResult, SearchResult, log_attempt
+from floatplan.planning.result import AttemptResult, SearchResult, summary
 from floatplan.planning.search import (
     ANNOUNCED_EVERY,
     ATTEMPTS_FOR_THE_IMPOSSIBLE,
@@ -27,6 +28,7 @@ from floatplan.planning.search import (
 from floatplan.planning.variables import Start, decision_variables
 from floatplan.problem.problem import Problem
 
+LOG = logging.getLogger(__name__)
 TURNS = 6  # [-] starts at one degree before the next takes its turn
 FEW_JOINTS = 6  # [-] that need a higher degree
 TWIST = np.pi / 2  # [rad] about the third axis, that needs a higher degree
@@ -47,7 +49,7 @@ def degrees_tried(problem: Problem, flight: SpatialFlight) -> list[tuple[int, ..
     n, h = len(problem.robot.joints), problem.flight.angular_momentum
     if not problem.raises_degree:
         return [problem.degrees]
-    demanding = n <= FEW_JOINTS or abs(flight.change[2]) > TWIST or not (isinstance(h, str) or np.any(h))
+    demanding = n <= FEW_JOINTS or abs(flight.reorientation.change[2]) > TWIST or not (isinstance(h, str) or np.any(h))
     return [(degree,) * n for degree in (DEGREES if demanding else DEGREES_WITHOUT_TWIST)]
 
 
@@ -62,7 +64,7 @@ class SpatialSearch(Search):
         InputError
             The robot turns too fast for any motion of it to be integrated.
         """
-        if self.spec.momentum.free:
+        if self.spec.momentum.axes.size:
             return self._tried(1.0)
         result = self._tried(WITH_GIVEN)
         if result.holding or result.interrupted or self.impossible:
@@ -96,7 +98,8 @@ class SpatialSearch(Search):
                 if result:
                     results.append(result)
                     solved += result.holds
-                    log_attempt(results)
+                    if LOG.isEnabledFor(logging.INFO):
+                        LOG.info("%s", summary(results))
                 if solved >= options.starts or stop():
                     break
                 if not solved and len(results) >= ATTEMPTS_FOR_THE_IMPOSSIBLE and self.impossible:

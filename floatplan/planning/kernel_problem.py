@@ -16,7 +16,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, StructArray, doubles, enumeration, integers
-from floatplan.kernel.tolerances import Exchange, Settings
+from floatplan.kernel.tolerances import Exchange, Settings, near_recorded
 from floatplan.motion.exact_polynomials import CONDITIONS, basis_columns, compensations
 from floatplan.motion.flight import EndRates
 from floatplan.motion.sine_polynomial import EDGE, basis, powers_map
@@ -116,7 +116,8 @@ class KernelProblem:
             offset_map=None if variables.offset_map is None else doubles(variables.offset_map),
             branch=branch,
         )
-        settings, rules = _numbers_of_search(rows.settings, rows.exchange, rows.node_counts, rows.bodies)
+        exchange = near_recorded(rows.exchange) if variables.has_reference else rows.exchange
+        settings, rules = _numbers_of_search(rows.settings, exchange, rows.node_counts, rows.bodies)
         of_coefficients = spec.problem.motion.objective == "coefficients"
         return cls(
             rows=rows,
@@ -272,7 +273,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
         coefficient_map = doubles(powers_map(form, polynomials.duration) / unit)
     # In space the attitudes at both ends and the angular momentum are the body's.
     orientation = change = middle = 0.0
-    axis = np.zeros(momentum.free)
+    axis = np.zeros(momentum.axes.shape[1])
     if problem.robot.in_plane:
         orientation = problem.initial.orientation
         change = problem.final.orientation - orientation
@@ -281,7 +282,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
     return Struct(
         "Motions",
         size=variables.size,
-        axes=momentum.free,
+        axes=momentum.axes.shape[1],
         columns=series.shape[2],
         given=len(given),
         terms=series.shape[1],

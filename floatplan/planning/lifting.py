@@ -190,7 +190,7 @@ class LiftedMotion:
         jacobian = self.turns[-1]
         along = np.full_like(self.x, along) if isinstance(along, float) else along.copy()
         movable, free = np.ones(len(self.x), bool), self.lifted.variables.coefficients
-        for _ in range(self.lifted.variables.momentum.free + 1):
+        for _ in range(self.lifted.variables.momentum.axes.shape[1] + 1):
             columns, change = jacobian[:, movable], along.copy()
             missing = closing[-1] + jacobian @ along
             change[movable] -= columns.T @ np.linalg.lstsq(columns @ columns.T, missing, rcond=ROUNDING)[0]
@@ -326,15 +326,15 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     """
     flight, angular_momentum = lifted.flight, lifted.variables.angular_momentum(x)
     steady = s if angular_momentum.any() else _smoothstep(s)
-    goal = flight.goal
-    if goal.axes is None:
+    axes = flight.reorientation.goal.axes
+    if axes is None:
         before, last = flight.initial_attitude[None], flight.initial_attitude
         if angular_momentum.any():
             flown = lifted.flown(cells(CELLS, STAGES), x)
             before, last = flown.at(s), flown.ends[-1]
         missed = logarithm((flight.final_attitude @ last.T)[None])
         return np.asarray(exponential(steady[:, None] * missed) @ before)
-    first, second, third = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
+    first, second, third = np.eye(3)[["xyz".index(letter) for letter in axes]]
     polynomials = lifted.variables.polynomials
     start = polynomials.motion(polynomials.no_free_part, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]
@@ -344,14 +344,14 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
     area = np.concatenate(([0.0], np.cumsum(height[1:] + height[:-1]) / 2 / (FINENESS - 1)))
     twisting = float(angular_momentum @ first) * flight.duration * (1 / along - 1 / across) * area[-1]
     handed = float(first @ np.cross(second, third))
-    change = flight.change
+    change = flight.reorientation.change
     tilts = twisting and abs(change[0]) > A_SOMERSAULT
     sine = np.clip(handed * change[2] / twisting, -STEEPEST_START, STEEPEST_START) if tilts else 0.0
     angles = np.empty((len(s), 3))
     angles[:, 0] = change[0] * steady
     angles[:, 1] = change[1] * steady + np.arcsin(sine * np.interp(s, fine, height))
     angles[:, 2] = change[2] * (np.interp(s, fine, area / area[-1]) if sine else steady)
-    return of_angles(goal.axes, angles + flight.start.angles_about(goal.axes))
+    return of_angles(axes, angles + flight.reorientation.start_angles)
 
 
 def nearby(lifted: LiftedFlight, x: Array) -> LiftedMotion:
@@ -371,7 +371,7 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
     polynomials = lifted.variables.polynomials
     joints, width = len(polynomials.free), polynomials.width
     borders = np.arange(CELLS) / CELLS
-    bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.free)
+    bump, z, y = Bump(), np.zeros((joints, width)), np.zeros(momentum.axes.shape[1])
     while True:
         x = np.concatenate((z.ravel()[polynomials.free_indices], y))
         try:
@@ -382,11 +382,11 @@ def starts(lifted: LiftedFlight, seed: int) -> Iterator[LiftedMotion | None]:
             return
         bump, z = Bump.drawn(rng), 0.4 * rng.uniform(0.2, 1.5) * rng.normal(size=(joints, width))
         z[:, 2:] *= 0.15
-        y = rng.uniform(-0.5, 0.5, momentum.free)
+        y = rng.uniform(-0.5, 0.5, size=(momentum.axes.shape[1],))
 
 
 def wrong_way(result: AttemptResult) -> str:
     """What is wrong with the way to the goal, its turns or its tilt; empty for nothing."""
     lifted = LiftedFlight(result.spec, result.variables)
     way = lifted.flown(cells(*LEVELS[result.level]), result.x).way
-    return wrong_turns(lifted.flight.start, lifted.flight.goal, way)
+    return wrong_turns(lifted.flight.reorientation, way)

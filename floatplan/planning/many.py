@@ -23,10 +23,10 @@ from floatplan.planning.repair import judged, proved_plan
 from floatplan.planning.result import SearchedPlan, SearchResult
 from floatplan.planning.search import Allowance, Search
 from floatplan.planning.spec import FlightSpec
-from floatplan.plans.plans import COUNTS, SOLVED, Answer, Plans
+from floatplan.plans.plans import COUNTS, SOLVED, PlanEntry, Plans
 from floatplan.pool import in_order, one_thread, processes
 from floatplan.problem.family import Family
-from floatplan.problem.file import given_problem
+from floatplan.problem.file import as_problem
 from floatplan.problem.problem import Problem
 
 CHUNK, WITH_ROWS = 2048, 256  # problems of a batch, plain or with inequalities
@@ -44,7 +44,7 @@ class _Task:
 
     indices: list[int]
     like: int | None = None
-    known: Sequence[Answer] = ()
+    known: Sequence[PlanEntry] = ()
 
 
 @one_thread
@@ -99,7 +99,7 @@ def plan_many(
     """
     options = SearchOptions(seed=seed, starts=starts, attempts=attempts, near_miss=False)
     jobs = JOBS(jobs, "jobs")
-    problems = problems if isinstance(problems, Family) else many(given_problem, "problems")(problems, "problems")
+    problems = problems if isinstance(problems, Family) else many(as_problem, "problems")(problems, "problems")
     search, prove = flag(search, "search"), flag(prove, "prove")
     return planned_together(problems, options, lambda index: seed, search, prove, jobs)
 
@@ -230,7 +230,7 @@ def _keep(plans: Plans, indices: IntArray, followed: Batch) -> None:
 def _finish(
     plans: Plans, tasks: Sequence[_Task], options: SearchOptions, jobs: int, seed: Callable[[int], int]
 ) -> None:
-    """Answer problems in this process or several; see :func:`_answering`."""
+    """PlanEntry problems in this process or several; see :func:`_answering`."""
     seeded = [(task, [seed(index) for index in task.indices]) for task in tasks]
     ready = (plans.problems, options)
     several = jobs > 1 and len(tasks) > 1
@@ -242,34 +242,34 @@ def _finish(
 
 def _answering(
     problems: Sequence[Problem] | Family, options: SearchOptions
-) -> Callable[[_Task, Sequence[int]], list[Answer]]:
+) -> Callable[[_Task, Sequence[int]], list[PlanEntry]]:
     """Return what answers a task, its problems with a seed each; one that is wrong has an answer too."""
 
     @cache
     def spec(index: int) -> FlightSpec:
         return FlightSpec(_like(problems, index))
 
-    def made(task: _Task, seeds: Sequence[int]) -> list[Answer]:
+    def made(task: _Task, seeds: Sequence[int]) -> list[PlanEntry]:
         if task.like is not None:
             return _made_together(spec(task.like), problems, options, task.indices, seeds)
-        known: Sequence[Answer | None] = task.known or [None] * len(seeds)
+        known: Sequence[PlanEntry | None] = task.known or [None] * len(seeds)
         how = [replace(options, seed=seed) for seed in seeds]
         return [_made(_made_alone, problems, *each) for each in zip(task.indices, how, known, strict=True)]
 
     return one_thread(made)
 
 
-def _made(make: Callable[..., _T], *given: Any) -> _T | Answer:
+def _made(make: Callable[..., _T], *given: Any) -> _T | PlanEntry:
     """Return what is made, or the answer to what is wrong."""
     try:
         return make(*given)
     except InputError as error:
-        return Answer("error", message=str(error))
+        return PlanEntry("error", message=str(error))
 
 
 def _made_alone(
-    problems: Sequence[Problem] | Family, index: int, options: SearchOptions, known: Answer | None = None
-) -> Answer:
+    problems: Sequence[Problem] | Family, index: int, options: SearchOptions, known: PlanEntry | None = None
+) -> PlanEntry:
     problem = problems[index]
     return _proved(problem, known, options) if known else _told(found_for(problem, options))
 
@@ -280,14 +280,14 @@ def _made_together(
     options: SearchOptions,
     indices: Sequence[int],
     seeds: Sequence[int],
-) -> list[Answer]:
-    """Answer problems that go together: by their plain motions where those are enough, else each by a search."""
+) -> list[PlanEntry]:
+    """PlanEntry problems that go together: by their plain motions where those are enough, else each by a search."""
     numbers, good = _numbers(problems, np.array(indices))
     found = follow_batch(like, numbers, Allowance.of(options).left) if good.any() else None
     enough = set(found.solved.tolist()) if found and options.starts == 1 else set()
     places = iter(range(len(indices)))
 
-    def begin(index: int, seed: int, is_good: bool) -> Answer | Search:
+    def begin(index: int, seed: int, is_good: bool) -> PlanEntry | Search:
         seeded = replace(options, seed=seed)
         if not (is_good and found):
             return _made_alone(problems, index, seeded)
@@ -297,11 +297,11 @@ def _made_together(
 
     made: list[Any] = [_made(begin, *each) for each in zip(indices, seeds, good.tolist(), strict=True)]
     for step in (Search.run, _told):  # each for all, which is quicker than one after the other
-        made = [each if isinstance(each, Answer) else _made(step, each) for each in made]
+        made = [each if isinstance(each, PlanEntry) else _made(step, each) for each in made]
     return made
 
 
-def _told(found: SearchResult | SearchedPlan) -> Answer:
+def _told(found: SearchResult | SearchedPlan) -> PlanEntry:
     if isinstance(found, SearchedPlan):
         return found.answer
     answer = searched_answer(found)
@@ -310,13 +310,13 @@ def _told(found: SearchResult | SearchedPlan) -> Answer:
     return replace(answer, message=f"The search ended at {answer.evaluations} evaluations; {LONGER}. {answer.message}")
 
 
-def _proved(problem: Problem, answer: Answer, options: SearchOptions) -> Answer:
+def _proved(problem: Problem, answer: PlanEntry, options: SearchOptions) -> PlanEntry:
     """Prove a plan; where it is not proved, search again, which corrects what is missing or takes the next best."""
     plan = answer.plan(problem, options.seed)
     certificate = certify(plan)
     if certificate.proved:
-        return replace(Answer.of_plan(judged(plan, certificate), answer.status), residual=answer.residual)
+        return replace(PlanEntry.of_plan(judged(plan, certificate), answer.status), residual=answer.residual)
     better = proved_plan(planned(problem, options))
     if better.certificate is None or (not better.certificate.proved and certificate.verdict == "undecided"):
         better = judged(plan, certificate)
-    return Answer.of_plan(better, better.status if better.ok else answer.status)
+    return PlanEntry.of_plan(better, better.status if better.ok else answer.status)

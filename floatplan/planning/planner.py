@@ -24,10 +24,10 @@ from floatplan.planning.search import Search, expiry
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import Start, decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, Answer
+from floatplan.plans.plans import ALL_HOLDS, GOAL_MET, PlanEntry
 from floatplan.pool import one_thread
-from floatplan.problem.file import given_problem
-from floatplan.problem.jump import FLIGHT_ALONE
+from floatplan.problem.file import as_problem
+from floatplan.problem.jump import ONLY_THE_FLIGHT
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
@@ -76,14 +76,14 @@ def plan(
         The problem is none, or its file is wrong; a number is none, or out of its range; or what stands on the ground
         moves down at takeoff.
     """
-    found = planned(given_problem(problem), SearchOptions(seed, starts, budget, progress))
+    found = planned(as_problem(problem), SearchOptions(seed, starts, budget, progress))
     plan = found.plan
     if flag(prove, "prove"):
         from floatplan.planning.repair import proved_plan  # here, because most plans do without
 
         plan = proved_plan(found)
     if plan.problem.jump:
-        return plan.with_record(replace(plan.record, explanation=f"{plan.explanation} {FLIGHT_ALONE}"))
+        return plan.with_record(replace(plan.record, explanation=f"{plan.explanation} {ONLY_THE_FLIGHT}"))
     return plan
 
 
@@ -124,7 +124,7 @@ def found_for(problem: Problem, options: SearchOptions, near: Plan | None = None
 def _searched(search: Search, near: Plan | None, began: float) -> SearchResult:
     """Search for what the kernel alone has not found; its sums are long enough for several threads of BLAS."""
     spec, budget = search.spec, search.options.budget
-    if spec.problem.ground and not spec.momentum.free:
+    if spec.problem.ground and not spec.momentum.axes.size:
         refuse(spec.flight.motion_into_ground(spec.momentum.centre))
     if near and spec.problem.has_inequalities:
         start = _start_near(near, spec)
@@ -157,12 +157,12 @@ def _start_near(near: Plan, spec: FlightSpec) -> Start | None:
     return Start(variables, variables.variables(z, near.angular_momentum), at_once=True)
 
 
-def searched_answer(result: SearchResult) -> Answer:
+def searched_answer(result: SearchResult) -> PlanEntry:
     """Return what a search ended with, in numbers."""
     best = result.best
     counts: dict[str, Any] = result.counts
     unsolved = "impossible" if result.impossible else "not_found"
-    return Answer(
+    return PlanEntry(
         status=best.status if best.holds else unsolved,
         objective=best.objective_value if best.holds else np.nan,
         angular_momentum=float(best.start_variables.angular_momentum(best.x)[0]),
@@ -200,5 +200,5 @@ def searched_plan(result: SearchResult) -> SearchedPlan:
         result=best,
         others=result.holding[1:],
         gave_up=result.ran_out_of_patience,
-        work=result.work,
+        work=sum(attempt.work for attempt in result.results),
     )

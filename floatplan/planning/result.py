@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,10 +15,8 @@ from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import Answer
+from floatplan.plans.plans import PlanEntry
 from floatplan.problem.reference import REFERENCE_NODES, distance_from
-
-LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,11 +216,6 @@ class SearchResult:
         return tuple(sorted(holding, key=lambda result: result.objective_value) if len(holding) > 1 else holding)
 
     @property
-    def work(self) -> float:
-        """What all attempts took, instants of one body."""
-        return sum(result.work for result in self.results)
-
-    @property
     def counts(self) -> dict[str, int]:
         """Starts followed and those solved, iterations of the solver and motions evaluated, in all attempts."""
         return {
@@ -254,9 +246,9 @@ class SearchedPlan:
     work: float = 0.0
 
     @property
-    def answer(self) -> Answer:
+    def answer(self) -> PlanEntry:
         """In numbers."""
-        return Answer.of_plan(self.plan, self.plan.status)
+        return PlanEntry.of_plan(self.plan, self.plan.status)
 
     @cached_property
     def best(self) -> AttemptResult:
@@ -269,13 +261,8 @@ def count_starts(results: Sequence[AttemptResult]) -> int:
     return sum(result.starts for result in results)
 
 
-def log_attempt(results: Sequence[AttemptResult]) -> None:
-    """Log the last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
-    if LOG.isEnabledFor(logging.INFO):
-        LOG.info("%s", _said(results))
-
-
-def _said(results: Sequence[AttemptResult]) -> str:
+def summary(results: Sequence[AttemptResult]) -> str:
+    """The last attempt in a line: number, degree, end, what it violates most, and the least violation so far."""
     result = results[-1]
     spec = result.spec
     degrees = " to ".join(map(str, sorted(set(result.variables.degrees))))

@@ -19,7 +19,7 @@ import numpy as np
 from floatplan.kernel.tolerances import EXCHANGE, SETTINGS
 from floatplan.planning.kernel_problem import MOMENTUM_FRACTIONS, KernelProblem
 from floatplan.planning.options import ATTEMPTS, SearchOptions
-from floatplan.planning.result import AttemptResult, SearchResult, Work, count_starts, log_attempt
+from floatplan.planning.result import AttemptResult, SearchResult, Work, count_starts, summary
 from floatplan.planning.spec import FlightSpec, plain_start, spec_of
 from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
@@ -92,7 +92,8 @@ class Search:
         try:
             for result in self._results(expired, allowance, most_starts):
                 results.append(result)
-                log_attempt(results)
+                if LOG.isEnabledFor(logging.INFO):
+                    LOG.info("%s", summary(results))
                 if options.progress and time.monotonic() - announced > ANNOUNCED_EVERY:
                     announced = time.monotonic()
                     solved = sum(each.solved for each in results if each.holds)
@@ -130,13 +131,18 @@ class Search:
         options = self.options
         tried: list[AttemptResult] = []
         is_first = True
-        for degrees, attempts in _stages(self.spec.problem):
+        own = self.spec.problem.degrees
+        stages = [own]
+        if self.spec.problem.raises_degree:
+            rising = range(own[0] + DEGREE_STEP, HIGHEST_AUTOMATIC_DEGREE + 1, DEGREE_STEP)
+            stages += [(degree,) * len(own) for degree in rising]
+        for degrees in stages:
             nearest = _nearest(tried) if tried else []
             raised = [self.spec.raised(each.variables, each.x, degrees) for each in nearest]
             raised[:1] = [replace(start, at_once=True) for start in raised[:1]]
             tried = []
             number = 0
-            last = min(attempts, most_starts)
+            last = min(ATTEMPTS if degrees == stages[-1] else ATTEMPTS_BEFORE_RAISING, most_starts)
             while number < last:
                 numbers = range(number, min(number + self._how_many(tried), last))
                 result = self.follow_numbered(degrees, raised, numbers, expired, allowance.left, not options.near_miss)
@@ -176,16 +182,16 @@ class Search:
             return True
         if len(solved) < self.options.starts:
             return False
-        first_is_easy = _is_easy(results[0])
+        are_easy = [result.is_optimal and result.iterations <= SETTINGS.easy_iterations for result in results]
         constrained = self.spec.problem.has_inequalities
-        if constrained and self.spec.momentum.free:
+        if constrained and self.spec.momentum.axes.size:
             # Each h may have a best motion of its own: several must lead to the same, or h has been tried throughout.
             values = np.sort([result.objective_value for result in solved])
             agreeing = int((values - values[0] <= AGREEMENT * values).sum())
-            all_agree = agreeing == len(values) and all(_is_easy(result) for result in solved)
+            all_agree = agreeing == len(values) and sum(are_easy) == len(solved)
             enough = AGREEING if all_agree else AGREEING_BEST
             return agreeing >= enough or count_starts(results) >= STARTS_OF_FREE_MOMENTUM
-        if first_is_easy or len(solved) >= SETTINGS.wanted_after_failure:
+        if are_easy[0] or len(solved) >= SETTINGS.wanted_after_failure:
             return True
         if not constrained:
             return False
@@ -289,21 +295,6 @@ class Search:
         if not (self._kernel_problem and self._kernel_problem.start.x is start.x):
             self._kernel_problem = KernelProblem.of(self.spec, start)
         return self._kernel_problem
-
-
-def _is_easy(result: AttemptResult) -> bool:
-    """Whether a start led quickly to an optimum."""
-    return result.is_optimal and result.iterations <= SETTINGS.easy_iterations
-
-
-def _stages(problem: Problem) -> Iterator[tuple[tuple[int, ...], int]]:
-    """Degrees and how many starts to try with them."""
-    if not problem.raises_degree:
-        yield problem.degrees, ATTEMPTS
-        return
-    for degree in range(problem.degrees[0], HIGHEST_AUTOMATIC_DEGREE, DEGREE_STEP):
-        yield (degree,) * len(problem.degrees), ATTEMPTS_BEFORE_RAISING
-    yield (HIGHEST_AUTOMATIC_DEGREE,) * len(problem.degrees), ATTEMPTS
 
 
 def _are_hopeless(tried: list[AttemptResult], most: int) -> bool:

@@ -11,7 +11,7 @@ from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.flight import PlanarFlight, flight_of
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.planning.constraints import Constraint, constraints
+from floatplan.planning.constraints import Constraint, clearance, limit
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
 from floatplan.planning.kernel_input.space import SpatialRows
 from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
@@ -45,8 +45,29 @@ class FlightSpec:
 
     @cached_property
     def constraints(self) -> tuple[Constraint, ...]:
-        """All that need watching."""
-        return constraints(self.problem, self.flight) if self.problem.has_inequalities else ()
+        """All inequalities that do not hold by construction."""
+        problem = self.problem
+        if not problem.has_inequalities:
+            return ()
+        flight = self.flight
+        duration = problem.flight.duration
+        obstacles = [
+            (f"obstacle {index} ({obstacle.kind})", obstacle) for index, obstacle in enumerate(problem.obstacles)
+        ]
+        if problem.ground:
+            obstacles.append(("the ground", problem.ground_plane))
+        blocks: list[Constraint] = []
+        for name, obstacle in obstacles:
+            low, high = obstacle.window or (0.0, duration)
+            window = max(low / duration, 0.0), min(high / duration, 1.0)  # as far as the flight lasts
+            labels = [f"clearance of {link} to {name}" for link in flight.links_measured(obstacle)]
+            blocks.append(clearance(obstacle, obstacle.margin, labels, "the obstacle covers the {end} posture", window))
+        for pair in problem.self_clearances:
+            first, second = (tuple(i for i, link in enumerate(flight.links) if link == name) for name in pair.links)
+            labels = [f"clearance of {pair.links[0]} to {pair.links[1]}"] * (len(first) * len(second))
+            blocks.append(clearance((first, second), pair.margin, labels, "it follows from the {end}'s positions"))
+        blocks += [limit(shares, flight) for shares in problem.limit_shares]
+        return tuple(blocks)
 
     @cached_property
     def rows(self) -> KernelRows:
@@ -57,10 +78,10 @@ class FlightSpec:
                 return PlanarRows(self.problem.robot.tree, (), quantity)
             flight = self.flight
             assert isinstance(flight, PlanarFlight), "the robot flies in its plane"
-            blocks = [constraint.compiled(flight) for constraint in self.constraints]
+            blocks = [constraint.rows for constraint in self.constraints]
             return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
-        return SpatialRows(self.flight, [each.compiled(self.flight) for each in self.constraints], quantity)
+        return SpatialRows(self.flight, [constraint.rows for constraint in self.constraints], quantity)
 
     def raised(self, lower: DecisionVariables, x: Array, degrees: tuple[int, ...]) -> Start:
         """Return the motion x of some variables as a start at higher degrees."""

@@ -83,14 +83,14 @@ class DecisionVariables:
 
     def __post_init__(self) -> None:
         """Count the variables, and say what is chosen at both ends."""
-        chosen: set[AtEnds] = {"momentum"} if self.momentum.free else set()
+        chosen: set[AtEnds] = {"momentum"} if self.momentum.axes.size else set()
         if self.following:
             chosen.add("velocities")
         if self.polynomials.free_ends:
             chosen.add("accelerations")
         vars(self).update(
             coefficients=len(self.offset),
-            size=len(self.offset) + self.momentum.free,
+            size=len(self.offset) + self.momentum.axes.shape[1],
             chosen_at_ends=frozenset(chosen),
         )
 
@@ -129,16 +129,16 @@ class DecisionVariables:
         beyond = z.ravel()[self.polynomials.free_indices] - self.offset
         is_scaled = self.offset_map is not None or self.has_reference
         x = np.asarray(np.linalg.solve(self.scaling, beyond) if is_scaled else beyond, np.float64)
-        if not self.momentum.free:
+        if not self.momentum.axes.size:
             return x
         beside = np.atleast_1d(angular_momentum) - self.momentum.centre
         if not beside.any():
-            return np.concatenate((x, np.zeros(self.momentum.free)))
+            return np.concatenate((x, np.zeros(self.momentum.axes.shape[1])))
         return np.concatenate((x, np.linalg.lstsq(self.momentum.axes, beside, rcond=None)[0]))
 
     def angular_momentum(self, x: Array) -> Array:
         """Angular momentum h (e,), kg m^2/s."""
-        if not self.momentum.free:
+        if not self.momentum.axes.size:
             return self.momentum.centre
         return np.asarray(self.momentum.centre + self.momentum.axes @ x[self.coefficients :])
 
@@ -197,7 +197,7 @@ def decision_variables(
         tuple(degree - CONDITIONS + 1 + len(free_ends) for degree in degrees),
         free_ends,
     )
-    return scaled_variables(problem, polynomials, momentum, conditions if momentum.free and rests else None)
+    return scaled_variables(problem, polynomials, momentum, conditions if momentum.axes.size and rests else None)
 
 
 def scaled_variables(

@@ -1,7 +1,7 @@
-"""What a plan does, measured: how much of its limits each motor uses, and what it does beside what was asked.
+"""What a plan does, measured: how much of its limits each motor uses, and what it does in addition to the request.
 
-A proof holds for what was asked. What the motion does to the ground and to the limits that the URDF gives is measured,
-asked for or not: it is a warning beside the verdict.
+A proof holds for the request. What the motion does to the ground and to the limits that the URDF gives is measured,
+requested or not: it is a warning in addition to the verdict.
 """
 
 import math
@@ -22,9 +22,9 @@ from floatplan.robot import Coupling
 from floatplan.robot.planar.choice import MOST_LEANING, against_gravity
 from floatplan.robot.robot import Robot
 from floatplan.robot.wheels import wheels
-from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_REST, LimitRow
+from floatplan.tables import CLEARANCE, JOINT_LIMITS, LIMIT_TABLE, POINT_FEET, RELATIVE, ROUNDED_FRAME_SPEED, LimitRow
 
-USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is told, the first goes before equals
+USED = (LIMIT_TABLE["torque"], *JOINT_LIMITS)  # the limits whose utilisation is reported, the first goes before equals
 Kind: TypeAlias = Literal[
     "gravity",
     "ground",
@@ -45,12 +45,12 @@ STANDARD_GRAVITY = 9.80665  # [m/s^2]
 # [-] of the robot's weight times its length: the strongest motors of legged robots have 0.3 (Mini Cheetah: 17 N m,
 # 9 kg, 0.6 m), people's knees and hips as much; flips among the examples without limits take up to 0.6
 MOST_TORQUE = 2.0
-MOST_TURNS = 2 * math.tau  # [rad] asked for at an end, or from one to the other, without a warning
+MOST_TURNS = 2 * math.tau  # [rad] requested at an end, or from one to the other, without a warning
 
 
 @dataclass(frozen=True)
 class PlanWarning:
-    """Something that a plan does beside what was asked of it.
+    """Something that a plan does in addition to what the problem requests.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class PlanWarning:
 
 @dataclass(frozen=True)
 class Utilisation:
-    """How much of its limits a motor uses; limits are those that were asked for, else the URDF's, else None.
+    """How much of its limits a motor uses; limits are the requested ones, else the URDF's, else None.
 
     Attributes
     ----------
@@ -129,18 +129,18 @@ def utilisation(problem: Problem, peaks: Peaks) -> tuple[Utilisation, ...]:
 
 
 def limits_of_motors(problem: Problem) -> dict[str, Array]:
-    """Return the limit (m,) of each motor, or (N, m), by the names of limits: what is asked, the URDF's, or none."""
+    """Return the limit (m,) of each motor, or (N, m), by the names of limits: the requested, the URDF's, or none."""
     robot = problem.robot
     leaders, ratios, _ = zip(*(_coupling(robot, joint) for joint in robot.motors), strict=True)
-    found: dict[str, Array] = {}
+    limits: dict[str, Array] = {}
     for row in USED:
         if row.of == "motors":
-            asked = np.minimum(problem.motor_torque_limits, problem.motor_stall)
+            requested = np.minimum(problem.motor_torque_limits, problem.motor_stall)
         else:
-            asked = np.abs(ratios) * problem.joint_limits[row.key][..., list(leaders)]
+            requested = np.abs(ratios) * problem.joint_limits[row.key][..., list(leaders)]
         of_urdf = np.array(getattr(robot, f"motor_{row.key}_limits")) if row.in_urdf else np.inf
-        found[row.key] = np.where(np.isfinite(asked), asked, of_urdf)
-    return found
+        limits[row.key] = np.where(np.isfinite(requested), requested, of_urdf)
+    return limits
 
 
 def largest_use(rows: Sequence[Utilisation]) -> float | None:
@@ -150,7 +150,7 @@ def largest_use(rows: Sequence[Utilisation]) -> float | None:
 
 
 def limits_shown(rows: Sequence[Utilisation]) -> tuple[LimitRow, ...]:
-    """Limits whose utilisation is worth a column: those that are always told, and those that some motor has."""
+    """Limits whose utilisation is worth a column: those that are always reported, and those that some motor has."""
     return tuple(row for row in USED if row.always or any(getattr(use, f"{row.key}_limit") is not None for use in rows))
 
 
@@ -203,7 +203,7 @@ def _gravity(plan: PlannedMotion) -> Iterator[PlanWarning]:
     if robot.gravity_direction is None or contradiction is None or plan.ballistics.gravity == 0:
         return
     angle = math.acos(min(1.0, max(-1.0, float(robot.up @ -robot.gravity_direction))))
-    advice = "[robot] plane names another" if robot.in_plane else "turn its root link, as z is up in space"
+    advice = "[robot] plane names another" if robot.in_plane else "rotate its root link, as z is up in space"
     message = f"{contradiction[0].upper()}{contradiction[1:]}; {advice}."
     yield PlanWarning("gravity", robot.joint_tree.root, angle, math.acos(MOST_LEANING), "rad", None, message)
 
@@ -225,7 +225,7 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
         at_takeoff = float(plan.whole.heights(np.zeros(1))[0].min())
         if at_takeoff < -CLEARANCE:
             message = (
-                f"{link} gets {-height:.3g} m below the place that {takeoff} left, at {instant:.3g} s, and something is"
+                f"{link} gets {-height:.3g} m below where {takeoff} left, at {instant:.3g} s, and something is"
                 f" {-at_takeoff:.3g} m below it at takeoff; flight.takeoff names the frame that leaves the ground."
             )
         else:
@@ -237,44 +237,49 @@ def _ground(plan: PlannedMotion) -> Iterator[PlanWarning]:
 
 
 def overlap_warnings(problem: Problem, positions: Callable[[Array], Array], duration: float) -> tuple[PlanWarning, ...]:
-    """Return what is said of links that a motion brings into one another, asked for or not.
+    """Return warnings of links that a motion brings into one another, requested or not.
 
     Parameters
     ----------
     problem : Problem
-        Pairs of its ``self_clearances`` are kept apart, and are not looked at.
+        Pairs of its ``self_clearances`` are proved apart, and are not looked at.
     positions : planned positions (N, n), rad, at times (N,), s, from 0 to ``duration``
     duration : s
     """
     robot = problem.robot
     aside = [frozenset(pair.links) for pair in problem.self_clearances]
     try:
-        found = overlaps(robot, positions, duration, aside)
+        pairs = overlaps(robot, positions, duration, aside)
     except InputError as error:
         message = f"Whether links overlap could not be measured: {error}."
         return (PlanWarning("overlap", robot.joint_tree.root, None, 0.0, "m", None, message),)
-    return tuple(_overlap_warning(robot, overlap) for overlap in found)
+    return tuple(_overlap_warning(robot, overlap) for overlap in pairs)
 
 
 def _overlap_warning(robot: Robot, overlap: Overlap) -> PlanWarning:
     first, second = overlap.links
-    at_rest = f", at rest {overlap.at_rest:.2g} m" if overlap.at_rest > 0 else ""
-    drawn = "" if robot.has_shapes else ", as the bars that are drawn, since the file gives no shapes"
+    in_reference = f", in the reference posture {overlap.reference_depth:.2g} m" if overlap.reference_depth > 0 else ""
+    shapes = "" if robot.has_shapes else ", as the bars that are drawn, since the file gives no shapes"
     if overlap.joint is not None:
         advice = f"a narrower limits.position of {overlap.joint} keeps them apart"
     else:
         advice = "[[self_clearance]] keeps them apart"
-    message = f"{first} is {overlap.depth:.2g} m inside {second} at {overlap.instant:.3g} s{at_rest}{drawn}; {advice}."
+    message = (
+        f"{first} is {overlap.depth:.2g} m inside {second} at {overlap.instant:.3g} s{in_reference}{shapes}; {advice}."
+    )
     subject = f"{first} {second}"
-    return PlanWarning("overlap", subject, overlap.depth, overlap.at_rest, "m", overlap.instant, message)
+    return PlanWarning("overlap", subject, overlap.depth, overlap.reference_depth, "m", overlap.instant, message)
 
 
 def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[PlanWarning]:
-    """Frames that no joint rates within the limits, or such as no robot's are, let leave or meet the ground at rest."""
+    """Frames that need joint rates beyond the limits, or beyond any robot's, to leave or meet the ground still."""
     for contact in contacts:
         instant = 0.0 if contact.end == "takeoff" else contact.problem.flight.duration
         state = plan.at(instant)
-        if contact.ratio == math.inf and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_REST:
+        if (
+            contact.ratio == math.inf
+            and contact.speed(float(state.orientation_rate), state.velocities) < ROUNDED_FRAME_SPEED
+        ):
             continue
         if not contact.ok:
             subject = contact.joint or contact.frame
@@ -294,7 +299,7 @@ def _contacts(plan: PlannedMotion, contacts: Sequence[Contact]) -> Iterator[Plan
 
 
 def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
-    """Joints that leave the URDF's ranges or turn faster than it allows, each of a group on its own."""
+    """Joints that leave the URDF's ranges or rotate faster than it allows, each of a group on its own."""
     for joint in (*robot.joints, *robot.coupled):
         written = robot.joint_tree.joint[joint]
         leader, ratio, offset = _coupling(robot, joint)
@@ -316,7 +321,7 @@ def _ranges_and_rates(robot: Robot, peaks: Peaks) -> Iterator[PlanWarning]:
 
 
 def _torques(plan: PlannedMotion) -> Iterator[PlanWarning]:
-    """Motors, and locked joints to be held, that need more torque than the URDF's effort."""
+    """Motors, and locked joints, that need more torque than the URDF's effort."""
     robot = plan.robot
     peaks = plan.peaks
     of_motors = zip(robot.motor_torque_limits, peaks.motor_torque, peaks.motor_torque_instant, strict=True)
@@ -359,7 +364,7 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
             message = (
                 f"{row.joint} needs {row.torque_peak:.3g} N m at {row.torque_instant:.3g} s and its file gives no"
                 f" limit: {most:.3g} N m are {MOST_TORQUE:g} times the robot's weight times its length, more than any"
-                " motor of its size has; a longer flight, or less of a turn, needs less, and limits.torque keeps it."
+                " motor of its size has; a longer flight, or less rotation, needs less, and limits.torque keeps it."
             )
             yield PlanWarning("torque", row.joint, row.torque_peak, most, "N m", row.torque_instant, message)
     turning = [row for row in unlimited["velocity"] if row.joint not in wheels(robot)]
@@ -367,14 +372,14 @@ def _beyond_sense(plan: PlannedMotion) -> Iterator[PlanWarning]:
         if row.velocity_peak > FAST:
             message = (
                 f"{row.joint} turns at {row.velocity_peak:.3g} rad/s at {row.velocity_instant:.3g} s and its file gives"
-                f" no limit: no joint of a legged robot turns at {FAST:g} rad/s; a longer flight, or less of a turn,"
+                f" no limit: no joint of a legged robot turns at {FAST:g} rad/s; a longer flight, or less rotation,"
                 " needs less, and limits.velocity keeps it."
             )
             yield PlanWarning("velocity", row.joint, row.velocity_peak, FAST, "rad/s", row.velocity_instant, message)
 
 
 def _turns(problem: Problem) -> Iterator[PlanWarning]:
-    """Angles that are asked for and so large that degrees may have been meant, of base and joints; wheels turn on."""
+    """Requested angles so large that degrees may have been meant, of base and joints; wheels roll on."""
     start, goal = problem.initial, problem.final
     first, last = (
         np.array([end.orientation if end.attitude is None else end.attitude.angles or 0.0]) for end in (start, goal)
@@ -391,7 +396,7 @@ def _turns(problem: Problem) -> Iterator[PlanWarning]:
 
 
 def _leak(plan: PlannedMotion) -> Iterator[PlanWarning]:
-    """What robots that are not their own mirror image turn out of the plane that theory keeps them in."""
+    """What robots that are not their own mirror image rotate out of the plane that theory keeps them in."""
     turned = plan.out_of_plane
     if turned is None or np.linalg.norm(turned) <= OUT_OF_PLANE:
         return

@@ -1,4 +1,4 @@
-"""Pictures, pages and other formats of a motion, asked for as its methods: they lie in upper rooms."""
+"""Pictures, pages and other formats of a motion, by its methods: they lie in upper rooms."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from floatplan.plans.trajectory import MotionSample, Trajectory, sample_times, s
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# Loaded by name when they are asked for: the one place where a lower room calls upper ones.
+# Loaded by name when they are called: only here does a lower package call upper ones.
 OUTPUTS = {
     "figures": "floatplan.view.figures.figures",
     "animate": "floatplan.view.figures.animation",
@@ -51,15 +51,15 @@ class Outputs:
     def figures(self) -> dict[str, Figure]:
         """Return the figures by name, as matplotlib figures; see :func:`floatplan.view.figures.figures.figures`."""
         self.refuse_unless_shown()
-        found: dict[str, Figure] = output("figures")(self)
-        return found
+        figure: dict[str, Figure] = output("figures")(self)
+        return figure
 
     def animate(
         self, path: str | Path = "flight.gif", *, speed: float = 0.5, progress: Callable[[int, int], None] | None = None
     ) -> Path:
         """Write a film of the motion, ``.gif`` or ``.mp4``, and return its path.
 
-        ``speed`` 0.5 is slow motion; ``progress`` is told how many pictures are drawn, and of how many.
+        ``speed`` 0.5 is slow motion; ``progress`` is called with how many pictures are finished, and of how many.
         """
         path = as_path(path, "path")
         speed = positive()(speed, "speed")
@@ -99,7 +99,7 @@ class Outputs:
         rate : float, optional
             Instants per second, Hz; left out, what suits the format.
         kp, kd : float or mapping, optional
-            Gains of the joints, N m/rad and N m s/rad, of all or by name, in files that have room for them.
+            Gains of the joints, N m/rad and N m s/rad, of all or by name, in files that have them.
         model : path, optional
             URDF or MJCF of what reads a reference motion ("isaac-amp", "motion-csv", "loco-mujoco"), or flies it
             ("mujoco"): the file has its joints, bodies and actuators, in its order. Left out, "mujoco" is for the MJCF
@@ -108,7 +108,7 @@ class Outputs:
         Raises
         ------
         InputError
-            The format is unknown, or has no room for gains or for the order of a model; a number is wrong; the model
+            The format is unknown, or has no gains or for the order of a model; a number is wrong; the model
             has other joints or bodies than the robot; or there is no motion.
         """
         path = optional(as_path)(path, "path")
@@ -124,5 +124,5 @@ class Outputs:
 
 def output(name: str) -> Callable[..., Any]:
     """Return a function of :data:`OUTPUTS`."""
-    found: Callable[..., Any] = getattr(import_module(OUTPUTS[name]), name)
-    return found
+    function: Callable[..., Any] = getattr(import_module(OUTPUTS[name]), name)
+    return function

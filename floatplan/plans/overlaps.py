@@ -11,27 +11,27 @@ from floatplan.robot.robot import Robot
 
 INSTANTS = 65  # [-] of a motion that are looked at first
 CLOSER = np.linspace(-1.0, 1.0, 17)  # [-] steps from there, at which a pair is looked at that is near
-SLIGHT = 5e-3  # [m] that links may be deeper in one another than at rest: shapes of files are no truer than that
+SLIGHT = 5e-3  # [m] that links may overlap more than in the reference posture: shapes of files are no truer than that
 SLIGHT_SHARE = 0.01  # [-] the same of the robot's size; the smaller one counts
-MOST_CONFIRMED = 8  # [-] instants of a pair, the deepest first, at which meshes are looked at in place of their hulls
+MOST_CONFIRMED = 8  # [-] instants of a pair, the deepest first, at which meshes are looked at instead of their hulls
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two links that are in one another during a motion, deeper than at rest.
+    """Two links that are in one another during a motion, deeper than in the reference posture.
 
     Attributes
     ----------
     links : both
-    depth : m, by which one would have to move for them to part; between the convex hulls of meshes
-    at_rest : m, the same in the robot's reference posture; 0 where they are apart
+    depth : m, by which one would have to move for them to separate; between the convex hulls of meshes
+    reference_depth : m, the same in the robot's reference posture; 0 where they are apart
     instant : s, when they are deepest
     joint : the joint between them where they are parts of neighbours, of which then the halves away from it count
     """
 
     links: tuple[str, str]
     depth: float
-    at_rest: float
+    reference_depth: float
     instant: float
     joint: str | None
 
@@ -64,11 +64,11 @@ def overlaps(
     resting = np.minimum(pairs.distances(robot.resting[None], chosen)[0], 0.0)
     slight = allowance(pairs)
 
-    room = pairs.distances(sampled, chosen) - resting
-    step = np.abs(np.diff(room, axis=0)).max(axis=0)
-    lowest = room.argmin(axis=0)
+    depths_left = pairs.distances(sampled, chosen) - resting
+    step = np.abs(np.diff(depths_left, axis=0)).max(axis=0)
+    lowest = depths_left.argmin(axis=0)
     when = times[lowest]
-    least = room.min(axis=0)
+    least = depths_left.min(axis=0)
     for column in np.flatnonzero(least < step).tolist():  # below zero, or perhaps between the instants
         around = np.clip(when[column] + times[1] * CLOSER, 0.0, duration)
         closer = pairs.distances(positions(around), chosen[[column]])[:, 0] - resting[column]
@@ -80,8 +80,8 @@ def overlaps(
         alike = _moving_alike(robot, pairs.pairs[pair].bodies)
         if least[column] >= -slight or alike in worst:
             continue
-        deep = np.flatnonzero(room[:, column] < -slight)
-        deepest = times[deep[np.argsort(room[deep, column])]]
+        deep = np.flatnonzero(depths_left[:, column] < -slight)
+        deepest = times[deep[np.argsort(depths_left[deep, column])]]
         looked_at = [float(when[column]), *deepest[:MOST_CONFIRMED].tolist()]
         instant = _confirmed(pairs, pair, positions, looked_at)
         if instant is None:
@@ -90,7 +90,7 @@ def overlaps(
         worst[alike] = Overlap(
             links=pairs.links(pair),
             depth=depth,
-            at_rest=abs(float(resting[column])),
+            reference_depth=abs(float(resting[column])),
             instant=instant,
             joint=pairs.pairs[pair].joint,
         )
@@ -106,7 +106,7 @@ def _moving_alike(robot: Robot, bodies: tuple[str, str]) -> frozenset[str] | fro
 
 
 def allowance(pairs: LinkPairs) -> float:
-    """By how much deeper than at rest a robot's links may be in one another without being said to overlap, m."""
+    """By how much deeper than in the reference posture links may overlap before that is reported, m."""
     return min(SLIGHT, SLIGHT_SHARE * pairs.size)
 
 
@@ -115,12 +115,12 @@ def _near(pairs: LinkPairs, sampled: Array, aside: Collection[frozenset[str]]) -
     bounds = pairs.least_distances(sampled)
     step = np.abs(np.diff(bounds, axis=0)).max(axis=0, initial=0.0)
     near = np.flatnonzero(bounds.min(axis=0, initial=np.inf) < step)
-    kept = [index for index in near.tolist() if frozenset(pairs.links(index)) not in aside]
-    return np.array(kept, dtype=np.int64)
+    indices = [index for index in near.tolist() if frozenset(pairs.links(index)) not in aside]
+    return np.array(indices, dtype=np.int64)
 
 
 def _confirmed(pairs: LinkPairs, pair: int, positions: Callable[[Array], Array], instants: list[float]) -> float | None:
-    """The first of some instants at which a pair overlaps: of meshes the surfaces have to meet, not the hulls alone."""
+    """The first of some instants at which a pair overlaps: of meshes the surfaces have to meet, not only the hulls."""
     if not pairs.is_mesh(pair):
         return instants[0]
     return next((time for time in instants if pairs.meet(pair, positions(np.array([time]))[0])), None)

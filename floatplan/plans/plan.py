@@ -1,4 +1,4 @@
-"""The answer, alive: a plan that is a motion, callable in time; made by a search, or read from its file."""
+"""A plan: the result of a search as a motion, callable in time; made by a search, or read from its file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from floatplan.arguments import in_line, in_short, made, optional
+from floatplan.arguments import attributes, in_line, in_short, made, optional
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -22,7 +22,7 @@ from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, JOINTS_AT_ENDS, PlanRecord, check_asked
+from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, JOINTS_AT_ENDS, PlanRecord, check_requested
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
@@ -32,14 +32,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LONGEST_EXPLANATION = 300  # [characters] in a representation
-SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are found on a grid
+SAME, OF_GRIDS = 1e-6, 2e-3  # [-] numbers that a file holds twice, and peaks, which are sampled on a grid
 MOTION = ("centre", "amplitude", "coefficients", "angular_momentum")
-ANSWER = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
+RESULT = ("angular_momentum_bounds", "status", "ok", "explanation", "solver")  # as MOTION the same in a plan file
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Outputs, PlannedMotion):
-    """A planned flight: a motion that can be evaluated at any time, and what was found out about it.
+    """A planned flight: a motion that can be evaluated at any time, and the results of its checks.
 
     Attributes
     ----------
@@ -50,11 +50,11 @@ class Plan(Outputs, PlannedMotion):
     angular_momentum : kg m^2/s; (3,) in space, in the world's axes
     ballistics : Ballistics
     angular_momentum_bounds : (low, high) of (9), kg m^2/s; None in space
-    status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C ended the search before a plan was found
+    status : "optimal", "feasible", "infeasible" or "interrupted", where Ctrl-C stopped the search without a plan
     ok : whether every constraint holds
     explanation : sentences for a person
     solver : mapping
-        What the search took and how it was told to: iterations, evaluations, seconds, seed, ...
+        What the search took and its options: iterations, evaluations, seconds, seed, ...
     as_recorded : PlanRecord, optional
         The plan as data, where it was read from a file or checked; left out, ``record`` is measured.
     """
@@ -76,7 +76,7 @@ class Plan(Outputs, PlannedMotion):
         z: Array,
         angular_momentum: Array,
         coefficients: Array | None = None,
-        **answer: Any,
+        **result: Any,
     ) -> Plan:
         """Return the plan that moves as a search's motion, with the states at both ends that were chosen.
 
@@ -87,8 +87,8 @@ class Plan(Outputs, PlannedMotion):
         z : (n, width) free coefficients
         angular_momentum : (1,) kg m^2/s, (3,) in space
         coefficients : (n, k+1), optional
-            b of (12), where they are known.
-        answer : ``status``, ``ok``, ``explanation`` and ``solver``
+            b of (12), where there are any.
+        result : ``status``, ``ok``, ``explanation`` and ``solver``
         """
         if problem.chooses_ends:
             ends = polynomials.motion(z, basis(polynomials.form).values(np.array([0.0, 1.0])))
@@ -104,15 +104,15 @@ class Plan(Outputs, PlannedMotion):
             angular_momentum=float(angular_momentum[0]) if in_one_number else read_only(angular_momentum),
             ballistics=problem.path,
             angular_momentum_bounds=problem.angular_momentum_bounds,
-            **answer,
+            **result,
         )
 
     def moving_as(
         self, polynomials: SinePolynomials, z: Array, angular_momentum: Array, coefficients: Array | None = None
     ) -> Plan:
-        """Return the plan with another motion, given as to :meth:`of_motion`."""
-        answer = {name: getattr(self, name) for name in ("status", "ok", "explanation", "solver")}
-        return Plan.of_motion(self.problem, polynomials, z, angular_momentum, coefficients, **answer)
+        """Return the plan with another motion, as to :meth:`of_motion`."""
+        result = attributes(self, ("status", "ok", "explanation", "solver"))
+        return Plan.of_motion(self.problem, polynomials, z, angular_momentum, coefficients, **result)
 
     def __post_init__(self, as_recorded: PlanRecord | None) -> None:
         """Keep the record; ``dataclasses.replace`` drops it, since what it changes is another plan."""
@@ -135,7 +135,7 @@ class Plan(Outputs, PlannedMotion):
     @cached_property
     @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What the motion does to the ground and to limits that is no part of the verdict."""
+        """What the motion does to the ground and to limits that does not belong to the verdict."""
         return measured_warnings(self, self.contacts)
 
     @property
@@ -154,7 +154,7 @@ class Plan(Outputs, PlannedMotion):
         peaks = self.peaks
         problem = self.problem
         return PlanRecord(
-            **{name: getattr(self, name) for name in (*MOTION, *ANSWER)},
+            **attributes(self, (*MOTION, *RESULT)),
             problem=problem_to_dict(problem),
             robot=robot_record(self.robot),
             format=FORMAT if self.robot.in_plane else FORMAT_IN_SPACE,
@@ -178,7 +178,7 @@ class Plan(Outputs, PlannedMotion):
         return self._certificate
 
     def with_record(self, record: PlanRecord) -> Plan:
-        """Return the same motion with what its checks found, and with the status that the record gives it."""
+        """Return the same motion with the results of its checks, and with the status that the record gives it."""
         plan = copy(self)  # with what was measured of the motion
         for name in ("status", "ok", "explanation"):
             object.__setattr__(plan, name, getattr(record, name))
@@ -196,8 +196,8 @@ class Plan(Outputs, PlannedMotion):
     def figures(self, compare: Plan | None = None) -> dict[str, Figure]:
         """Return the paper's figures, by name, as matplotlib figures; the curves of a plan to compare are dashed."""
         optional(made(Plan))(compare, "compare")
-        found: dict[str, Figure] = output("figures")(self, compare=compare)
-        return found
+        figure: dict[str, Figure] = output("figures")(self, compare=compare)
+        return figure
 
     def __repr__(self) -> str:
         """A few lines: verdict, motion, peaks; nothing is computed for them that takes time."""
@@ -226,12 +226,12 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
         The URDF is missing or has changed, the record's problem does not fit it, or its certificate is none.
     """
     with naming(source):
-        check_asked(record)
+        check_requested(record)
     robot = recorded_robot(record.robot, source, urdf)
     if record.asks_clearance:
         check_meshes(robot, record.robot, source)
     if (record.clearance_min is None) == bool(record.problem.get("obstacles")):
-        fault = "is null although there are" if record.clearance_min is None else "is given without"
+        fault = "is null although there are" if record.clearance_min is None else "is there without"
         raise InputError(f"{fault} obstacles", source=source, element="clearance_min")
     problem = problem_from_dict(dict(record.problem), robot, source, written=record.problem_file)
     com = record.com
@@ -240,7 +240,7 @@ def rebuild(record: PlanRecord, source: str | Path | None = None, urdf: str | Pa
             problem=problem,
             ballistics=Ballistics(read_only(com["position0"]), read_only(com["velocity0"]), float(com["gravity"])),
             as_recorded=record,
-            **{name: getattr(record, name) for name in (*MOTION, *ANSWER)},
+            **attributes(record, (*MOTION, *RESULT)),
         )
         if record.in_space:
             _check_stated(plan, record)
@@ -253,7 +253,7 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
     peaks = plan.peaks
     h = plan.problem.flight.angular_momentum
     state = plan.at([0.0, plan.duration])
-    found = {
+    computed = {
         "problem": {
             end: {name: getattr(state, name)[index] for name in JOINTS_AT_ENDS}
             for index, end in enumerate(("start", "goal"))
@@ -266,17 +266,17 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
         "velocity_peak": peaks.velocity,
         "motor_torque_peak": dict(zip(plan.robot.motors, peaks.motor_torque, strict=True)),
     }
-    for element in _unlike(vars(record), found):
+    for element in _unlike(vars(record), computed):
         raise InputError("is not that of the file's motion", element=element, advice="plan again")
     limited = ((peaks.velocity, problem.velocity_limits), (peaks.motor_torque, problem.motor_torque_limits))
-    kept = all((peak <= limit * (1 + SAME)).all() for peak, limit in limited)
-    if record.ok and not (plan.whole.missed < SAME and kept):
+    within_limits = all((peak <= limit * (1 + SAME)).all() for peak, limit in limited)
+    if record.ok and not (plan.whole.missed < SAME and within_limits):
         raise InputError("is true, but the motion misses the goal or a limit", element="ok", advice="plan again")
 
 
-def _unlike(stated: Any, found: Mapping[str, Any], within: str = "") -> Iterator[str]:
-    """Which numbers, by their keys, are not those found; peaks are as near as a grid tells them."""
-    for key, value in found.items():
+def _unlike(stated: Any, computed: Mapping[str, Any], within: str = "") -> Iterator[str]:
+    """Which numbers, by their keys, are not the computed ones; peaks are as near as a grid makes them."""
+    for key, value in computed.items():
         element = within + key
         own = stated.get(key)
         if isinstance(value, Mapping):
@@ -285,8 +285,8 @@ def _unlike(stated: Any, found: Mapping[str, Any], within: str = "") -> Iterator
             yield element
 
 
-def given_plan(plan: Plan | str | Path) -> Plan:
-    """Return the plan that a function was given, or read its file; errors as :func:`load_plan`."""
+def as_plan(plan: Plan | str | Path) -> Plan:
+    """Return the plan that is a function's argument, or read its file; errors as :func:`load_plan`."""
     if isinstance(plan, Plan):
         return plan
     if not isinstance(plan, str | Path):
@@ -296,7 +296,7 @@ def given_plan(plan: Plan | str | Path) -> Plan:
 
 @one_thread
 def load_plan(path: str | Path, urdf: str | Path | None = None) -> Plan:
-    """Read a plan file and the URDF that it names, or another place of the same file.
+    """Read a plan file and the URDF that it names, or the same file elsewhere.
 
     Raises
     ------

@@ -106,8 +106,8 @@ class PlannedMotion(flight.MotionInFile):
 
     def full_motion(self, times: npt.ArrayLike) -> flight.FullMotion:
         """Motion of every joint of the URDF, and of the base in space, at N times; errors as of :meth:`at`."""
-        found: flight.FullMotion = self.whole.full_motion(self._state(self._within(times).ravel()))
-        return found
+        motion: flight.FullMotion = self.whole.full_motion(self._state(self._within(times).ravel()))
+        return motion
 
     @property
     def whole_problem(self) -> Problem:
@@ -120,7 +120,7 @@ class PlannedMotion(flight.MotionInFile):
 
     @property
     def phases(self) -> tuple[()]:
-        """None: nothing of a flight alone is about contacts, as :attr:`floatplan.Jump.phases` are."""
+        """None: nothing of a flight has contacts, as :attr:`floatplan.Jump.phases` are."""
         return ()
 
     def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
@@ -164,7 +164,9 @@ class PlannedMotion(flight.MotionInFile):
             return np.full(len(instants), np.inf)
         segments = self.whole.segments(instants, any(isinstance(obstacle, Ground) for obstacle in chosen))
         return reduce(
-            np.minimum, (least_distances(segments, each, instants) for each in chosen), np.full(len(instants), np.inf)
+            np.minimum,
+            (least_distances(segments, obstacle, instants) for obstacle in chosen),
+            np.full(len(instants), np.inf),
         )
 
     @cached_property
@@ -249,7 +251,7 @@ class PlannedMotion(flight.MotionInFile):
 
     @property
     def _size(self) -> float:
-        """(17) in a plane; in space the root mean square of p's free part, over time, joints together, rad."""
+        """(17) in a plane; in space the root mean square of p's free part, over time and all joints, rad."""
         if self.problem.minimises_b:
             return float(np.linalg.norm(self.coefficients))
         return free_part(self.coefficients, self.duration)

@@ -1,4 +1,4 @@
-"""Many answers at once, as arrays; each a :class:`~floatplan.Plan` when asked for."""
+"""Many plans at once, as arrays; each a :class:`~floatplan.Plan` on access."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ WORDS = ("status", "verdict")
 NUMBERS = ("objective", "angular_momentum", "residual")
 COUNTS = ("evaluations", "iterations", "starts", "solved")
 MOST_SHOWN = 20  # [-] rows of the table that notebooks show
-COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and an Answer one of
+COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and a PlanEntry one of
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """The answer to one problem; as of :class:`Plans`, ``coefficients`` (n, k+1)."""
+class PlanEntry:
+    """The result of one problem; as of :class:`Plans`, ``coefficients`` (n, k+1)."""
 
     status: str
     objective: float = np.nan
@@ -43,7 +43,7 @@ class Answer:
     certificate: Mapping[str, Any] | None = None
 
     @classmethod
-    def of_plan(cls, plan: Plan, status: str) -> Answer:
+    def of_plan(cls, plan: Plan, status: str) -> PlanEntry:
         """Of a plan, with its certificate where it has one."""
         certificate = plan.certificate
         return cls(
@@ -59,7 +59,7 @@ class Answer:
         )
 
     def plan(self, problem: Problem, seed: int, seconds: float = np.nan) -> Plan:
-        """Return the answer as a plan; ``seconds`` is what it took, NaN where the clock was not asked."""
+        """Return the entry as a plan; ``seconds`` is what it took, NaN where that was not measured."""
         low, high = problem.position_limits.T
         ok = self.status in SOLVED and self.verdict != "refuted"
         plan = Plan(
@@ -91,21 +91,21 @@ class Answer:
 class Plans(Outlined, Sequence[Plan]):
     """Answers to N problems, in their order: what :func:`floatplan.plan_many` returns.
 
-    ``plans[i]`` is a :class:`~floatplan.Plan`, made when asked for; of a problem that is wrong it raises what is.
+    ``plans[i]`` is a :class:`~floatplan.Plan`, made on access; of a problem that is wrong it raises what is.
 
     Attributes
     ----------
     problems : sequence of N
     status : (N,) of str
-        "optimal" or "feasible", where a plan was found; "not_found"; "impossible", where no motion whatever meets the
+        "optimal" or "feasible", where there is a plan; "not_found"; "impossible", where no motion whatever meets the
         problem; "error", where the problem is wrong.
     objective : (N,)
-        Value of the problem's objective; NaN where no plan was found.
+        Value of the problem's objective; NaN where there is no plan.
     angular_momentum : (N,) kg m^2/s
     residual : (N,) rad
         By how much the orientation at landing misses the goal, with twice as many nodes as the search had.
     coefficients : (N, n, k+1)
-        b of (12), of the nearest motion where no plan was found; NaN where a problem has fewer joints, or a lower
+        b of (12), of the nearest motion where there is no plan; NaN where a problem has fewer joints, or a lower
         degree, than another, or is wrong.
     evaluations, iterations : (N,) int
         Motions evaluated, and iterations of the search.
@@ -136,47 +136,47 @@ class Plans(Outlined, Sequence[Plan]):
 
     @classmethod
     def of(cls, problems: Sequence[Problem], joints: int, columns: int, seed: int) -> Plans:
-        """Return room for answers of so many joints and coefficients, all of them "not_found" yet."""
+        """Return arrays for plans of so many joints and coefficients, all of them "not_found" yet."""
         count = len(problems)
         arrays: dict[str, Any] = {name: np.full(count, np.nan) for name in NUMBERS}
         arrays |= {name: np.zeros(count, np.int64) for name in COUNTS}
         arrays |= {name: np.full(count, word, "<U10") for name, word in zip(WORDS, ("not_found", ""), strict=True)}
         return cls(problems, coefficients=np.full((count, joints, columns), np.nan), seed=seed, **arrays)
 
-    def keep(self, index: int, answer: Answer) -> None:
-        """Take the answer to one problem."""
+    def keep(self, index: int, entry: PlanEntry) -> None:
+        """Store the entry of one problem."""
         for name in COLUMNS:
-            getattr(self, name)[index] = getattr(answer, name)
-        n, columns = answer.coefficients.shape
+            getattr(self, name)[index] = getattr(entry, name)
+        n, columns = entry.coefficients.shape
         missing = columns - self.coefficients.shape[2]
         if missing > 0:  # a degree that was raised
             wider = np.pad(self.coefficients, ((0, 0), (0, 0), (0, missing)), constant_values=np.nan)
             object.__setattr__(self, "coefficients", wider)
         self.coefficients[index] = np.nan
-        self.coefficients[index, :n, :columns] = answer.coefficients
+        self.coefficients[index, :n, :columns] = entry.coefficients
         self.messages.pop(index, None)
-        if answer.message:
-            self.messages[index] = answer.message
-        if answer.certificate is not None:
-            self.certificates[index] = answer.certificate
+        if entry.message:
+            self.messages[index] = entry.message
+        if entry.certificate is not None:
+            self.certificates[index] = entry.certificate
 
     def _repr_html_(self) -> str:
-        """A table of the first answers, as notebooks show it."""
+        """A table of the first plans, as notebooks show it."""
         statuses, counts = np.unique(self.status, return_counts=True)
         counted = ", ".join(f"{count} {status}" for status, count in zip(statuses, counts, strict=True))
         titles = ["problem", "status", "proof", "objective", "angular momentum, kg m²/s", ""]
         rows = []
         for index in range(min(len(self), MOST_SHOWN)):
-            answer = self.answer(index)
-            numbers = [short(number, 5) for number in (answer.objective, answer.angular_momentum)]
-            rows.append([str(index), answer.status, answer.verdict, *numbers, answer.message])
+            entry = self.answer(index)
+            numbers = [short(number, 5) for number in (entry.objective, entry.angular_momentum)]
+            rows.append([str(index), entry.status, entry.verdict, *numbers, entry.message])
         if len(self) > MOST_SHOWN:
             rows.append(["...", f"{len(self) - MOST_SHOWN} more", "", "", "", ""])
         return html_table(f"{len(self)} plans: {counted}", rows, titles)
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:
-        """Whether (N,) a plan was found, and not refuted."""
+        """Whether (N,) there is a plan, and none that is refuted."""
         return np.asarray(np.isin(self.status, SOLVED) & (self.verdict != "refuted"))
 
     def __len__(self) -> int:
@@ -188,7 +188,7 @@ class Plans(Outlined, Sequence[Plan]):
     def __getitem__(self, index: slice) -> list[Plan]: ...
     def __getitem__(self, index: int | slice) -> Plan | list[Plan]:
         if isinstance(index, slice):
-            return [self[each] for each in range(*index.indices(len(self)))]
+            return [self[position] for position in range(*index.indices(len(self)))]
         index = range(len(self))[index]
         problem = self.problems[index]
         if self.status[index] == "error":
@@ -198,11 +198,11 @@ class Plans(Outlined, Sequence[Plan]):
     def __iter__(self) -> Iterator[Plan]:
         return (self[index] for index in range(len(self)))
 
-    def answer(self, index: int) -> Answer:
-        """Return the answer to one problem, on its own."""
+    def answer(self, index: int) -> PlanEntry:
+        """Return the entry of one problem."""
         coefficients = self.coefficients[index]
         there = np.isfinite(coefficients)
-        return Answer(
+        return PlanEntry(
             **{name: getattr(self, name)[index].item() for name in COLUMNS},
             coefficients=coefficients[there.any(axis=1)][:, there.any(axis=0)],
             message=self.messages.get(index, ""),

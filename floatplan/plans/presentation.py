@@ -1,4 +1,4 @@
-"""What is said of a plan, as text: the rows and tables that terminal, report and studio show alike."""
+"""A plan as text: the rows and tables that terminal, report and studio show alike."""
 
 import math
 import re
@@ -14,13 +14,13 @@ from floatplan.plans.verdicts import TONES, Tone, verdict_in_words
 from floatplan.tables import OBJECTIVE_TABLE
 
 LONGEST_LIST = 200  # [-] characters of names in a row
-LEAST_TURN = 1e-4  # [rad] out of the plane, that is told
+LEAST_ROTATION = 1e-4  # [rad] out of the plane, that is reported
 CHECKED = "Stances are checked 2000 times a second, not proved; the figures are the worst of them."
 EXPONENTS = {"2": "²", "3": "³"}
 
 
 class Row(NamedTuple):
-    """A name, what is said under it, and whether that is good, bad or open."""
+    """A name, what stands under it, and whether that is good, bad or open."""
 
     name: str
     text: str
@@ -33,7 +33,7 @@ def plan_verdict(plan: Plan) -> tuple[str, Tone]:
 
 
 def result_rows(plan: Plan) -> list[Row]:
-    """Return what a search found: its status first, then how good the motion is."""
+    """Return the result of a search: its status first, then how good the motion is."""
     record = plan.record
     momentum = f"{in_line(record.angular_momentum, 6)} kg m^2/s"
     if record.angular_momentum_bounds is not None:
@@ -57,15 +57,15 @@ def result_rows(plan: Plan) -> list[Row]:
     ]
     if record.clearance_min is not None:
         rows.append(Row("clearance", f"{record.clearance_min:.5g} m at least"))
-    held = [
-        f"{name} at {place:g} m"
-        for name, place in plan.robot.locked.items()
+    locked = [
+        f"{name} at {position:g} m"
+        for name, position in plan.robot.locked.items()
         if not plan.robot.file_tree.joint[name].turns
     ]
-    if held:
-        rows.append(Row("held", f"{_cut(', '.join(held))}, as joints that slide are not planned", "open"))
+    if locked:
+        rows.append(Row("held", f"{_cut(', '.join(locked))}, as joints that slide are not planned", "open"))
     turned = plan.out_of_plane
-    if turned is not None and np.linalg.norm(turned) > LEAST_TURN:
+    if turned is not None and np.linalg.norm(turned) > LEAST_ROTATION:
         rows.append(
             Row("out of plane", f"turns {turns_out_of_plane(plan.robot, turned)} in space, as its plane is left")
         )
@@ -117,4 +117,4 @@ def utilisation_table(rows: Sequence[Utilisation]) -> tuple[list[str], list[list
 
 def raised(text: str) -> str:
     """Return a text with the exponents of its units raised, for a page or a picture."""
-    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda found: found[1] + EXPONENTS[found[2]], text)
+    return re.sub(r"\b(m|N|s|rad)\^([23])\b", lambda match: match[1] + EXPONENTS[match[2]], text)

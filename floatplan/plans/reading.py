@@ -1,17 +1,17 @@
 """A plan file, or a record built in Python, read: it holds what a plan has, in numbers that a flight can have.
 
-Its robot is found again, read as it was read, and must be the same file as then.
+Its robot is read again, as it was read then, and must be the same file.
 """
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from floatplan.arguments import in_short, number
+from floatplan.arguments import in_short, number, without
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
 from floatplan.files import (
@@ -20,20 +20,20 @@ from floatplan.files import (
     check_hash,
     check_numbers,
     is_file,
-    plain,
+    json_value,
     read_json,
     read_regular,
 )
-from floatplan.plans.record import FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_asked
-from floatplan.robot.asked import robot_as_asked
+from floatplan.plans.record import FILES, FORMAT, FORMAT_IN_SPACE, PlanRecord, RobotRecord, check_requested
+from floatplan.robot.chosen import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.shapes.collisions import LARGEST_MESH
 from floatplan.robot.urdf.tree import is_address
 
-LARGEST = 1e12  # [SI] above every number that is asked; limits that are placeholders are as large
-LARGEST_FOUND = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
+LARGEST = 1e12  # [SI] above every number of a request; limits that are placeholders are as large
+LARGEST_RESULT = 1e100  # [SI] above every number that follows from those, as squares do; its own square is finite
 LARGEST_ANGLE = 1e11  # [rad] of a term of p: of degree 15, the highest, terms of 3.6e10 rad cancel to 1 (Chebyshev's)
-ASKED = ("problem", "robot", "centre", "amplitude", "orientation")
+REQUESTED = ("problem", "robot", "centre", "amplitude", "orientation")
 LOSSES = ("armature", "damping")  # of motors
 # What may hold numbers that are not finite: null in a file.
 NOT_STATED = ("solver", "out_of_plane_leak", "problem_file", "certificate", "replay")
@@ -67,21 +67,21 @@ def checked(record: PlanRecord) -> PlanRecord:
     Raises
     ------
     InputError
-        As :func:`load_record` and :func:`~floatplan.plans.record.check_asked`; and of numbers that are not finite,
+        As :func:`load_record` and :func:`~floatplan.plans.record.check_requested`; and of numbers that are not finite,
         which a file would hold as ``null``.
     """
     check_depth(vars(record))
-    stated = {f.name: getattr(record, f.name) for f in fields(record) if f.name not in NOT_STATED}
+    stated = without(vars(record), NOT_STATED)
     check_finite({**stated, "robot": vars(record.robot)})
     written = _record(record.to_dict())
-    check_asked(written)
+    check_requested(written)
     return written
 
 
 def _record(content: dict[str, Any]) -> PlanRecord:
     kind = content.get("format")
     if not isinstance(kind, str) or kind not in FILES:
-        advice = "give a plan file: that of a jump's flight is plan.json, beside jump.json"
+        advice = "give a plan file: that of a jump's flight is plan.json, next to jump.json"
         raise InputError(f"{kind!r} is not {FORMAT!r}, nor {FORMAT_IN_SPACE!r}", element="format", advice=advice)
     FILES[kind](content, "")
     robot = RobotRecord.from_dict(content["robot"])
@@ -119,10 +119,10 @@ def _check_sizes(content: Mapping[str, Any], coefficients: Array) -> None:
         angles = np.abs(coefficients) * duration ** np.arange(coefficients.shape[1])
     if not (angles <= LARGEST_ANGLE).all():
         raise InputError(f"give terms of more than {LARGEST_ANGLE:g} rad", element="coefficients")
-    solver = {name: value for name, value in content["solver"].items() if name != "seed"}
+    solver = without(content["solver"], ("seed",))
     for name, value in {**content, "solver": solver}.items():
         if name not in ("coefficients", "certificate", "replay"):
-            check_size(value, name, LARGEST if name in ASKED else LARGEST_FOUND)
+            check_size(value, name, LARGEST if name in REQUESTED else LARGEST_RESULT)
 
 
 def check_size(value: Any, element: str, largest: float) -> None:
@@ -180,7 +180,7 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     ----------
     record : RobotRecord
     plan_file : path, optional
-        The plan's file, beside which the URDF may lie too.
+        The plan's file; the URDF may lie in its folder too.
     urdf : path, optional
         The robot's file, where it is elsewhere.
 
@@ -194,7 +194,7 @@ def recorded_robot(record: RobotRecord, plan_file: str | Path | None = None, urd
     choices |= {"balance_inertias": record.balance_inertias, "payload": record.payload}
     choices["coupled"] = {name: Coupling(**values) for name, values in record.coupled.items()}
     source = find_robot(record, plan_file) if urdf is None else urdf
-    robot = robot_as_asked(source, choices, plan_file, "robot.", record.kind)
+    robot = chosen_robot(source, choices, plan_file, "robot.", record.kind)
     if robot.sha256 != record.sha256:
         raise _changed(f"the {record.kind.upper()}", f"robot.sha256 of {urdf or record.file}", plan_file)
     for name in robot.files:
@@ -213,7 +213,7 @@ def _changed(what: str, element: str, source: str | Path | None) -> InputError:
 
 
 def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None = None) -> None:
-    """Refuse collision meshes that are not what they were when the plan was made; those of no known hash pass.
+    """Refuse collision meshes that are not what they were when the plan was made; those without a recorded hash pass.
 
     Raises
     ------
@@ -232,11 +232,13 @@ def check_meshes(robot: Robot, record: RobotRecord, plan_file: str | Path | None
 def check_parts(record: RobotRecord, path: Path) -> None:
     """Refuse an MJCF at ``path`` if a file that it is read with is not what it was when the plan was made."""
     for name, digest in record.meshes.items():
-        check_hash(read_regular(path.parent / name, LARGEST_MESH, "a part of an MJCF"), digest, path.parent / name)
+        check_hash(
+            read_regular(path.parent / name, LARGEST_MESH, "an included file of an MJCF"), digest, path.parent / name
+        )
 
 
 def find_robot(record: RobotRecord, plan_file: str | Path | None) -> str:
-    """Return where the robot's file of a plan is: as recorded, or beside or relative to the plan file.
+    """Return where the robot's file of a plan is: as recorded, or in the plan file's folder or relative to it.
 
     Raises
     ------
@@ -265,9 +267,9 @@ def robot_record(robot: Robot) -> RobotRecord:
         joints=robot.joints,
         plane=robot.plane.name if robot.in_plane else None,
         base=None if robot.in_plane else robot.base,
-        coupled={name: plain(vars(coupling)) for name, coupling in robot.coupled.items()},
+        coupled={name: json_value(vars(coupling)) for name, coupling in robot.coupled.items()},
         resting=tuple(robot.resting.tolist()),
         balance_inertias=robot.balance_inertias or None,
-        payload=tuple(plain(vars(each)) for each in robot.payload) or None,
+        payload=tuple(json_value(vars(payload)) for payload in robot.payload) or None,
         **values,
     )

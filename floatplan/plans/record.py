@@ -29,19 +29,20 @@ from floatplan.arguments import (
     positive,
     text,
     whole,
+    without_none,
 )
 from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.keys import Key, Keyed, is_needed
-from floatplan.tables import JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, REST, Range, RobotKind
+from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, Range, RobotKind
 
 FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
 CLEARANCES = ("obstacles", "self_clearance", "ground")
 SOLVER = ("iterations", "evaluations", "seconds", "seed", "starts", "solved")  # numbers, where the table has them
 NO_KEY = "must not be there: a plan file has no such key"
-NOT_PROVED = "is not known, and so cannot be proved"
+NOT_PROVED = "is unknown, and so cannot be proved"
 UNIT = 1e-9  # [-] of the length of a quaternion, and 1
 
 number = FINITE
@@ -56,7 +57,7 @@ def table(value: Any, element: str) -> None:
 
 @dataclass(frozen=True)
 class KeyedTable:
-    """A table with these keys and no others, unless ``unknown``, what is said of others, is left empty."""
+    """A table with these keys and no others, unless ``unknown``, the message about others, is left empty."""
 
     keys: Mapping[str, Check]
     optional: Mapping[str, Check] = field(default_factory=dict)
@@ -112,7 +113,7 @@ class Record(Keyed):
     """A dataclass whose fields are the keys of a table in plan files; it is checked where it is read, not when made."""
 
     def __post_init__(self) -> None:
-        """Take what is given."""
+        """Check nothing."""
 
     @classmethod
     def in_files(
@@ -120,16 +121,16 @@ class Record(Keyed):
     ) -> KeyedTable:
         """Return what a file may hold: keys without a default are needed there, as the ``needed`` ones are.
 
-        ``absent`` are keys that this file has not; ``others`` are checks in the place of the fields' own.
+        ``absent`` are keys that this file has not; ``others`` are checks instead of the fields' own.
         """
         checks = {**cls.checks, **(others or {})}
         keys = dict[str, Check]()
         optional_keys = dict[str, Check]()
-        for each, _ in cls.keyed_fields():
-            if each.name in needed or is_needed(each):
-                keys[each.name] = checks[each.name]
-            elif each.name not in absent:
-                optional_keys[each.name] = checks[each.name]
+        for key, _ in cls.keyed_fields():
+            if key.name in needed or is_needed(key):
+                keys[key.name] = checks[key.name]
+            elif key.name not in absent:
+                optional_keys[key.name] = checks[key.name]
         return KeyedTable(keys, optional_keys, NO_KEY)
 
 
@@ -169,10 +170,10 @@ class RobotRecord(Record):
         ),
     ] = field(default_factory=dict)
     armature: Annotated[
-        Mapping[str, float], Key("Of rotors, by joint, where it was given", "kg m^2", check=by_name(non_negative))
+        Mapping[str, float], Key("Of rotors, by joint, where there was any", "kg m^2", check=by_name(non_negative))
     ] = field(default_factory=dict)
     damping: Annotated[
-        Mapping[str, float], Key("Of joints, where it was given", "N m s/rad", check=by_name(non_negative))
+        Mapping[str, float], Key("Of joints, where there was any", "N m s/rad", check=by_name(non_negative))
     ] = field(default_factory=dict)
     resting: Annotated[
         tuple[float, ...],
@@ -186,7 +187,7 @@ class RobotRecord(Record):
         ),
     ] = None
     balance_inertias: Annotated[
-        bool | None, Key("Whether inertias that no body can have were balanced, where that was asked for", check=flag)
+        bool | None, Key("Whether inertias that no body can have were balanced, where that was requested", check=flag)
     ] = None
     payload: Annotated[
         tuple[Mapping[str, Any], ...] | None,
@@ -211,9 +212,9 @@ class RobotRecord(Record):
         """Rebuild a record from what :meth:`to_dict` returned; InputError where it is none."""
         table(content, "robot")
         kind = "mjcf" if "mjcf" in content else "urdf"
-        place = "base" if "base" in content else "plane"
-        absent = {"urdf", "mjcf", "plane", "base"} - {kind, place}
-        cls.in_files(needed={kind, place}, absent=absent | ({"resolved"} if kind == "urdf" else set()))(
+        space = "base" if "base" in content else "plane"
+        absent = {"urdf", "mjcf", "plane", "base"} - {kind, space}
+        cls.in_files(needed={kind, space}, absent=absent | ({"resolved"} if kind == "urdf" else set()))(
             content, "robot"
         )
         values: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in content.items()}
@@ -221,7 +222,7 @@ class RobotRecord(Record):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what files of plans and jumps hold: the key of the other kind of file is not there."""
-        content: dict[str, Any] = plain({name: value for name, value in vars(self).items() if value is not None})
+        content: dict[str, Any] = json_value(without_none(vars(self)))
         return content
 
 
@@ -235,7 +236,7 @@ class PlanRecord(Record):
     status: Annotated[
         str,
         Key(
-            '"interrupted" where Ctrl-C ended the search before a plan was found',
+            '"interrupted" where Ctrl-C stopped the search before there was a plan',
             check=one_of("optimal", "feasible", "infeasible", "interrupted"),
         ),
     ]
@@ -286,7 +287,7 @@ class PlanRecord(Record):
     warnings: Annotated[
         Sequence[Mapping[str, Any]] | None,
         Key(
-            "What the plan does beside what was asked: kind, subject, value, limit, unit, instant, message of each",
+            "What the plan does apart from the request: kind, subject, value, limit, unit, instant, message of each",
             check=optional(many(table, "tables")),
         ),
     ] = None
@@ -305,7 +306,7 @@ class PlanRecord(Record):
     certificate: Annotated[
         Mapping[str, Any] | None, Key("What was proved; None where nothing was", check=optional(table))
     ] = None
-    replay: Annotated[Mapping[str, Any] | None, Key("What a replay found; None without one", check=optional(table))] = (
+    replay: Annotated[Mapping[str, Any] | None, Key("Result of a replay; None without one", check=optional(table))] = (
         None
     )
     format: Annotated[str, Key("Of the file", check=one_of(FORMAT, FORMAT_IN_SPACE))] = FORMAT
@@ -333,9 +334,9 @@ class PlanRecord(Record):
         return replace(self, certificate=certificate or self.certificate, replay=replay or self.replay)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what the file holds, as plain lists, numbers and ``None``."""
+        """Return what the file holds, as lists, numbers and ``None``."""
         first = {"format": self.format, "floatplan": self.floatplan}
-        content: dict[str, Any] = plain({**first, **vars(self), "robot": self.robot.to_dict()})
+        content: dict[str, Any] = json_value({**first, **vars(self), "robot": self.robot.to_dict()})
         return content
 
     def to_json(self) -> str:
@@ -452,9 +453,9 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
     postures = {
         end: KeyedTable(
             {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
-            optional={"velocities_asked": one_of(rest), "accelerations_asked": one_of("free")},
+            optional={"velocities_asked": one_of(event), "accelerations_asked": one_of("free")},
         )
-        for end, rest in REST.items()
+        for end, event in FLIGHT_EVENTS.items()
     }
     flight: dict[str, Check] = {
         "duration": positive(),
@@ -464,21 +465,21 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
         "horizontal_velocity": own["horizontal_velocity"],
         "gravity": number,
     }
-    kept: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
+    limit_checks: dict[str, Check] = {"position": many(POINT, "ranges", n), "torque": limits}
     motor = KeyedTable({"stall": positive(), "slope": non_negative})
-    may_be_kept: dict[str, Check] = {
+    optional_limit_checks: dict[str, Check] = {
         "motor": KeyedTable({}, dict.fromkeys(moving, motor)),
         "motor_torque": KeyedTable({}, dict.fromkeys(moving, positive())),
         "orientation_rate": optional(number),
     }
     for row in JOINT_LIMITS:
-        (kept if row.always else may_be_kept)[row.key] = limits
+        (limit_checks if row.always else optional_limit_checks)[row.key] = limits
     return KeyedTable(
         {
             **postures,
             "flight": KeyedTable(flight),
             "motion": KeyedTable({"degree": DEGREE, "objective": one_of(*OBJECTIVE_TABLE)}, {"clip": table}),
-            "limits": KeyedTable(kept, may_be_kept),
+            "limits": KeyedTable(limit_checks, optional_limit_checks),
         },
         {
             "name": text,
@@ -496,13 +497,13 @@ def _pair(value: Any, element: str) -> None:
         raise InputError("names one link twice", element=f"{element}.links")
 
 
-def check_asked(record: PlanRecord) -> None:
+def check_requested(record: PlanRecord) -> None:
     """Refuse what the certificate would pass over.
 
     Raises
     ------
     InputError
-        A table of the problem holds a key that is not known or lacks one, a value is of the wrong kind, a list is not
+        A table of the problem holds an unknown key or lacks one, a value is of the wrong kind, a list is not
         one entry per joint; or degree, objective and coefficients do not fit together.
     """
     joints = record.robot.joints
@@ -517,11 +518,11 @@ def check_asked(record: PlanRecord) -> None:
     _check_degree(record)
     objective = problem["motion"]["objective"]
     if record.objective["name"] != objective:
-        raise InputError(f"is {record.objective['name']!r}, but {objective!r} is asked", element="objective.name")
+        raise InputError(f"is {record.objective['name']!r}, but {objective!r} is requested", element="objective.name")
 
 
 def _check_degree(record: PlanRecord) -> None:
-    """The coefficients are those of polynomials of the degrees asked for, (12)."""
+    """The coefficients are those of polynomials of the requested degrees, (12)."""
     degree = record.problem["motion"]["degree"]
     joints = record.robot.joints
     if isinstance(degree, str):

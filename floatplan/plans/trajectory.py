@@ -54,11 +54,11 @@ class Trajectory(Protocol):
 
     @property
     def problem(self) -> Problem:
-        """What was asked."""
+        """What was requested."""
 
     @property
     def whole_problem(self) -> Problem:
-        """What was asked, from the motion's first instant to its last: its ends, duration and obstacles are these."""
+        """The request, from the motion's first instant to its last: its ends, duration and obstacles are these."""
 
     @property
     def phases(self) -> Sequence[JumpPhase]:
@@ -66,7 +66,7 @@ class Trajectory(Protocol):
 
     @property
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What it does in addition to what was asked."""
+        """What it does in addition to the request."""
 
     @property
     def dynamics(self) -> Any:
@@ -96,7 +96,7 @@ class MotionSample(Outlined):
     ----------
     times : (N,) s
     q : (N, nq) m and rad
-        Place of the root link, its quaternion x y z w, joints (``continuous`` ones as cos, sin).
+        Position of the root link, its quaternion x y z w, joints (``continuous`` ones as cos, sin).
     v, a : (N, nv) m/s and rad/s, m/s^2 and rad/s^2
         Of the base in its own axes, linear then angular, and of joints.
     tau : (N, nv) N m
@@ -131,7 +131,7 @@ def sampled(motion: Trajectory, times: Array) -> MotionSample:
         v=flyer.velocities(whole),
         a=flyer.accelerations(whole),
         tau=flyer.torques(whole),
-        contacts={name: np.array([name in each.contacts for each in motion.phases])[phase] for name in forces},
+        contacts={name: np.array([name in single.contacts for single in motion.phases])[phase] for name in forces},
         forces=forces,
         contact_points=motion.contact_points(times),
     )

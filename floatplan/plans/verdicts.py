@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeAlias, get_args
 from floatplan.arguments import html_table, short
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.files import plain
+from floatplan.files import json_value
 
 Verdict: TypeAlias = Literal["proved", "refuted", "undecided"]
 Tone: TypeAlias = Literal["good", "bad", "open"]
@@ -27,6 +27,7 @@ LABELS: Mapping[Kind, str] = {  # of the other kinds: the kind and the subject, 
     "takeoff": "takeoff.{}",
     "landing": "landing.{}",
     "attitude": "attitude.{}",
+    "out_of_plane": "out_of_plane.{}",
     "stated": "{}.{}",
     "obstacle": "obstacles[{}] {}",
     "self_clearance": "self_clearance {} {}",
@@ -46,7 +47,8 @@ class Finding:
         "start", "goal", "takeoff" and "landing" hold at an end of the flight; "attitude" are the terms of the theorem
         by which flights in space are proved: "residual" (rad), "amplification", "condition" and "bound" (rad);
         "position", "velocity", "torque", "generalized_torque", "motor" and "orientation_rate" are limits; "obstacle",
-        "self_clearance", "ground" and "mesh" belong to clearances; "robot" is what of its file is not read; "resolved"
+        "self_clearance", "ground" and "mesh" belong to clearances; "out_of_plane" bounds what a robot in a plane does
+        in space, rad, and decides nothing; "robot" is what of its file is not read; "resolved"
         says that the proof is of the URDF that the plan file holds of an MJCF; "recorded" is what the file claims of
         the motion, "stated" and "angular_momentum" are numbers that the file gives twice.
     subject : whose
@@ -56,7 +58,7 @@ class Finding:
     bound : the proved bound; where refuted, a value that is attained
     instant : s, where the bound is nearly attained, or the violation is; None where it belongs to no instant
     limit : what the bound is compared with
-    gap : where undecided, the distance between what is proved and what is asked
+    gap : where undecided, the distance between what is proved and what is required
     """
 
     kind: Kind
@@ -74,7 +76,7 @@ class Finding:
         return template.format(*self.subject) if template else " ".join((self.kind, *map(str, self.subject)))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain numbers; ``gap`` only where undecided."""
+        """Return numbers; ``gap`` only where undecided."""
         values = {"label": self.label, "verdict": self.verdict, "bound": self.bound, "instant": self.instant}
         values |= {"limit": self.limit}
         return values | ({"gap": self.gap} if self.verdict == "undecided" else {})
@@ -143,8 +145,12 @@ class Certificate:
         """Return titles and cells of a table of all constraints; what is not proved comes first."""
         ordered = sorted(self.findings, key=lambda finding: finding.verdict == "proved")
         cells = [
-            [each.label, each.verdict, *(short(number, 5) for number in (each.bound, each.limit, each.instant))]
-            for each in ordered
+            [
+                finding.label,
+                finding.verdict,
+                *(short(number, 5) for number in (finding.bound, finding.limit, finding.instant)),
+            ]
+            for finding in ordered
         ]
         return ["constraint", "", "bound", "limit", "at, s"], cells
 
@@ -155,7 +161,9 @@ class Certificate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return what a plan file and ``floatplan certify --json`` hold; numbers that are not finite are null."""
-        values: dict[str, Any] = plain({**vars(self), "findings": [finding.to_dict() for finding in self.findings]})
+        values: dict[str, Any] = json_value(
+            {**vars(self), "findings": [finding.to_dict() for finding in self.findings]}
+        )
         return values
 
     @classmethod
@@ -189,16 +197,16 @@ class Certificate:
             raise InputError(f"must be what floatplan certify --save writes: {error}", element="certificate") from None
 
 
-def verdict_in_words(found: bool, certificate: Certificate | None, warned: bool) -> tuple[str, Tone]:
+def verdict_in_words(has_plan: bool, certificate: Certificate | None, warned: bool) -> tuple[str, Tone]:
     """The verdict on a plan as summary, report and studio say it, and its tone.
 
     Parameters
     ----------
-    found : whether there is a plan
+    has_plan : whether there is a plan
     certificate : what was proved of it; None where nothing was
     warned : whether it has warnings
     """
-    if not found:
+    if not has_plan:
         return "no plan found", "bad"
     if certificate is None:
         return "planned, not proved yet", "open"
@@ -223,8 +231,8 @@ def _constraint(label: str) -> tuple[Kind, Subject]:
         if match:
             words: Subject = match.groups()
             return kind, (int(words[0]), *words[1:]) if kind == "obstacle" else words
-    kind, *rest = label.split(" ", 1)
-    return kind, tuple(rest)
+    kind, *subject = label.split(" ", 1)
+    return kind, tuple(subject)
 
 
 def _verdict(value: Any) -> Verdict:

@@ -39,11 +39,11 @@ class Task:
 
 @dataclass(eq=False)
 class Worker:
-    """A process, this one's end of its pipe, whether it is ready for tasks, and the task that it does, if any."""
+    """A process, this one's end of its pipe, whether it takes tasks, and the task that it does, if any."""
 
     process: BaseProcess
     pipe: Connection
-    is_ready: bool = False
+    takes_tasks: bool = False
     task: Task | None = None
 
 
@@ -54,13 +54,13 @@ class WorkerPool(Executor):
     ----------
     count : int
     start : callable
-        Starts a process that calls :func:`serve` with the end of a pipe that it is given.
-    on_ready : callable
-        Called with the process ID of a process's parent, when the process is ready.
+        Starts a process that calls :func:`serve` with its end of a pipe.
+    on_start : callable
+        Called with the process ID of a process's parent, when the process takes tasks.
     """
 
-    def __init__(self, count: int, start: Start, on_ready: Callable[[int], None]) -> None:
-        self._count, self._start, self._on_ready = count, start, on_ready
+    def __init__(self, count: int, start: Start, on_start: Callable[[int], None]) -> None:
+        self._count, self._start, self._on_start = count, start, on_start
         self._lock = threading.Lock()  # for all that follows
         self._workers: list[Worker] = []
         self._waiting: deque[Task] = deque()
@@ -73,7 +73,7 @@ class WorkerPool(Executor):
 
     @property
     def process_ids(self) -> list[int]:
-        """Of the processes that were started, and are not known to have ended."""
+        """Of the processes that were started, and have not ended as far as is known."""
         with self._lock:
             return [worker.process.pid for worker in self._workers if worker.process.pid is not None]
 
@@ -83,9 +83,9 @@ class WorkerPool(Executor):
         Raises
         ------
         BrokenProcessPool
-            A process has ended unexpectedly, or the pool was shut down.
+            A process died, or the pool was shut down.
         OSError
-            The system has no room for another process.
+            The system allows no further process.
         """
         future: Future[Any] = Future()
         try:
@@ -109,7 +109,7 @@ class WorkerPool(Executor):
         Parameters
         ----------
         wait : bool
-            Whether to return when they have ended.
+            Whether to return when they are gone.
         cancel_futures : bool
             Nothing else than what happens anyway.
         """
@@ -146,13 +146,13 @@ class WorkerPool(Executor):
                     worker.pipe.send_bytes(worker.task.content)  # type: ignore[union-attr]
                 with self._lock:
                     workers = {worker.pipe: worker for worker in self._workers}
-                for ready in wait([self._wake_reader, *workers]):
-                    if ready is self._wake_reader:
+                for readable in wait([self._wake_reader, *workers]):
+                    if readable is self._wake_reader:
                         with self._lock:
                             self._is_woken = False
                             self._wake_reader.recv_bytes()
                     else:
-                        self._hear(workers[ready])  # type: ignore[index]
+                        self._hear(workers[readable])  # type: ignore[index]
         self._end()
 
     def _handed_out(self) -> list[Worker]:
@@ -160,7 +160,7 @@ class WorkerPool(Executor):
         handed_out = []
         with self._lock:
             for worker in self._workers:
-                while worker.is_ready and worker.task is None and self._waiting:
+                while worker.takes_tasks and worker.task is None and self._waiting:
                     task = self._waiting.popleft()
                     if task.future.set_running_or_notify_cancel():
                         worker.task = task
@@ -168,16 +168,16 @@ class WorkerPool(Executor):
         return handed_out
 
     def _hear(self, worker: Worker) -> None:
-        """Take what a process sends: that it is ready, or the result of its task."""
+        """Take what a process sends: that it takes tasks, or the result of its task."""
         content = worker.pipe.recv_bytes()
         try:
             result, error = pickle.loads(content)
         except Exception as failure:  # what cannot be unpickled raises whatever it likes
             result, error = None, failure
         task = worker.task
-        if isinstance(result, Ready):
-            worker.is_ready = True
-            self._on_ready(result.parent)
+        if isinstance(result, Started):
+            worker.takes_tasks = True
+            self._on_start(result.parent)
         elif task is not None:
             with self._lock:
                 worker.task = None
@@ -206,21 +206,21 @@ class WorkerPool(Executor):
 
 
 @dataclass(frozen=True)
-class Ready:
-    """What a process sends when it is ready for tasks: the process ID of its parent."""
+class Started:
+    """What a process sends when it takes tasks: the process ID of its parent."""
 
     parent: int
 
 
 def serve(pipe: Connection) -> None:
     """Do the tasks that come through a pipe, until that ends."""
-    pipe.send((Ready(os.getppid()), None))
+    pipe.send((Started(os.getppid()), None))
     with suppress(EOFError, OSError):
         while True:
-            pipe.send_bytes(_answer(pipe.recv_bytes()))
+            pipe.send_bytes(_result_of(pipe.recv_bytes()))
 
 
-def _answer(content: bytes) -> bytes:
+def _result_of(content: bytes) -> bytes:
     """The result of a task and None, or None and the error that it raised, as bytes."""
     try:
         function, arguments, options = pickle.loads(content)

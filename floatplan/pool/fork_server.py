@@ -15,16 +15,16 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 10.0  # [s] for the end of a fork server that refuses to start a process and whose identity is not known
+PATIENCE = 10.0  # [s] for the end of a fork server that refuses to start a process and whose process ID is unknown
 PAUSE = 0.01  # [s] between two attempts to start a process
 
 _lock = threading.Lock()
 _starting = 0  # threads that start an interpreter: the environment is one for all of them
 _before: dict[str, str | None] = {}  # of its variables, before the first of them
-_server: int | None = None  # process ID of the fork server, as the last process said that it has started
+_server: int | None = None  # process ID of the fork server, as the last process reported when it started
 
 
-def get_ready(*modules: str) -> ForkServerContext:
+def start_server(*modules: str) -> ForkServerContext:
     """Begin to load modules, once for all processes, unless that has begun already; return at once.
 
     Every process is a copy of one that has loaded them, and the only one that an interpreter is started for.
@@ -45,7 +45,7 @@ def start(context: ForkServerContext, target: Callable[..., None], arguments: tu
     ConnectionError, EOFError
         Two fork servers in a row were lost before the process had begun, or one refuses for ``PATIENCE``.
     OSError
-        The system has no room for another process.
+        The system allows no further process.
     """
     until = time.monotonic() + PATIENCE
     lost = 0
@@ -86,7 +86,7 @@ def _ensure_server() -> None:
 
 
 def _end_server() -> None:
-    """Kill a fork server that serves nobody any more, where it is known which process that is."""
+    """Kill a fork server that serves nobody any more, where its process ID is known."""
     if _server is None:
         return
     with suppress(ProcessLookupError, ChildProcessError):
@@ -101,9 +101,9 @@ def same_modules() -> Iterator[None]:
 
     Its BLAS has one thread: such processes are as many as the processors.
     """
-    places = [place or str(Path.cwd()) for place in sys.path]
+    places = [folder or str(Path.cwd()) for folder in sys.path]
     environment = {
-        "PYTHONPATH": os.pathsep.join(place for place in places if os.pathsep not in place),
+        "PYTHONPATH": os.pathsep.join(folder for folder in places if os.pathsep not in folder),
         "PYTHONSAFEPATH": "1",
         "OPENBLAS_NUM_THREADS": "1",
     }

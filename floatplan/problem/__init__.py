@@ -1,1 +1,1 @@
-"""What is asked: problems, their files and options."""
+"""What a plan has to do: problems, their files and options."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -25,10 +25,10 @@ class Attitude(Keyed):
     Parameters
     ----------
     quaternion_xyzw : four floats
-        Of any length but zero. As a goal it is reached by the shortest rotation from the start.
+        Of any length but zero. As a goal the motion to it is the shortest rotation from the start.
     angles : three floats, rad
         Turns about the axes, one after the other, each about the axis as it is turned already: ``R = R_a R_b R_c``. The
-        first and the third are unbounded, and a full turn more is one somersault, or twist, more.
+        first and the third are unbounded, and a full rotation more is one somersault, or twist, more.
     axes : str
         Of the angles: three of the letters x, y, z, neighbours different, such as "yxz".
     """
@@ -39,7 +39,7 @@ class Attitude(Keyed):
     axes: Annotated[str | None, Key()] = None
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
-        """It is given in one way, and that is whole."""
+        """It is stated in one way, and that is complete."""
         if (self.quaternion_xyzw is None) == (self.angles is None):
             yield "quaternion_xyzw", "give either quaternion_xyzw, or angles and axes"
         elif self.quaternion_xyzw is not None:
@@ -48,7 +48,7 @@ class Attitude(Keyed):
             if self.axes is not None:
                 yield "axes", "a quaternion has no axes"
         elif self.axes is None:
-            yield "axes", "is missing: three of the letters x, y, z about which the angles turn"
+            yield "axes", "is missing: three of the letters x, y, z of the rotations"
         elif not _are_axes(self.axes):
             yield "axes", f"{self.axes!r} is not three of the letters x, y, z with neighbours that differ"
 
@@ -73,25 +73,49 @@ class Attitude(Keyed):
         return read_only(self._turned.as_quat(canonical=True))
 
     def angles_about(self, axes: str) -> Array:
-        """Angles (3,), rad, about these axes: its own where they are its axes, else within half a turn."""
+        """Angles (3,), rad, about these axes: its own where they are its axes, else within half a rotation."""
         if self.axes == axes:
             return np.array(self.angles)
-        found: Array = self._turned.as_euler(axes.upper(), suppress_warnings=True)
-        return found
-
-    def turned_from(self, start: Attitude) -> Array:
-        """By how much (3,) its angles differ from those at the start, rad, whole turns included; 0 of a quaternion."""
-        return np.zeros(3) if self.axes is None else np.array(self.angles) - start.angles_about(self.axes)
+        angles: Array = self._turned.as_euler(axes.upper(), suppress_warnings=True)
+        return angles
 
     def __str__(self) -> str:
         """For a person, in degrees."""
         if self.angles is None:
-            return f"quaternion ({', '.join(f'{each:.4g}' for each in self.quaternion + 0.0)}) xyzw"
+            return f"quaternion ({', '.join(f'{component:.4g}' for component in self.quaternion + 0.0)}) xyzw"
         degrees = ", ".join(
             f"{letter} {math.degrees(angle) + 0.0:.5g}°"
             for letter, angle in zip(self.axes or "", self.angles, strict=True)
         )
         return f"angles {degrees}"
+
+
+@dataclass(frozen=True, eq=False)
+class Reorientation:
+    """From which attitude to which a flight in space turns the base.
+
+    Attributes
+    ----------
+    start, goal : Attitude
+        At takeoff, and as requested for landing.
+    start_angles : (3,) rad
+        Of the start, about the goal's axes; zeros where the goal is a quaternion.
+    change : (3,) rad
+        By how much the goal's angles differ from these, whole turns included; zeros where the goal is a quaternion.
+    """
+
+    start: Attitude
+    goal: Attitude
+    start_angles: Array = field(init=False)
+    change: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compare the angles."""
+        start_angles = change = np.zeros(3)
+        if self.goal.axes is not None:
+            start_angles = self.start.angles_about(self.goal.axes)
+            change = np.array(self.goal.angles) - start_angles
+        vars(self).update(start_angles=read_only(start_angles), change=read_only(change))
 
 
 def required(attitude: Attitude | None) -> Attitude:

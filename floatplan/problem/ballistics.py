@@ -60,11 +60,11 @@ def rising(takeoff: Any, landing: Any, height: Any, gravity: Any, duration: Any)
 
 
 def frame_from_com(robot: Robot, frame: str, state: JointState) -> Array:
-    """Place of a frame relative to the centre of mass, m: horizontal and vertical, (6); x, y and z in space."""
+    """Position of a frame relative to the centre of mass, m: horizontal and vertical, (6); x, y and z in space."""
     if state.attitude is None:
         weights = robot.frames[frame].weights
-        place = robot.tree.places_from_com(weights, np.array(state.orientation), state.positions)
-        return np.array([place.real, place.imag])
+        position = robot.tree.places_from_com(weights, np.array(state.orientation), state.positions)
+        return np.array([position.real, position.imag])
     q = robot.configuration(state.positions)
     data = robot.model.createData()  # of its own, as others may be computing with the robot's
     com = pin.centerOfMass(robot.model, data, q)

@@ -38,7 +38,7 @@ def _column(values: npt.ArrayLike, element: str) -> npt.NDArray[Any]:
 class Family(Checked, Outlined, Sequence[Problem]):
     """N problems that differ from a base problem in a few numbers.
 
-    ``family[i]`` is the i-th :class:`~floatplan.Problem`, made and checked when asked for; ``family[i:j]`` is a family.
+    ``family[i]`` is the i-th :class:`~floatplan.Problem`, made and checked on access; ``family[i:j]`` is a family.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Family(Checked, Outlined, Sequence[Problem]):
     varied : mapping
         Paths of a problem file, such as ``"flight.duration"``, ``"goal.positions.q1"``, ``"obstacles.0.center.0"`` or
         ``"limits.torque.q2"``, each with its N values, in the unit of the base: rad in Python. The values of one index
-        belong together: there is no outer product.
+        belong to one another: there is no outer product.
 
     Raises
     ------
@@ -68,8 +68,8 @@ class Family(Checked, Outlined, Sequence[Problem]):
             _with_values(self.base, {path: 0.0})
         lengths = {len(array) for array in arrays.values()}
         if len(lengths) > 1:
-            told = ", ".join(f"{path} has {len(array)}" for path, array in arrays.items())
-            raise InputError(f"the arrays differ in length: {told}", element="Family")
+            listed = ", ".join(f"{path} has {len(array)}" for path, array in arrays.items())
+            raise InputError(f"the arrays differ in length: {listed}", element="Family")
         if max(lengths) > MOST_PROBLEMS:
             raise InputError(f"{max(lengths)} problems, more than {MOST_PROBLEMS}", element="Family")
 
@@ -79,8 +79,8 @@ class Family(Checked, Outlined, Sequence[Problem]):
     @property
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
         """The values (N,) by their paths."""
-        found: Any = self.varied
-        return dict(found)
+        varied: Any = self.varied
+        return dict(varied)
 
     @overload
     def __getitem__(self, index: int) -> Problem: ...
@@ -114,10 +114,10 @@ def motor_limits_with(base: Problem, row: LimitRow, varied: Mapping[str, Array])
     count = len(next(iter(varied.values())))
     if whole in varied:
         return np.tile(varied[whole][:, None], len(base.robot.motors)) if len(varied) == 1 else None
-    given = _spelt_out(base, f"{whole}.", row.key, getattr(base.limits, row.key))
-    if not isinstance(given, Mapping):
+    limits = _spelt_out(base, f"{whole}.", row.key, getattr(base.limits, row.key))
+    if not isinstance(limits, Mapping):
         return None
-    values = {**given, **{path.removeprefix(f"{whole}."): values for path, values in varied.items()}}
+    values = {**limits, **{path.removeprefix(f"{whole}."): values for path, values in varied.items()}}
     named = of_motors(base.robot, dict(zip(values, values, strict=True)), whole, None)
     columns = [np.broadcast_to(np.inf if name is None else values[name], count) for name in named]
     return np.stack(columns, axis=1)
@@ -125,41 +125,41 @@ def motor_limits_with(base: Problem, row: LimitRow, varied: Mapping[str, Array])
 
 def _with_values(base: Problem, values: Mapping[str, float]) -> dict[str, Any]:
     """Fields of a problem with numbers set by their paths; not checked."""
-    found: dict[str, Any] = {}
+    changes: dict[str, Any] = {}
     for path, value in values.items():
-        head, *rest = path.split(".")
-        if head not in TABLES or not rest:
+        head, *inner_path = path.split(".")
+        if head not in TABLES or not inner_path:
             raise InputError("is no number of a problem file that can be varied", element=path)
         name = "self_clearances" if head == "self_clearance" else head
-        current = found.get(name, getattr(base, name))
-        found[name] = _set(_spelt_out(base, head, "", current), rest, value, base, path)
-    return found
+        current = changes.get(name, getattr(base, name))
+        changes[name] = _set(_spelt_out(base, head, "", current), inner_path, value, base, path)
+    return changes
 
 
 def _set(current: Any, parts: Sequence[str], value: float, base: Problem, path: str) -> Any:
     """``current`` with the number at the end of a path set."""
     if not parts:
         return value
-    key, *rest = parts
+    key, *remaining = parts
     if isinstance(current, Mapping):
         if key not in (*current, *base.robot.joints, *base.robot.motors):
-            known = dict.fromkeys((*base.robot.joints, *base.robot.motors))
-            raise InputError(f"no joint {key!r}", element=path, advice=f"joints: {', '.join(known)}")
-        if key not in current and rest:
+            joints = dict.fromkeys((*base.robot.joints, *base.robot.motors))
+            raise InputError(f"no joint {key!r}", element=path, advice=f"joints: {', '.join(joints)}")
+        if key not in current and remaining:
             raise InputError(f"the base problem gives {key!r} nothing that could be varied", element=path)
-        return {**current, key: _set(current.get(key), rest, value, base, path)}
+        return {**current, key: _set(current.get(key), remaining, value, base, path)}
     if isinstance(current, Checked):
         named = (name for name in current.checks if in_files(name) == key)
         field = key if key in current.checks else next(named, None)
         if field is None:
             raise InputError(f"there is no {key!r}", element=path)
         inner = _spelt_out(base, path, key, getattr(current, field))
-        return current.changed(**{field: _set(inner, rest, value, base, path)})
+        return current.changed(**{field: _set(inner, remaining, value, base, path)})
     if isinstance(current, tuple | list):
         names = base.robot.joints
         index = names.index(key) if key in names and len(names) == len(current) else _index(key, len(current), path)
         changed = list(current)
-        changed[index] = _set(changed[index], rest, value, base, path)
+        changed[index] = _set(changed[index], remaining, value, base, path)
         return tuple(changed)
     raise InputError("is no number of a problem file that can be varied", element=path)
 

@@ -1,4 +1,4 @@
-"""Problem files: their tables, TOML in, TOML out, and the same tables as plain data for plan files."""
+"""Problem files: their tables, TOML in, TOML out, and the same tables as data for plan files."""
 
 import math
 import os
@@ -10,21 +10,21 @@ from typing import Annotated, Any, Literal, TypeAlias
 import numpy as np
 import tomli_w
 
-from floatplan.arguments import FINITE, by_name, in_short, made, optional
+from floatplan.arguments import FINITE, attributes, by_name, in_short, made, optional, without
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
-from floatplan.files import parsed_toml, plain, read_text, write_atomically
+from floatplan.files import json_value, parsed_toml, read_text, write_atomically
 from floatplan.keys import Key, Keyed, json_schema, read_tables, table_of, tables
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import read_reference
 from floatplan.problem.spatial_obstacles import SpatialObstacle
-from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.chosen import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.inertias import Payload, payloads
 from floatplan.robot.urdf.tree import is_address, refuse_bare_name
-from floatplan.tables import REST, ROBOT_KINDS, Base, RobotKind, Unit
+from floatplan.tables import FLIGHT_EVENTS, ROBOT_KINDS, Base, RobotKind, Unit
 
 Angles: TypeAlias = Annotated[Unit, Key("Unit of all angles and rates in this file")]
 Name: TypeAlias = Annotated[
@@ -33,7 +33,7 @@ Name: TypeAlias = Annotated[
 LARGEST_PROBLEM = 5_000_000  # [bytes] of a problem file
 
 STATE = ("positions", "velocities", "accelerations")
-SETTLED = STATE[1:]  # of which words may be asked for
+SETTLED = STATE[1:]  # for which there are words
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,13 @@ class RobotRequest(Keyed):
         str | None,
         Key("Path from this file's folder; or `example-robot-data:` and a path there, or a name of robot_descriptions"),
     ] = None
-    mjcf: Annotated[str | None, Key("In place of `urdf`: path or address of an MJCF file, which MuJoCo compiles")] = (
-        None
-    )
+    mjcf: Annotated[str | None, Key("Instead of `urdf`: path or address of an MJCF file, which MuJoCo compiles")] = None
     plane: Annotated[
-        str | None, Key('Horizontal and vertical axis, such as "xz"; found from the joints where left out')
+        str | None, Key('Horizontal and vertical axis, such as "xz"; chosen by the joints where left out')
     ] = None
     joints: Annotated[
         Sequence[str] | None,
-        Key("Joints to plan, in the order of all lists; all that turn about the plane's normal if left out"),
+        Key("Joints to plan, in the order of all lists; all that rotate about the plane's normal if left out"),
     ] = None
     coupled: Annotated[
         Mapping[str, str | Coupling] | Literal["mirror"],
@@ -64,7 +62,7 @@ class RobotRequest(Keyed):
     ] = field(default_factory=dict)
     reference: Annotated[
         str | None,
-        Key("Posture of an SRDF file beside the URDF, or keyframe of the MJCF, where joints not planned are locked"),
+        Key("Posture of an SRDF file next to the URDF, or keyframe of the MJCF, where joints not planned are locked"),
     ] = None
     armature: Annotated[
         float | Mapping[str, float] | None,
@@ -86,7 +84,7 @@ class RobotRequest(Keyed):
 
     def choices(self) -> dict[str, Any]:
         """Return the keyword arguments of ``Robot.from_urdf``."""
-        chosen = {name: getattr(self, name) for name in self.keys if name not in ROBOT_KINDS}
+        chosen = without(attributes(self, self.keys), ROBOT_KINDS)
         return {**chosen, "coupled": self.coupled or None, "locked": self.locked or None}
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
@@ -137,7 +135,7 @@ class SpatialProblemFile(ProblemFile):
 
 @dataclass(frozen=True, kw_only=True)
 class AnyProblemFile(ProblemFile):
-    """A whole problem file of a flight in a plane or in space, as its keys are told."""
+    """A whole problem file of a flight in a plane or in space, as its keys describe it."""
 
     obstacles: Annotated[Sequence[Obstacle | SpatialObstacle], Key("What to keep clear of")] = ()
 
@@ -196,8 +194,8 @@ def _in_space(content: Mapping[str, Any]) -> bool:
     return isinstance(robot, Mapping) and robot.get("base") == "free-flyer"
 
 
-def given_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:
-    """Return the problem that a function was given, or read its file; errors as :func:`load_problem`."""
+def as_problem(problem: Problem | str | Path, element: str = "problem") -> Problem:
+    """Return the problem that is a function's argument, or read its file; errors as :func:`load_problem`."""
     if isinstance(problem, Problem):
         return problem
     if not isinstance(problem, str | Path):
@@ -206,7 +204,7 @@ def given_problem(problem: Problem | str | Path, element: str = "problem") -> Pr
 
 
 def load_robot(path: str | Path) -> Robot:
-    """Read the robot of a problem file, which may hold ``[robot]`` alone; errors as :func:`load_problem`."""
+    """Read the robot of a problem file, which may hold only ``[robot]``; errors as :func:`load_problem`."""
     path = Path(path)
     refuse_bare_name(path)
     content = read_toml(path)
@@ -220,7 +218,7 @@ def load_robot(path: str | Path) -> Robot:
 def problem_from_dict(
     content: Mapping[str, Any], robot: Robot, source: str | Path | None = None, written: str | None = None
 ) -> Problem:
-    """Rebuild a problem from the tables of a problem file less ``[robot]``, as plain data.
+    """Rebuild a problem from the tables of a problem file less ``[robot]``, as data.
 
     Parameters
     ----------
@@ -238,35 +236,37 @@ def problem_from_dict(
         As :func:`load_problem`.
     """
     content = dict(content)
-    words = {end: _popped(content, end, [f"{name}_asked" for name in SETTLED]) for end in REST}
+    words = {end: _popped(content, end, [f"{name}_asked" for name in SETTLED]) for end in FLIGHT_EVENTS}
     (own,) = _popped(content, "limits", ["motor_torque"])
     if own is not None:  # contains the limits of the generalised torques
         content["limits"] = {**content["limits"], "torque": own}
     with naming(source):
         wrong: list[InputError] = []
         tables = read_tables(ProblemTables if robot.in_plane else SpatialTables, content, wrong)
-        for end, asked in words.items():
+        for end, event_words in words.items():
             posture = getattr(tables, end)
-            given = [getattr(posture, name) for name in SETTLED]
-            if any(asked):
-                settled = tuple(None if isinstance(values, str) else values for values in given)
-                velocities, accelerations = (word or values for word, values in zip(asked, given, strict=True))
+            values_there = [getattr(posture, name) for name in SETTLED]
+            if any(event_words):
+                settled = tuple(None if isinstance(values, str) else values for values in values_there)
+                velocities, accelerations = (
+                    word or values for word, values in zip(event_words, values_there, strict=True)
+                )
                 posture = posture.changed(velocities=velocities, accelerations=accelerations, settled=settled)
                 tables = tables.changed(**{end: posture})
         return _problem(tables, wrong, robot, "flight", written)
 
 
 def _popped(content: dict[str, Any], table: str, keys: Sequence[str]) -> list[Any]:
-    """Values of keys that a table has in plan files alone, None where it has not, taken out of it."""
-    held = content.get(table)
-    if not isinstance(held, Mapping):
+    """Values of keys that a table has only in plan files, None where it has not, taken out of it."""
+    content_there = content.get(table)
+    if not isinstance(content_there, Mapping):
         return [None] * len(keys)
-    content[table] = {key: value for key, value in held.items() if key not in keys}
-    return [held.get(key) for key in keys]
+    content[table] = without(content_there, keys)
+    return [content_there.get(key) for key in keys]
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:
-    """Return the resolved problem as plain data: radians, lists in joint order, ``None`` for no limit.
+    """Return the resolved problem as data: radians, lists in joint order, ``None`` for no limit.
 
     The keys are those of a problem file less ``[robot]``, and :func:`problem_from_dict` reads it back bit for bit.
     """
@@ -280,8 +280,8 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
     content = {
         "name": problem.name,
         "ground": problem.ground,
-        "start": _posture(problem.initial, REST["start"]),
-        "goal": _posture(problem.final, REST["goal"]),
+        "start": _posture(problem.initial, FLIGHT_EVENTS["start"]),
+        "goal": _posture(problem.final, FLIGHT_EVENTS["goal"]),
         "flight": {**asdict(problem.flight), "takeoff": asdict(problem.takeoff), "landing": asdict(problem.landing)},
         "motion": {
             "degree": "auto" if problem.raises_degree else problem.degrees,
@@ -293,7 +293,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         "self_clearance": [asdict(pair) for pair in problem.self_clearances],
         **({} if problem.jump is None else {"jump": table_of(problem.jump)}),
     }
-    values: dict[str, Any] = plain(content)
+    values: dict[str, Any] = json_value(content)
     return values
 
 
@@ -351,39 +351,39 @@ def read_toml(path: Path, kind: str = "a problem file") -> dict[str, Any]:
     return parsed_toml(read_text(path, LARGEST_PROBLEM, kind), path)
 
 
-def _robot(asked: RobotRequest, path: Path, angles: Unit) -> Robot:
-    asked.check("robot")
-    kind: RobotKind = "urdf" if asked.mjcf is None else "mjcf"
-    file = asked.urdf or asked.mjcf or ""
+def _robot(request: RobotRequest, path: Path, angles: Unit) -> Robot:
+    request.check("robot")
+    kind: RobotKind = "urdf" if request.mjcf is None else "mjcf"
+    file = request.urdf or request.mjcf or ""
     source = file if is_address(file) else path.parent / file
     if isinstance(source, Path) and not source.exists():
         advice = "paths begin at this file's folder; floatplan robots lists robots of installed packages"
         raise InputError(f"there is no file {str(source)!r}", source=path, element=f"robot.{kind}", advice=advice)
-    return robot_as_asked(source, asked.choices() | {"angles": angles}, path, "robot.", kind)
+    return chosen_robot(source, request.choices() | {"angles": angles}, path, "robot.", kind)
 
 
 def _problem(
     tables: ProblemTables, wrong: Sequence[InputError], robot: Robot, default_name: str, written: str | None
 ) -> Problem:
     """The problem; or all that is wrong, in its tables and with what they ask of the robot."""
-    asked = {name: getattr(tables, name) for name in ProblemTables.keys if name in Problem.checks}
-    asked |= {"name": tables.name or default_name, "self_clearances": tables.self_clearance}
+    values = {name: getattr(tables, name) for name in ProblemTables.keys if name in Problem.checks}
+    values |= {"name": tables.name or default_name, "self_clearances": tables.self_clearance}
     try:
-        problem = Problem(robot, **asked, written=written)
+        problem = Problem(robot, **values, written=written)
     except InputError as error:
-        known = {each.element for each in wrong}
-        wrong = [*wrong, *(each for each in single(error) if each.element not in known)]
+        elements = {error.element for error in wrong}
+        wrong = [*wrong, *(single_error for single_error in single(error) if single_error.element not in elements)]
     refuse(wrong)
     return problem
 
 
-def _posture(state: JointState, rest: str) -> dict[str, Any]:
+def _posture(state: JointState, event: str) -> dict[str, Any]:
     values: dict[str, Any] = {name: getattr(state, name) for name in ("orientation", *STATE)}
     if state.attitude is not None:
         values["orientation"] = table_of(state.attitude)
-    asked = {"velocities": rest if state.frame_rests else None}
-    asked["accelerations"] = "free" if state.free_accelerations else None
-    for key, word in asked.items():
+    words = {"velocities": event if state.frame_rests else None}
+    words["accelerations"] = "free" if state.free_accelerations else None
+    for key, word in words.items():
         if word:
             values[f"{key}_asked" if np.isfinite(values[key]).all() else key] = word
     return values
@@ -407,7 +407,7 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "armature": dict(robot.armature),
         "damping": dict(robot.damping),
         "balance_inertias": robot.balance_inertias or None,
-        "payload": [table_of(each) for each in robot.payload],
+        "payload": [table_of(payload) for payload in robot.payload],
     }
 
 
@@ -417,5 +417,5 @@ def _without_gaps(value: Any) -> Any:
         return [_without_gaps(item) for item in value]
     if not isinstance(value, dict):
         return value
-    kept = {key: _without_gaps(item) for key, item in value.items()}
-    return {key: item for key, item in kept.items() if item is not None and item not in ({}, [])}
+    filled = {key: _without_gaps(item) for key, item in value.items()}
+    return {key: item for key, item in filled.items() if item is not None and item not in ({}, [])}

@@ -1,4 +1,4 @@
-"""What is asked of a whole jump beside its flight: contacts, margins, friction, and what the flight keeps."""
+"""The request of a whole jump around its flight: contacts, margins, friction, and what is fixed of the flight."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,18 +18,18 @@ MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # on each side of the flight
 LARGEST_PITCH_ERROR = 0.5  # [rad] a robot that lands farther off has fallen
-FLIGHT_ALONE = "Planned is the flight alone, not the jump around it."
+ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 
 DISPLACEMENT = optional(pair(number(Range(-10.0, 10.0, "m"))))  # no robot jumps farther
 
 
 def _margin(value: Any, element: str) -> dict[str, float]:
-    given: dict[str, float] = by_name(positive(1.0))(value, element)
-    unknown = [name for name in given if name not in MARGIN]
+    margins: dict[str, float] = by_name(positive(1.0))(value, element)
+    unknown = [name for name in margins if name not in MARGIN]
     if unknown:
         raise InputError(f"{unknown[0]!r} is not a margin", element=element, advice=f"margins: {', '.join(MARGIN)}")
-    return MARGIN | given
+    return MARGIN | margins
 
 
 def _stands_again(stands: Sequence[bool]) -> bool:
@@ -51,7 +51,7 @@ class JumpSide(Keyed):
     ----------
     contacts : sequence of sequences of str, optional
         Of each phase, one or two in order of time, the frames that stand, with those coupled to them; of a sole heel
-        and toe, ``FRAME.toe`` its toe alone. A foot that has left does not return. Left out before takeoff: all feet,
+        and toe, ``FRAME.toe`` its toe only. A foot that has left does not return. Left out before takeoff: all feet,
         and those on the side to which it turns; after landing: those of takeoff, in reverse.
     durations : sequence of pairs, s, optional
         Of each phase: least and largest.
@@ -96,7 +96,7 @@ class JumpTakeoff(JumpSide):
     from_ : "standing", or mapping of joints to rad; in files it is ``from``
         Posture it stands in, the base level: by joint, those left out being where the reference posture has them, or
         "standing", the nearest to that which is static; knees that would be straight, where feet that are points stand
-        together, are bent for it.
+        as one, are bent for it.
     """
 
     from_: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
@@ -135,20 +135,20 @@ class JumpRequest(Keyed):
     margin : mapping
         Shares of the limits that stances may use: of ``torque``, curves of torque and speed too, and ``velocity``.
     fixed : sequence of str
-        What the flight keeps of what the problem says, of duration, angular_momentum, start, goal; the rest is a guess.
+        What the problem fixes of the flight, of duration, angular_momentum, start, goal; all else is a guess.
     takeoff : JumpTakeoff
         What stands before the flight.
     landing : JumpLanding
         What stands after it.
     feet : str
-        "auto": feet whose outlines are circles about their frames roll on the ground without slipping, and others turn
+        "auto": feet whose outlines are circles about their frames roll on the ground without slipping, others rotate
         about their frames' origins, where the ground's forces act; "rolling": all have to be such circles; "points", or
         "point": none rolls.
     objective : "torque", the integral of squared torques, or "limits"
         What is least; "limits" is the largest share of what the margins leave of any limit on torque, torque-speed
         curve or rate, over the whole jump.
     clearance : float, m
-        What does not stand keeps it from the ground, or half of its height where the robot stands if that is less: room
+        Of what does not stand from the ground, or half of its height where the robot stands if that is less: margin
         for a landing that is not as planned. The check asks for none.
     pitch_error : float, rad
         By how much the robot may be turned about its feet, either way, where it touches down, and for 60 ms after, with
@@ -182,14 +182,14 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
         for index, group in enumerate(side.contacts or ()):
             for frame in group:
-                known = frame if frame in frames else frame.rpartition(".")[0]
-                place = f"jump.{name}.contacts[{index}]"
-                if known not in frames:
+                frame_name = frame if frame in frames else frame.rpartition(".")[0]
+                element = f"jump.{name}.contacts[{index}]"
+                if frame_name not in frames:
                     yield InputError(
-                        f"the robot has no frame {frame!r}", element=place, advice="name a link or a joint"
+                        f"the robot has no frame {frame!r}", element=element, advice="name a link or a joint"
                     )
-    for place, posture in (("takeoff.from", jump.takeoff.from_), ("landing.to", jump.landing.to)):
+    for key, posture in (("takeoff.from", jump.takeoff.from_), ("landing.to", jump.landing.to)):
         for joint in posture if isinstance(posture, Mapping) else ():
             if joint not in robot.joints:
                 advice = f"joints: {', '.join(robot.joints)}"
-                yield InputError(f"{joint!r} is not a planned joint", element=f"jump.{place}", advice=advice)
+                yield InputError(f"{joint!r} is not a planned joint", element=f"jump.{key}", advice=advice)

@@ -28,7 +28,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
-from floatplan.tables import OBJECTIVE_TABLE, REST, Objective, Range
+from floatplan.tables import FLIGHT_EVENTS, OBJECTIVE_TABLE, Objective, Range
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
@@ -78,12 +78,12 @@ class Posture(Keyed):
     Parameters
     ----------
     orientation : float, rad, or Attitude
-        Absolute angle of the base link, unbounded; a full turn more is one somersault more. In space an attitude.
+        Absolute angle of the base link, unbounded; a full rotation more is one somersault more. In space an attitude.
     positions : mapping, (n,) sequence, or one number for all joints, rad
         Of the joints: by name, a list in joint order, or one number for all.
     velocities : as positions, rad/s
         Rates of the joints, written as positions are. Or "takeoff" at the start, "landing" at the goal: those with
-        which the takeoff frame leaves, or the landing frame meets, the ground at rest, with the least largest share of
+        which the takeoff frame leaves, or the landing frame meets, the still ground, with the least largest share of
         the joints' limits; they follow from the angular momentum.
     accelerations : as positions, rad/s^2
         Of the joints, written as positions are; or "free".
@@ -112,14 +112,14 @@ class Posture(Keyed):
         velocities: JointValues | Literal["takeoff", "landing"] = 0.0,
         accelerations: JointValues | Literal["free"] = 0.0,
     ) -> Posture:
-        """Return the posture whose angles and rates are given in degrees: deg, deg/s, deg/s^2.
+        """Return the posture whose angles and rates are in degrees: deg, deg/s, deg/s^2.
 
         Raises
         ------
         InputError
             A number is none, or out of its range.
         """
-        converted = by_joint(_radians, *REST.values(), "free")
+        converted = by_joint(_radians, *FLIGHT_EVENTS.values(), "free")
         return cls(
             _radians(orientation, "orientation"),
             converted(positions, "positions"),
@@ -137,7 +137,7 @@ class JointState:
     """A :class:`Posture` resolved to arrays (n,) in the order of the robot's joints.
 
     In space it has an ``attitude``, and the orientation is NaN.
-    ``frame_rests`` where the velocities are those with which the frame is at rest, ``free_accelerations`` where the
+    ``frame_rests`` where the velocities are those with which the frame does not move, ``free_accelerations`` where the
     search chooses them: NaN until a plan has settled them.
     """
 
@@ -161,7 +161,7 @@ class Takeoff(Keyed):
     ] = (0.0, 0.0)
 
     @property
-    def place_in_plane(self) -> Pair:
+    def planar_position(self) -> Pair:
         """Where the frame is in a plane, m."""
         return cast("Pair", self.position)
 
@@ -170,7 +170,7 @@ class Takeoff(Keyed):
 class Landing(Keyed):
     """The frame that lands first, and its height at t = T, m.
 
-    Left out, its link's shapes rest on the ground where the problem has one; else the height is 0.
+    Left out, its link's shapes stand on the ground where the problem has one; else the height is 0.
     """
 
     frame: Annotated[str, Key("Name of a link or joint")]
@@ -189,8 +189,8 @@ class Flight(Keyed):
         From takeoff to landing.
     angular_momentum : float, kg m^2/s, "midpoint" or "free"
         About the centre of mass and the plane's normal; "midpoint" is (10), the middle of (9), which motions that do
-        not turn back need. Where it is "free" the search chooses it, in (9) or outside. In space 0, or three floats in
-        the world's axes, or "suggested", with which the joints' plain motion reaches the goal, and which "midpoint"
+        not reverse need. Where it is "free" the search chooses it, in (9) or outside. In space 0, or three floats in
+        the world's axes, or "suggested", with which the joints' nominal motion reaches the goal, and which "midpoint"
         means there; or "free", about that.
     takeoff : Takeoff, optional
         The frame that leaves the ground last; the base link at the origin where left out.
@@ -237,7 +237,7 @@ MOST_SAMPLES = 2000  # [-] instants of a recorded motion: more than a flight's p
 
 @dataclass(frozen=True, eq=False)
 class ClipReference(Keyed):
-    """A recorded motion of the joints, to which a flight is to be near: a part of a file, or positions themselves.
+    """A recorded motion of the joints, to which a flight is to be near: columns of a file, or positions themselves.
 
     Parameters
     ----------
@@ -314,14 +314,14 @@ class Limits(Keyed):
     Parameters
     ----------
     position : "urdf", "full", mapping joint -> (low, high), or (n, 2) sequence, rad
-        Joint ranges; "full" is the paper's, one turn. A joint that is left out keeps the URDF's range, and one without
+        Joint ranges; "full" is the paper's, 360 deg. A joint that is left out keeps the URDF's range, and one without
         a range there has the full one.
     velocity : "none", "urdf", one number, mapping or (n,) sequence, rad/s
         Largest rate: one number for each motor, by motor, or by planned joint. A leader's holds for followers that are
         not named; motors left out have no limit.
     torque : "none", "urdf", one number, mapping or (n,) sequence, N m
         Largest torque: one number for each motor, by motor as the largest rates, or a list in joint order of the
-        generalised ones, of a leader and its followers together.
+        generalised ones, of a leader with its followers.
     motor : mapping motor -> Motor
         Motors' curves, by joint; a leader's holds for followers that are not named.
     orientation_rate : float, rad/s, optional
@@ -360,8 +360,8 @@ class Obstacle(Keyed):
     window: Annotated[Pair | None, Key(unit="s")] = None
 
     @classmethod
-    def example(cls, place: complex, size: float) -> Self:
-        """Return one at a place, beside a robot of some size, m."""
+    def example(cls, position: complex, size: float) -> Self:
+        """Return one at a position near a robot of some size, m."""
         raise NotImplementedError
 
     @property
@@ -418,9 +418,9 @@ class Circle(Obstacle):
     bounded = True
 
     @classmethod
-    def example(cls, place: complex, size: float) -> Self:
+    def example(cls, position: complex, size: float) -> Self:
         """A disc of a tenth of the size."""
-        return cls(center=(place.real, place.imag), radius=0.1 * size)
+        return cls(center=(position.real, position.imag), radius=0.1 * size)
 
     @property
     def where(self) -> str:
@@ -434,14 +434,14 @@ class HalfPlane(Obstacle):
 
     kind: ClassVar[str] = "half-plane"
     about: ClassVar[str] = "Ground or a wall, solid on one side of a line"
-    point: Annotated[Pair, Key("A place on the line: horizontal, vertical", "m")] = (0.0, 0.0)
+    point: Annotated[Pair, Key("A point on the line: horizontal, vertical", "m")] = (0.0, 0.0)
     normal: Annotated[Pair, Key("Direction away from what is solid: horizontal, vertical; of any length")] = (0.0, 1.0)
     bounded = False
 
     @classmethod
-    def example(cls, place: complex, size: float) -> Self:
+    def example(cls, position: complex, size: float) -> Self:
         """A ceiling."""
-        return cls(point=(place.real, place.imag), normal=(0.0, -1.0))
+        return cls(point=(position.real, position.imag), normal=(0.0, -1.0))
 
     @property
     def where(self) -> str:
@@ -472,9 +472,9 @@ class Bar(Obstacle):
     bounded = True
 
     @classmethod
-    def example(cls, place: complex, size: float) -> Self:
+    def example(cls, position: complex, size: float) -> Self:
         """A level bar."""
-        ends = (place.real - 0.2 * size, place.imag), (place.real + 0.2 * size, place.imag)
+        ends = (position.real - 0.2 * size, position.imag), (position.real + 0.2 * size, position.imag)
         return cls(start=ends[0], end=ends[1], radius=0.04 * size)
 
     @property

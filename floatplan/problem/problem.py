@@ -1,6 +1,6 @@
-"""What is asked: a robot, the states at takeoff and landing, the flight, and what must hold meanwhile.
+"""What a plan has to do: a robot, the states at takeoff and landing, the flight, and what must hold meanwhile.
 
-Every dataclass is frozen. :class:`Problem` checks what it is given once, here, and keeps it resolved: arrays in the
+Every dataclass is frozen. :class:`Problem` checks its arguments once, here, and stores them resolved: arrays in the
 order of ``robot.joints``, SI units, radians.
 """
 
@@ -19,6 +19,7 @@ from floatplan.arrays import Array, identity, read_only
 from floatplan.errors import InputError, check_name, faults, refuse
 from floatplan.pool import one_thread
 from floatplan.problem import parts, resolution
+from floatplan.problem.attitude import Reorientation
 from floatplan.problem.ballistics import Ballistics, ballistics
 from floatplan.problem.jump import JumpRequest, jump_errors
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, LevelGround
@@ -47,9 +48,9 @@ class Problem(Checked):
     ground : bool
         Whether all links stay above the horizontal line through the lowest point of the takeoff link's shapes at t = 0.
     jump : JumpRequest or None
-        The whole jump of which this is the flight, for :func:`floatplan.jump`; plans of the flight leave it alone.
+        The whole jump of which this is the flight, for :func:`floatplan.jump`; plans of the flight ignore it.
     written : str, optional
-        The problem file, kept as ``file_text``; ``dataclasses.replace`` drops it.
+        The problem file's text, as ``file_text``; ``dataclasses.replace`` drops it.
 
     Attributes
     ----------
@@ -59,7 +60,7 @@ class Problem(Checked):
     joint_limits : key of ``[limits]`` -> (n,), of the planned coordinates; infinite where there is none
         In the units of the table of limits.
     torque_limits : (n,) N m, of the generalised torques; infinite where there is none
-        As given by a sequence, or what the motors' own limits add up to, by ratio.
+        As in a sequence, or what the motors' own limits add up to, by ratio.
     motor_torque_limits, motor_stall : (m,) N m, of each of ``robot.motors``; infinite where there is none
     motor_slope : (m,) N m s/rad
     degrees : (n,) int
@@ -71,15 +72,19 @@ class Problem(Checked):
     landing_height : m, of the landing frame at t = T
     path : Ballistics
         Of the centre of mass.
+    reorientation : Reorientation, or None in a plane
+        From which attitude to which the base turns.
     inertia_extremes : two arrays (n+1,) kg m^2; (0,) in space
         Least and largest D_i of (4) over the joint ranges.
     angular_momentum_bounds : (low, high) kg m^2/s, or None in space
         (9): where h lies if orientation and joints all move monotonically; its middle is (10).
+    limit_shares : tuple of Shares
+        What the limits bound, but for the joints' ranges.
     angular_momentum : kg m^2/s, or None where it is free, and in space
-        The h that is asked for as a number: (10) in place of the word.
-    has_inequalities : whether more is asked than what holds at both ends
+        The requested h as a number: (10) instead of the word.
+    has_inequalities : whether more is requested than the states at both ends
     minimises_b : whether (17) is its objective, the size of b, as of "coefficients" in a plane
-    is_standard : whether it asks for (17) in a plane, between given states at a given h: batches plan such problems
+    is_standard : whether it minimises (17) in a plane, between fixed states at a fixed h: batches plan such problems
     is_plain : whether it is standard, and has no inequalities
     chooses_ends : whether velocities or accelerations at an end are words, so that a plan settles them
     raises_degree : whether the degree may be raised where nothing else helps
@@ -111,9 +116,11 @@ class Problem(Checked):
     landing: parts.Landing = field(init=False)
     landing_height: float = field(init=False)
     path: Ballistics = field(init=False)
+    reorientation: Reorientation | None = field(init=False)
     inertia_extremes: tuple[Array, Array] = field(init=False)
     angular_momentum_bounds: tuple[float, float] | None = field(init=False)
     angular_momentum: float | None = field(init=False)
+    limit_shares: tuple[Shares, ...] = field(init=False)
     has_inequalities: bool = field(init=False)
     minimises_b: bool = field(init=False)
     is_standard: bool = field(init=False)
@@ -159,16 +166,16 @@ class Problem(Checked):
         errors = self.faults()
         fields = {error.element for error in errors}
         try:
-            found = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
-            found += resolution.flight_errors(self.robot, self.flight)
-            found += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
-            found += resolution.surroundings_errors(
+            further = faults((*self._resolutions(changed), partial(check_name, self.name, "name")))
+            further += resolution.flight_errors(self.robot, self.flight)
+            further += list(self._planar_errors()) if self.robot.in_plane else self._errors_in_space()
+            further += resolution.surroundings_errors(
                 self.robot, self.obstacles, self.self_clearances, self.flight.duration
             )
             if self.obstacles or self.self_clearances or self.ground:
-                found += faults((self.robot.check_shapes,))
+                further += faults((self.robot.check_shapes,))
             errors += [
-                error for error in found if not any(str(field).startswith(error.element or "?") for field in fields)
+                error for error in further if not any(str(field).startswith(error.element or "?") for field in fields)
             ]
         except (ArithmeticError, AssertionError, AttributeError, LookupError, TypeError, ValueError):
             if not errors:
@@ -180,14 +187,16 @@ class Problem(Checked):
         refuse(errors)
         self._settle_flight()
         keeps_clear = bool(self.obstacles or self.self_clearances or self.ground)
-        is_limited = bool(np.isfinite(np.concatenate(self.limited)).any())
-        has_inequalities = keeps_clear or is_limited or self.limits.orientation_rate is not None
+        is_limited = self.limits.orientation_rate is not None or bool(np.isfinite(np.concatenate(self.limited)).any())
+        limit_shares = tuple(shares_of_limits(self)) if is_limited else ()
+        has_inequalities = keeps_clear or is_limited
         chooses_ends = any(end.frame_rests or end.free_accelerations for end in (self.initial, self.final))
         minimises_b = self.angular_momentum_bounds is not None and self.motion.objective == "coefficients"
-        is_given = self.angular_momentum is not None and not chooses_ends
-        is_standard = minimises_b and is_given and len(self.robot.joints) > 0
+        fixes_momentum = self.angular_momentum is not None and not chooses_ends
+        is_standard = minimises_b and fixes_momentum and len(self.robot.joints) > 0
         vars(self).update(
             landing_height=self.landing.height or 0.0,
+            limit_shares=limit_shares,
             has_inequalities=has_inequalities,
             minimises_b=minimises_b,
             is_standard=is_standard,
@@ -197,21 +206,30 @@ class Problem(Checked):
         )
 
     def _settle_flight(self) -> None:
-        """What is known of every motion that meets the problem: the path of the centre of mass, and (9) in a plane."""
+        """What holds of every motion that meets the problem.
+
+        That is the path of the centre of mass, in a plane (9), and in space how the base turns.
+        """
         extremes = np.empty(0), np.empty(0)
-        momenta = momentum = None
+        momenta = momentum = reorientation = None
         if self.robot.in_plane:
             extremes = inertia_extremes(self.robot.tree, self.position_limits)
-            turn = self.final.orientation - self.initial.orientation
-            changes = np.array([turn, *(self.final.positions - self.initial.positions)])
+            rotation = self.final.orientation - self.initial.orientation
+            changes = np.array([rotation, *(self.final.positions - self.initial.positions)])
             low, high = momentum_intervals(extremes, changes, np.array(self.flight.duration))
             momenta = float(low), float(high)
-            asked = self.flight.momentum_in_plane
-            if asked != "free":
-                momentum = sum(momenta) / 2 if isinstance(asked, str) else float(asked)
+            requested = self.flight.momentum_in_plane
+            if requested != "free":
+                momentum = sum(momenta) / 2 if isinstance(requested, str) else float(requested)
+        if self.initial.attitude and self.final.attitude:
+            reorientation = Reorientation(self.initial.attitude, self.final.attitude)
         path = ballistics(self.robot, self.flight, self.takeoff, self.initial, self.landing, self.final)
         vars(self).update(
-            path=path, inertia_extremes=extremes, angular_momentum_bounds=momenta, angular_momentum=momentum
+            path=path,
+            reorientation=reorientation,
+            inertia_extremes=extremes,
+            angular_momentum_bounds=momenta,
+            angular_momentum=momentum,
         )
 
     def _planar_errors(self) -> Iterator[InputError]:
@@ -220,7 +238,7 @@ class Problem(Checked):
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
 
     def _errors_in_space(self) -> Iterator[InputError]:
-        """What is wrong in space: with the jump around the flight, and a turn whose direction is left open."""
+        """What is wrong in space: with the jump around the flight, and a rotation whose direction is left open."""
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
         if hasattr(self, "initial") and hasattr(self, "final"):
             yield from resolution.attitude_errors(self.initial, self.final)
@@ -239,7 +257,7 @@ class Problem(Checked):
         return html_table(self.name, self.rows())
 
     def rows(self) -> list[tuple[str, str]]:
-        """Return names and what is said under them, as notebooks and the report show what is asked."""
+        """Return names and values, as notebooks and the report show the problem."""
         flight, joints, momentum = self.flight, self.robot.joints, self.flight.angular_momentum
         degrees = "degree " + ", ".join(map(str, self.degrees if len(set(self.degrees)) > 1 else self.degrees[:1]))
         degrees = "the degree that is needed" if self.raises_degree else degrees
@@ -282,7 +300,7 @@ class Problem(Checked):
             ),
         }
         for name, (needed, resolve) in resolvers.items():
-            if any(part in changed for part in needed.split()):
+            if any(field in changed for field in needed.split()):
                 yield partial(self._resolve, name, resolve)
 
     def _resolve(self, name: str, resolve: Callable[[], object]) -> None:
@@ -318,7 +336,7 @@ class Problem(Checked):
     @cached_property
     @one_thread
     def ground_plane(self) -> parts.Ground | LevelGround:
-        """The half-plane below the ground's line, in space the half-space, asked for or not.
+        """The half-plane below the ground's line, in space the half-space, requested or not.
 
         Raises
         ------
@@ -383,7 +401,7 @@ def _posture(state: parts.JointState, joints: Sequence[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Shares:
-    """Limits (r,) of a key, in a unit, and what is used of them: the magnitudes of two sums of quantities, together.
+    """Limits (r,) of a key, in a unit, and what is used of them: the magnitudes of two sums of quantities, added.
 
     ``used, also`` : weights (r, m) of quantities by their names; their sums are 1 where the whole of a limit is used
     """
@@ -400,7 +418,7 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
     """Yield what a problem's limits bound, or those of many, of which the same are finite.
 
     They are those of the motors' own torques, of generalised ones where these do not imply them, of the joints' rates
-    and accelerations, of motors that are weaker when they turn, and of the base's rate.
+    and accelerations, of motors that are weaker at speed, and of the base's rate.
     """
     robot, own, generalized = problem.robot, problem.motor_torque_limits, problem.torque_limits
     if generalized.min(initial=np.inf) < np.inf:

@@ -42,7 +42,7 @@ def distance_from(reference: Array, s: Array, weights: Array, positions: Array) 
 
 
 def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipReference:
-    """Return the part of a table that a problem names, as positions.
+    """Return the columns of a table that a problem names, as positions.
 
     Raises
     ------
@@ -53,13 +53,13 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
     path = folder / clip.file
     lines = list(csv.reader(io.StringIO(read_text(path, LARGEST_TABLE, "a table of a motion"))))
     names = [name.strip() for name in lines[0]] if lines else []
-    wanted = [TIME, *(joint + POSITION for joint in robot.joints)]
-    missing = [name for name in wanted if name not in names]
+    required = [TIME, *(joint + POSITION for joint in robot.joints)]
+    missing = [name for name in required if name not in names]
     if missing:
         raise InputError(
             f"has no column {missing[0]!r}", source=path, advice="give the table of a motion of this robot"
         )
-    columns = [names.index(name) for name in wanted]
+    columns = [names.index(name) for name in required]
     try:
         values = np.array([[float(line[column]) for column in columns] for line in lines[1:] if line])
     except (ValueError, IndexError):

@@ -1,4 +1,4 @@
-"""From what the user gives to what a problem keeps: checked, in the order of joints and motors, with its place.
+"""From the user's values to those of a problem: checked, in the order of joints and motors, errors with their keys.
 
 The ground is a horizontal line through the lowest point of the link that takes off, at t = 0.
 """
@@ -20,7 +20,7 @@ from floatplan.problem.ballistics import frame_from_com
 from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import BOUNDARY, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, REST, STEEPEST, LimitRow
+from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, STEEPEST, LimitRow
 
 MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
@@ -28,7 +28,7 @@ EDGE = 1e-12  # of the range: closer than this, a joint stands on its edge
 NARROWEST = 1e-6  # rad, of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
 TORQUE = LIMIT_TABLE["torque"]
-HALF_A_TURN = 1e-3  # [-] cosine of half the angle to the goal, below which the shortest rotation there is not clear
+HALF_ROTATION = 1e-3  # [-] cosine of half the angle to the goal, below which the shortest rotation there is not clear
 NOT_IN_SPACE = "is for flights in a plane, and not yet for those in space"
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
@@ -36,7 +36,7 @@ TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant 
 def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointState:
     """Return a posture as arrays in joint order."""
     settled = posture.settled or (None, None)
-    frame_rests = _is_word(posture.velocities, REST[element], f"{element}.velocities")
+    frame_rests = _is_word(posture.velocities, FLIGHT_EVENTS[element], f"{element}.velocities")
     free_accelerations = _is_word(posture.accelerations, "free", f"{element}.accelerations")
     velocities = settled[0] if frame_rests else posture.velocities
     accelerations = settled[1] if free_accelerations else posture.accelerations
@@ -44,7 +44,9 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
     if (attitude is None) == (robot.in_plane is None):
         raise _not_so(robot, f"{element}.orientation", "an angle", "an Attitude: quaternion_xyzw, or angles and axes")
     if frame_rests and robot.in_plane is None:
-        raise InputError(f"{REST[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates")
+        raise InputError(
+            f"{FLIGHT_EVENTS[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates"
+        )
     return JointState(
         orientation=math.nan if isinstance(posture.orientation, Attitude) else float(posture.orientation),
         attitude=attitude,
@@ -57,7 +59,7 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
 
 
 def _not_so(robot: Robot, element: str, planar: str, spatial: str) -> InputError:
-    """What a flight in a plane, or in space, is not asked with."""
+    """What a flight in a plane, or in space, does not support."""
     if robot.in_plane is None:
         return InputError(f"must be {spatial}, where the robot flies in space", element=element)
     advice = 'in space it may be: [robot] base = "free-flyer"'
@@ -77,12 +79,12 @@ def flight_errors(robot: Robot, flight: parts.Flight) -> Iterator[InputError]:
         speed_fits = isinstance(speed, tuple) or speed == 0
         coordinates = 3
     if not momentum_fits:
-        asked = "0, three numbers, 'suggested' or 'free'"
-        yield _not_so(robot, "flight.angular_momentum", "a number, 'midpoint' or 'free'", asked)
+        choices = "0, three numbers, 'suggested' or 'free'"
+        yield _not_so(robot, "flight.angular_momentum", "a number, 'midpoint' or 'free'", choices)
     if not speed_fits:
         yield _not_so(robot, "flight.horizontal_velocity", "a number", "two numbers, along x and y")
-    place = (0.0, 0.0) if flight.takeoff is None else flight.takeoff.position
-    if len(place) != coordinates and any(place):
+    position = (0.0, 0.0) if flight.takeoff is None else flight.takeoff.position
+    if len(position) != coordinates and any(position):
         yield _not_so(robot, "flight.takeoff.position", "two numbers", "three numbers")
 
 
@@ -114,7 +116,7 @@ def _joint_values(robot: Robot, values: Any, element: str, default: float | None
 
 
 def _in_order(robot: Robot, values: Sequence[Any] | Array, element: str) -> Sequence[Any]:
-    """What is given in joint order; another number of them is refused."""
+    """Values in joint order; another number of them is refused."""
     if len(values) != len(robot.joints):
         reason = f"{len(values)} values for {len(robot.joints)} joints"
         raise InputError(reason, element=element, advice=f"joints: {listed(robot)}")
@@ -192,12 +194,12 @@ def listed(robot: Robot) -> str:
 
 def position_limits(robot: Robot, limits: parts.Limits) -> Array:
     """Return the joint ranges (n, 2) in rad that a problem with these limits has: always finite."""
-    given = robot.position_limits.copy()
-    given[~np.isfinite(given).all(axis=1)] = FULL_RANGE
+    intervals = robot.position_limits.copy()
+    intervals[~np.isfinite(intervals).all(axis=1)] = FULL_RANGE
     if isinstance(limits.position, str):
         if limits.position == "full":
-            given[:] = FULL_RANGE
-        return read_only(given)
+            intervals[:] = FULL_RANGE
+        return read_only(intervals)
     if isinstance(limits.position, Mapping):
         check_joint_names(robot, limits.position, "limits.position")
         ranges = limits.position
@@ -210,8 +212,8 @@ def position_limits(robot: Robot, limits: parts.Limits) -> Array:
         if high - low < NARROWEST:
             reason = f"[{low}, {high}] is narrower than {NARROWEST:g} rad"
             raise InputError(reason, element=element, advice="lock the joint")
-        given[robot.joints.index(joint)] = low, high
-    return read_only(given)
+        intervals[robot.joints.index(joint)] = low, high
+    return read_only(intervals)
 
 
 def joint_limits(robot: Robot, limits: parts.Limits) -> dict[str, Array]:
@@ -231,22 +233,22 @@ def joint_limits(robot: Robot, limits: parts.Limits) -> dict[str, Array]:
     return resolved
 
 
-def _joint_limit(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
+def _joint_limit(robot: Robot, row: LimitRow, values: str | JointValues) -> Array:
     """Return limits (n,), in the row's unit, of the planned coordinates, infinite where there is none.
 
     A number or a mapping is about each motor: a leader is as slow as its followers demand, by their ratios.
     """
-    if isinstance(given, str):
-        if row.in_urdf and given == "urdf":
+    if isinstance(values, str):
+        if row.in_urdf and values == "urdf":
             return read_only(getattr(robot, f"{row.key}_limits"))
         return read_only(np.full(len(robot.joints), math.inf))
-    if not isinstance(given, Mapping | int | float):
-        return read_only(_in_order(robot, given, f"limits.{row.key}"))
+    if not isinstance(values, Mapping | int | float):
+        return read_only(_in_order(robot, values, f"limits.{row.key}"))
     scales_by_ratio = row.quantity in ("velocities", "accelerations")
     if not scales_by_ratio and np.count_nonzero(robot.motor_ratios) > len(robot.joints):
         reason = "is not known of each motor where joints follow others"
         raise InputError(reason, element=f"limits.{row.key}", advice="give a list, a number for each planned joint")
-    return read_only(least_of_motors(robot, motor_limits(robot, row, given)))
+    return read_only(least_of_motors(robot, motor_limits(robot, row, values)))
 
 
 def least_of_motors(robot: Robot, own: Array) -> Array:
@@ -262,28 +264,28 @@ def sum_of_motors(robot: Robot, own: Array) -> Array:
     return np.asarray((ratios * np.where(ratios > 0, own[..., None], 0.0)).sum(axis=-2))
 
 
-def motor_limits(robot: Robot, row: LimitRow, given: str | JointValues) -> Array:
+def motor_limits(robot: Robot, row: LimitRow, values: str | JointValues) -> Array:
     """Return limits (m,) of the motors' own quantity, in the row's unit, infinite where there is none.
 
     They are one for all, or by name; a leader's value holds for followers that are not named. A sequence (n,) is about
     the planned coordinates: it is a motor's own limit where the joint has but one motor.
     """
-    if isinstance(given, Mapping):
-        return read_only(of_motors(robot, given, f"limits.{row.key}", math.inf))
-    if isinstance(given, str) and given == "urdf":
+    if isinstance(values, Mapping):
+        return read_only(of_motors(robot, values, f"limits.{row.key}", math.inf))
+    if isinstance(values, str) and values == "urdf":
         return read_only(getattr(robot, f"motor_{row.key}_limits"))
-    if isinstance(given, str | int | float):
-        return read_only(np.full(len(robot.motors), math.inf if isinstance(given, str) else given))
-    of_joints = np.array(_in_order(robot, given, f"limits.{row.key}"), dtype=np.float64)
-    alone, leader = (robot.motor_ratios != 0).sum(axis=0) == 1, _leaders(robot)
-    return read_only(np.where(alone[leader], of_joints[leader], math.inf))
+    if isinstance(values, str | int | float):
+        return read_only(np.full(len(robot.motors), math.inf if isinstance(values, str) else values))
+    of_joints = np.array(_in_order(robot, values, f"limits.{row.key}"), dtype=np.float64)
+    single, leader = (robot.motor_ratios != 0).sum(axis=0) == 1, _leaders(robot)
+    return read_only(np.where(single[leader], of_joints[leader], math.inf))
 
 
-def torque_limits(robot: Robot, given: str | JointValues) -> Array:
-    """Return limits (n,) N m of the generalised torques: as given, or what those of the motors add up to."""
-    if isinstance(given, str | Mapping | int | float):
-        return read_only(sum_of_motors(robot, motor_limits(robot, TORQUE, given)))
-    return read_only(_in_order(robot, given, "limits.torque"))
+def torque_limits(robot: Robot, values: str | JointValues) -> Array:
+    """Return limits (n,) N m of the generalised torques: as stated, or what those of the motors add up to."""
+    if isinstance(values, str | Mapping | int | float):
+        return read_only(sum_of_motors(robot, motor_limits(robot, TORQUE, values)))
+    return read_only(_in_order(robot, values, "limits.torque"))
 
 
 def _leaders(robot: Robot) -> IntArray:
@@ -297,9 +299,9 @@ def motor_values(robot: Robot, limits: parts.Limits, name: str, default: float) 
     return read_only([default if curve is None else getattr(curve, name) for curve in curves])
 
 
-def of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: Any) -> list[Any]:
+def of_motors(robot: Robot, values: Mapping[str, Any], element: str, default: Any) -> list[Any]:
     """What a mapping says of each of the m motors: by its own name, else by its leader's; refuse other names."""
-    for joint in given:
+    for joint in values:
         if joint in robot.coupled and joint not in robot.motors:
             leader = robot.coupled[joint].leader
             reason = f"{joint!r} has no motor of its own: the URDF couples it to {leader!r} by <mimic>"
@@ -308,7 +310,7 @@ def of_motors(robot: Robot, given: Mapping[str, Any], element: str, default: Any
             reason = f"{joint!r} is not a planned joint of the robot, nor one coupled to it"
             raise InputError(reason, element=element, advice=f"joints: {', '.join(robot.motors)}")
     leaders = [robot.joints[index] for index in _leaders(robot).tolist()]
-    return [given.get(motor, given.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
+    return [values.get(motor, values.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
 
 
 def end_errors(
@@ -316,15 +318,15 @@ def end_errors(
 ) -> Iterator[InputError]:
     """What is wrong at an end of the flight, within the joints' ranges (n, 2), rad.
 
-    A joint outside its range, one on its edge that does not stand still or accelerates outwards; rates of a frame at
-    rest where no frame is named that stands on the ground. Rounding is not wrong: a motion that begins on the edge
+    A joint outside its range, one on its edge that does not stand still or accelerates outwards; rates of a still
+    frame where none is named that stands on the ground. Rounding is not wrong: a motion that begins on the edge
     meets what is off by no more than the tolerances of the boundary conditions.
     """
     if state.frame_rests and flight.takeoff is None and (element == "start" or flight.landing is None):
-        reason = f"{REST[element]!r} needs a frame that stands on the ground"
-        advice = f"name it as flight.{REST[element]}, or give the rates"
+        reason = f"{FLIGHT_EVENTS[element]!r} needs a frame that stands on the ground"
+        advice = f"name it as flight.{FLIGHT_EVENTS[element]}, or give the rates"
         yield InputError(reason, element=f"{element}.velocities", advice=advice)
-    values = (each.tolist() for each in (limits, state.positions, state.velocities, state.accelerations))
+    values = (array.tolist() for array in (limits, state.positions, state.velocities, state.accelerations))
     for joint, (low, high), position, velocity, acceleration in zip(robot.joints, *values, strict=True):
         inside = min(position - low, high - position)
         if inside > EDGE * (high - low):
@@ -338,7 +340,7 @@ def end_errors(
             advice = "move it inside, or widen the range with limits.position"
             yield InputError(reason, element=f"{element}.positions.{joint}", advice=advice)
         elif abs(velocity) > off_rate:
-            advice = "a joint can only be on the edge of its range at rest"
+            advice = "a joint can only be on the edge of its range with zero velocity"
             yield InputError(f"{velocity:.6g} rad/s {edge}", element=f"{element}.velocities.{joint}", advice=advice)
         elif acceleration * math.copysign(1.0, 2 * position - low - high) > off_acceleration:
             reason = f"{acceleration:.6g} rad/s^2 {edge} points out of it"
@@ -346,7 +348,7 @@ def end_errors(
 
 
 def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]:
-    """A goal half a turn from the start, where the shortest rotation leads to it; or angles that are not defined."""
+    """A goal 180 degrees from the start, where the shortest rotation leads to it; or angles that are not defined."""
     if start.attitude is None or goal.attitude is None:
         return
     if axes := goal.attitude.axes:
@@ -355,11 +357,11 @@ def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]
             if tilt(axes, second) > STEEPEST:
                 reason = f"its second angle about {axes!r} is {math.degrees(second):.4g} degrees"
                 near = "-70 to 70" if axes[0] != axes[2] else "20 to 160"
-                advice = f"it must be within {near}: turn about other axes, or give the goal as a quaternion"
+                advice = f"it must be within {near}: rotate about other axes, or give the goal as a quaternion"
                 yield InputError(reason, element=f"{element}.orientation", advice=advice)
         return
     cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))
-    if cosine < HALF_A_TURN:
+    if cosine < HALF_ROTATION:
         reason = "is half a turn from the start, and which way round is left open"
         advice = "give it as angles about axes, with the turns that are meant"
         yield InputError(reason, element="goal.orientation", advice=advice)
@@ -373,11 +375,11 @@ def surroundings_errors(
     More of it than a search can look at in its time, obstacles that never meet the flight, links that do not exist.
     """
     in_plane = robot.in_plane is not None
-    known_kinds = OBSTACLE_KINDS if in_plane else SPATIAL_OBSTACLE_KINDS
+    kinds = OBSTACLE_KINDS if in_plane else SPATIAL_OBSTACLE_KINDS
     for index, obstacle in enumerate(obstacles):
-        if not isinstance(obstacle, tuple(known_kinds.values())):
+        if not isinstance(obstacle, tuple(kinds.values())):
             other = "in space" if in_plane else "in a plane"
-            advice = f"give a {either(kind.__name__ for kind in known_kinds.values())}"
+            advice = f"give a {either(kind.__name__ for kind in kinds.values())}"
             yield InputError(
                 f"a {type(obstacle).__name__} is for flights {other}", element=f"obstacles[{index}]", advice=advice
             )
@@ -395,15 +397,16 @@ def surroundings_errors(
         if obstacle.window and (end < 0 or start > duration):
             reason = f"the window [{start}, {end}] s lies outside the flight of {duration} s"
             yield InputError(reason, element=f"obstacles[{index}].window")
-    known = {shape.link for shape in robot.capsules} if pairs else set()
+    shaped_links = {shape.link for shape in robot.capsules} if pairs else set()
     for index, pair in enumerate(pairs):
-        for link in (link for link in pair.links if link not in known):
-            element, advice = f"self_clearance[{index}].links", f"links: {sorted(known)}"
+        for link in (link for link in pair.links if link not in shaped_links):
+            element, advice = f"self_clearance[{index}].links", f"links: {sorted(shaped_links)}"
             yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
         thickness = sum(
-            max((each.radius for each in robot.capsules if each.link == link), default=0) for link in pair.links
+            max((capsule.radius for capsule in robot.capsules if capsule.link == link), default=0)
+            for link in pair.links
         )
-        if not in_plane and thickness + pair.margin == 0 and known.issuperset(pair.links):
+        if not in_plane and thickness + pair.margin == 0 and shaped_links.issuperset(pair.links):
             reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
             advice = "give a margin, or <collision> geometry"
             yield InputError(reason, element=f"self_clearance[{index}]", advice=advice)

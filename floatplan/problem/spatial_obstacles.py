@@ -29,7 +29,7 @@ class SpatialObstacle(Obstacle):
         When it exists: from, to, since takeoff; for the whole flight, where left out.
     """
 
-    velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # in place of two
+    velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # not two
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +83,7 @@ class HalfSpace(SpatialObstacle):
 
     kind: ClassVar[str] = "half-space"
     about: ClassVar[str] = "Ground or a wall in space, solid on one side of a plane"
-    point: Annotated[Triple, Key("A place on the plane: x, y, z", "m")] = (0.0, 0.0, 0.0)
+    point: Annotated[Triple, Key("A point on the plane: x, y, z", "m")] = (0.0, 0.0, 0.0)
     normal: Annotated[Triple, Key("Direction away from what is solid: x, y, z; of any length")] = (0.0, 0.0, 1.0)
     bounded = False
 
@@ -120,7 +120,7 @@ class Box(SpatialObstacle):
     """
 
     kind: ClassVar[str] = "box"
-    about: ClassVar[str] = "A box in space with edges along x, y and z, kept clear of by one of its faces"
+    about: ClassVar[str] = "A box in space with edges along x, y and z, to be passed on one of its faces"
     center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
     size: Annotated[Triple, Key("Its edges along x, y and z", "m", "radius")]
     bounded = True

@@ -1,4 +1,4 @@
-"""How far a robot leaves its plane: legs that swing apart roll the trunk, though their axes are in the plane."""
+"""How far a robot leaves its plane: legs that move apart roll the trunk, though their axes are in the plane."""
 
 import math
 from functools import lru_cache

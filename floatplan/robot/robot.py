@@ -15,7 +15,20 @@ from xml.etree.ElementTree import fromstring, tostring
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arguments import FINITE, Check, by_name, flag, for_all, made, many, number, one_of, optional, text
+from floatplan.arguments import (
+    FINITE,
+    Check,
+    by_name,
+    flag,
+    for_all,
+    made,
+    many,
+    number,
+    one_of,
+    optional,
+    text,
+    without_none,
+)
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, naming
@@ -136,7 +149,7 @@ class Robot:
     balance_inertias : whether inertias that no body can have are balanced
     payload : point masses that links carry
     gravity_direction : (3,) unit vector along gravity, where the file says which way it points
-        In the root link's axes, in the posture that an MJCF draws. None of a URDF, which does not say it, and of an
+        In the root link's axes, in the posture of an MJCF's file. None of a URDF, which does not say it, and of an
         MJCF without gravity.
     rotor_file : the SRDF file whose ``<rotor_params>`` the rotors' inertias are from, None where none are
     """
@@ -187,7 +200,7 @@ class Robot:
             The plane's horizontal and vertical axis among the root link's, such as "xz". Chosen from the joints' axes
             where left out.
         joints : sequence of str, optional
-            The joints to plan, in the order of all arrays. Left out: all that turn about the plane's normal.
+            The joints to plan, in the order of all arrays. Left out: all that rotate about the plane's normal.
         coupled : mapping, optional
             Followers' names to their leaders: a :class:`Coupling`, or a name (ratio 1; with a minus sign, -1).
             Joints that the file has ``<mimic>`` a planned joint are coupled by themselves. ``"mirror"``
@@ -216,7 +229,7 @@ class Robot:
             link's frame.
         base : str, optional
             How the base moves: "planar", or "free-flyer" for flights in space, where there is no plane and all joints
-            that turn are planned unless they are locked or coupled.
+            that rotate are planned unless they are locked or coupled.
 
         Raises
         ------
@@ -284,7 +297,7 @@ class Robot:
             )
             if coupled == "mirror":
                 everything = choose(plane=plane, joints=None, coupled=None)
-                plane = everything.given_plane.name
+                plane = everything.required_plane.name
                 coupled = mirror_couplings(tree, everything, joints)
             choice = choose(plane=plane, joints=joints, coupled=coupled)
             motors = {name: choices[name] for name in ("armature", "damping")}
@@ -335,7 +348,7 @@ class Robot:
             warnings=(*choice.warnings, *missing),
             source=source,
             in_plane=None if choice.plane is None else TreeLayout.of(tree, choice),
-            tilt=planar.largest_turn(written, tree),
+            tilt=planar.largest_tilt(written, tree),
             kind=text.kind,
             files=MappingProxyType(dict(text.files)),
         )
@@ -441,7 +454,7 @@ class Robot:
 
     def _of_joints(self, key: str) -> Mapping[str, float]:
         values = {joint.name: getattr(joint, key) for joint in self.joint_tree.joints}
-        return {name: value for name, value in values.items() if value is not None}
+        return without_none(values)
 
     def check_shapes(self) -> None:
         """Refuse collision geometry that ``shapes`` leave out: the robot would be clear of what it hits.
@@ -601,7 +614,10 @@ class Robot:
     @property
     def mass(self) -> float:
         """Mass of the whole robot, kg."""
-        return float(pin.computeTotalMass(self.model))
+        if self.in_plane is None:
+            return float(pin.computeTotalMass(self.model))
+        # Pinocchio's sum differs in the last bit from that of the bodies, by which flights in the plane are planned.
+        return float(self.tree.mass.sum())
 
     def __getstate__(self) -> dict[str, Any]:
         """Everything as it is, but for read-only mappings, which cannot be pickled."""

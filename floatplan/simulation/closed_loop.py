@@ -15,7 +15,7 @@ from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.flight import LinkShapes
-from floatplan.plans.plan import Plan, given_plan
+from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
@@ -82,7 +82,7 @@ def closed_loop(
     budget = optional(positive(unit="s"))(budget, "budget")
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_JUMPS, "is for jumps")
-    plan = given_plan(plan)
+    plan = as_plan(plan)
     most = MOST_PERIODS * PERIOD
     if plan.duration > most:
         raise InputError(f"a flight of {plan.duration:g} s is too long for closed loops: at most {most:g} s")

@@ -18,7 +18,7 @@ import pinocchio as pin
 from floatplan.arguments import SEED, html_table, made, optional, outline, positive, short, shortened
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.files import plain
+from floatplan.files import json_value
 from floatplan.plans.reading import Recorded, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord
 from floatplan.pool import one_thread
@@ -149,7 +149,7 @@ class Replay:
         """Return what ``floatplan replay --json`` prints; numbers that are not finite are null."""
         values = asdict(self)
         values["disturbance"] = values.pop("perturbation")
-        facts: dict[str, Any] = plain(values)
+        facts: dict[str, Any] = json_value(values)
         return {**facts, "landed": self.landed, "tolerance": TOLERANCE}
 
 

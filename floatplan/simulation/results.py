@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, BoolArray
-from floatplan.files import plain
+from floatplan.files import json_value
 from floatplan.simulation.engines import Engine
 from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import Perturbation
@@ -235,7 +235,7 @@ class ClosedLoop(Flights):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --replan --json`` prints."""
-        facts: dict[str, Any] = plain(
+        facts: dict[str, Any] = json_value(
             {
                 "engine": self.engine,
                 "replan": self.rate,
@@ -317,7 +317,7 @@ class JumpReplay(Flights):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``floatplan replay --json`` prints of a jump."""
-        facts: dict[str, Any] = plain(
+        facts: dict[str, Any] = json_value(
             {
                 "engine": "mujoco",
                 "landed": self.landed,

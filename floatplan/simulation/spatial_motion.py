@@ -41,8 +41,11 @@ class RecordedSpatialMotion(RecordedMotion):
         """The record's h at a time, s."""
         return self.in_base_axes(self.attitude(time), self.record.angular_momentum)
 
-    def attitudes(self, angular_momentum: Array) -> Callable[[float], Array]:
-        """The quaternion as a function of time, s, for an angular momentum (3,) in the world."""
+    def attitudes(self, angular_momentum: Array, tolerance: float = TIGHT) -> Callable[[float], Array]:
+        """The quaternion as a function of time, s, for an angular momentum (3,) in the world.
+
+        A step is off by about ``tolerance``, rad.
+        """
         evaluations = count()
 
         def rate(time: float, quaternion: Array) -> Array:
@@ -56,8 +59,8 @@ class RecordedSpatialMotion(RecordedMotion):
             (0.0, self.record.duration),
             self.start_attitude,
             method="DOP853",
-            rtol=TIGHT,
-            atol=TIGHT / 10,
+            rtol=tolerance,
+            atol=tolerance / 10,
             dense_output=True,
         )
         if result.status != 0:

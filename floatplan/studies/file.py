@@ -13,9 +13,10 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from floatplan.arguments import without
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming, refuse
-from floatplan.files import plain, read_regular, runs_folder
+from floatplan.files import json_value, read_regular, runs_folder
 from floatplan.kernel.library import description
 from floatplan.keys import read_tables
 from floatplan.plans.reading import robot_record
@@ -137,12 +138,12 @@ class StudyFile:
         content = {
             "versions": versions(),
             "problem": self.problem_file.decode("utf-8", "replace"),
-            "robot": {key: value for key, value in robot.items() if key not in ROBOT_KINDS},
+            "robot": without(robot, ROBOT_KINDS),
             "vary": [[axis.path, axis.values] for axis in self.samples.axes],
             "sampling": [self.samples.kind, self.samples.count, self.samples.seed],
             "plan": asdict(self.plan),
         }
-        return hashlib.sha256(json.dumps(plain(content), sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(json_value(content), sort_keys=True).encode()).hexdigest()
 
 
 @cache

@@ -261,7 +261,7 @@ def naming_the_folder(path: Path) -> Iterator[None]:
 
 @contextmanager
 def naming_unreadable(path: Path) -> Iterator[None]:
-    """Turn errors of the system about a path into messages that name it."""
+    """Convert errors of the system about a path into messages that name it."""
     try:
         yield
     except OSError as error:

@@ -21,7 +21,7 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 
 from floatplan.arrays import Array, IntArray
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.plans.plans import SOLVED
 from floatplan.plans.presentation import raised
 from floatplan.problem.file import problem_to_dict
@@ -198,7 +198,7 @@ def write_maps(study: StudyFile, table: Any, folder: Path) -> list[Path]:
     written = [write_atomically(path, content) for path, content in forms.items()]
     if len(study) <= 200_000:  # a page of more rows would be too large for a browser
         numbers = PackedNumbers()
-        data = plain(page_data(study, table, numbers))
+        data = json_value(page_data(study, table, numbers))
         styles = ("uplot/uPlot.min.css", "report.css", "map.css")
         scripts = ["uplot/uPlot.iife.min.js", "theme.js", "motion.js", "camera.js", "stage.js", "player.js"]
         scripts += ["flight.js", "heatmap.js", "map.js"]

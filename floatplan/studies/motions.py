@@ -20,7 +20,7 @@ from floatplan.jumps.planner import jump
 from floatplan.planning.kernel_input.numbers import is_plain_family
 from floatplan.planning.repair import judged
 from floatplan.plans.plan import Plan
-from floatplan.plans.plans import GOAL_MET, SOLVED, Answer
+from floatplan.plans.plans import GOAL_MET, SOLVED, PlanEntry
 from floatplan.pool import in_order, processes
 from floatplan.studies.file import StudyFile
 from floatplan.studies.rows import row_seed
@@ -37,7 +37,7 @@ def row_plan(study: StudyFile, row: Row, prove: bool = True) -> Plan:
         advice = "call jump, which plans it once more" if study.plan.jump else None
         raise InputError(row["explanation"], element=f"row {index}", advice=advice)
     solved = row["status"] in SOLVED
-    answer = Answer(
+    answer = PlanEntry(
         status=row["status"],
         objective=row["objective"] if solved else np.nan,
         angular_momentum=row["angular_momentum"],

@@ -19,7 +19,7 @@ from floatplan.planning.kernel_input.numbers import Numbers, is_plain_family, is
 from floatplan.planning.many import planned_together
 from floatplan.planning.options import SearchOptions
 from floatplan.plans.measures import largest_use, limits_of_motors
-from floatplan.plans.plans import GOAL_MET, SOLVED, Answer, Plans
+from floatplan.plans.plans import GOAL_MET, SOLVED, PlanEntry, Plans
 from floatplan.pool import one_thread
 from floatplan.problem.family import Family
 from floatplan.problem.problem import Problem
@@ -86,7 +86,7 @@ def _planned(study: StudyFile, problems: Family, first: int) -> dict[str, Any]:
         return (_planned_jumps if study.plan.jump else _planned_batch)(study, problems, first)
     except Exception as error:
         if len(problems) == 1:
-            row = _row(study, Answer("error", message=f"{type(error).__name__}: {error}"), np.nan)
+            row = _row(study, PlanEntry("error", message=f"{type(error).__name__}: {error}"), np.nan)
             return {name: [value] for name, value in row.items()}
         middle = len(problems) // 2
         columns = _planned(study, problems[:middle], first)
@@ -202,21 +202,21 @@ def _planned_jumps(study: StudyFile, problems: Family, first: int) -> dict[str, 
         try:
             result, measured = _planned_jump(problems[index], row_seed(study.samples.seed, first + index), study.plan)
         except InputError as error:
-            result = Answer("error", message=str(error))
+            result = PlanEntry("error", message=str(error))
         rows.append(_row(study, result, 1e3 * (time.perf_counter() - start)) | measured)
     return {name: [row[name] for row in rows] for name in rows[0]}
 
 
-def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer, dict[str, Any]]:
+def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[PlanEntry, dict[str, Any]]:
     """A whole jump, and measures of it 2000 times a second: the check's figures, and those of the motors."""
     planned = jump(problem, seed=seed, starts=plan.starts, helps=False)
     if not planned.ok or planned.flight is None:
-        return Answer("not_found", starts=plan.starts, message=planned.explanation), {}
+        return PlanEntry("not_found", starts=plan.starts, message=planned.explanation), {}
     verdict = certify(planned.flight).verdict if plan.prove else ""
     figures = planned.check.figures
     times = np.linspace(0.0, planned.duration, int(planned.duration * RATE) + 2)
     torques = planned.state(times).motor_torques
-    result = Answer(
+    result = PlanEntry(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
         angular_momentum=planned.flight.angular_momentum,
@@ -236,7 +236,7 @@ def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[Answer,
     return result, measured
 
 
-def _row(study: StudyFile, result: Answer, milliseconds: float) -> dict[str, Any]:
+def _row(study: StudyFile, result: PlanEntry, milliseconds: float) -> dict[str, Any]:
     """A row of a result without measures."""
     return {
         "status": result.status,
@@ -253,7 +253,7 @@ def _row(study: StudyFile, result: Answer, milliseconds: float) -> dict[str, Any
 
 def _unplanned(study: StudyFile, index: int, values: Values, reason: str) -> Any:
     """The table of a row that was never planned."""
-    row = _row(study, Answer("error", message=reason), np.nan)
+    row = _row(study, PlanEntry("error", message=reason), np.nan)
     return _table(study, index, values, {name: [value] for name, value in row.items()})
 
 

@@ -8,7 +8,7 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from floatplan.arguments import LARGEST_SEED
+from floatplan.arguments import LARGEST_SEED, attributes, without
 from floatplan.errors import InputError
 from floatplan.keys import Key, Keyed, entry_of, in_files, json_schema
 from floatplan.planning.many import UNSOLVED
@@ -41,15 +41,15 @@ class PlanTable(Keyed):
     ] = 1
     prove: Annotated[bool, Key("Whether to prove each plan")] = False
     attempts: Annotated[
-        int, Key("Unsolved starts at a degree, after which a row is given up", numbers=Range(1, ATTEMPTS, ""))
+        int, Key("Unsolved starts at a degree, after which a row is abandoned", numbers=Range(1, ATTEMPTS, ""))
     ] = UNSOLVED
     search: Annotated[bool, Key("Whether to search longer, up to 10 s, for rows that are not solved soon")] = False
-    jump: Annotated[bool, Key("Whether rows are whole jumps, in the place of their flights alone")] = False
+    jump: Annotated[bool, Key("Whether rows are whole jumps, instead of only their flights")] = False
 
     @property
     def effort(self) -> dict[str, Any]:
         """Options of :func:`floatplan.plan_many`."""
-        return {name: getattr(self, name) for name in ("starts", "prove", "attempts", "search")}
+        return attributes(self, ("starts", "prove", "attempts", "search"))
 
 
 @dataclass(frozen=True)
@@ -68,11 +68,13 @@ class StudyTables(Keyed):
     vary: Annotated[
         Mapping[str, RangeTable | Sequence[float]], Key("Numbers of the problem file by their paths", numbers=VALUES)
     ]
-    sampling: Annotated[Kind, Key("All combinations, or points drawn")] = "grid"
+    sampling: Annotated[Kind, Key("All combinations, or sampled points")] = "grid"
     samples: Annotated[int | None, Key("Rows to draw", numbers=COUNTS)] = None
-    seed: Annotated[int, Key("Of the rows drawn, and of random starts", numbers=Range(0, LARGEST_SEED, ""))] = 0
+    seed: Annotated[int, Key("Of the sampled rows, and of random starts", numbers=Range(0, LARGEST_SEED, ""))] = 0
     plan: Annotated[PlanTable, Key("How hard to try")] = field(default_factory=PlanTable)
-    result: Annotated[ResultTable, Key("Where results go, and which map is drawn")] = field(default_factory=ResultTable)
+    result: Annotated[ResultTable, Key("Where results go, and which map is plotted")] = field(
+        default_factory=ResultTable
+    )
 
 
 def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -81,7 +83,7 @@ def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
     if not isinstance(vary, Mapping):
         return content
     lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
-    numbers = {key: value for key, value in vary.items() if key not in lifted}
+    numbers = without(vary, lifted)
     return {**content, **lifted, "vary": numbers}
 
 

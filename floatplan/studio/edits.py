@@ -8,6 +8,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 import floatplan as fp
+from floatplan.arguments import attributes
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.tables import LimitKey
 
@@ -142,7 +143,7 @@ def put_obstacle(index: int, *put: Obstacle) -> Edit:
 
 def moved(obstacle: Obstacle, by: complex) -> Obstacle:
     """Return an obstacle that stands elsewhere, m."""
-    places = {name: getattr(obstacle, name) for name in obstacle.places()}
+    places = attributes(obstacle, obstacle.places())
     changes: dict[str, Any] = {name: (x + by.real, y + by.imag) for name, (x, y) in places.items()}
     return replace(obstacle, **changes)
 

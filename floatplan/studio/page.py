@@ -1,4 +1,4 @@
-"""The page as a whole: a local server, the scene, the panel, and a thread that draws what changes.
+"""The page as a whole: a local server, the scene, the panel, and a thread that renders what changes.
 
 Only the studio's own page may connect, and no other that a browser on this machine shows; nobody may have viser open a
 way to it from elsewhere. Where a version of viser offers no place to see to that, the studio does not start.
@@ -31,7 +31,7 @@ class Studio:
     Raises
     ------
     InputError
-        viser is not installed, the port is taken, or the problem has no answer at all.
+        viser is not installed, the port is taken, or the problem has no result at all.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ def only_own_page(title: str) -> Iterator[None]:
 
     viser does not ask where a page comes from, and any web page can open a websocket to this machine. It hands over a
     function that answers requests, ``process_request``, when it calls ``websockets.asyncio.server.serve``: the question
-    is asked before it.
+    is called before it.
 
     Raises
     ------

@@ -49,7 +49,7 @@ class Actions:
             self._actions[about] = action
 
     def wait(self, patience: float) -> bool:
-        """Wait until all actions so far have ended; return whether that came within so many seconds."""
+        """Wait until all actions so far are done; return whether that came within so many seconds."""
         done, _ = wait([self._thread.submit(lambda: None)], patience)
         return bool(done)
 
@@ -184,7 +184,7 @@ class Request:
 
 
 class Planning:
-    """Two processes: one plans at once, the other proves, searches on, and draws the map.
+    """Two processes: one plans at once, the other proves, searches on, and computes the map.
 
     Parameters
     ----------

@@ -139,7 +139,7 @@ class Session:
         self._listeners.append(listener)
 
     def edit(self, edit: Edit, gesture: str = "") -> bool:
-        """Change the problem; return whether that was possible. Edits of one gesture are undone together."""
+        """Change the problem; return whether that was possible. Edits of one gesture are undone at once."""
         with self._lock:
             try:
                 problem = edit(self._view.problem)

@@ -147,7 +147,7 @@ def pose_times(duration: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class LaunchTask:
-    """Look for stances within the limits on torque and rate, from rest to a plan's takeoff, and from its landing."""
+    """Look for stances within the limits on torque and rate: from standing to a plan's takeoff, from its landing."""
 
     present: ShownPlan
 

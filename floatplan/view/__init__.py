@@ -1,6 +1,6 @@
 """Pictures of plans: figures, films, the report and the scene.
 
-Words and symbols that this room shares:
+Words and symbols that this package shares:
 
 segment
     What moves as one in a picture, and has one colour: 0 is the base with what is fixed to it, i + 1 is what joint i

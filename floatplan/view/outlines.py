@@ -172,7 +172,7 @@ def seen_robot(
 ) -> Postures:
     """Return a robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m.
 
-    ``frames`` take off and land; without any the centre of mass is marked in their place.
+    ``frames`` take off and land; without any the centre of mass is marked instead.
     """
     solids = rendered_solids(robot)
     corners = max(len(solid.points) for solid in solids)

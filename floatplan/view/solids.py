@@ -94,7 +94,7 @@ def rendered_solids(robot: Robot) -> tuple[RenderedSolid, ...]:
 
 
 def obstacle_corners(obstacle: Obstacle, margin: float = 0.0) -> Array:
-    """Corners (k, 3), m, of a polyhedron that is drawn for an obstacle at takeoff, grown by a margin.
+    """Corners (k, 3), m, of a polyhedron that represents an obstacle at takeoff, grown by a margin.
 
     None of a half-space, which has no end.
     """

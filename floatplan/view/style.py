@@ -104,7 +104,7 @@ def rendered(figure: Figure, form: str, dpi: float = 300) -> bytes:
 
 
 def picture(form: str, draw: Callable[..., Figure], *about: Any) -> bytes:
-    """Return the content of a file with a figure in this style; a function draws it."""
+    """Return the content of a file with a figure in this style; a function renders it."""
     with styled():
         return rendered(draw(*about), form)
 

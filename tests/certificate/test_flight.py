@@ -12,13 +12,13 @@ from proof_plans import URDF, draw_coefficients, make_plan
 
 from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.planar.flight import assemble, fly, joint_models
-from floatplan.certificate.planar.inertia import kept_robot
+from floatplan.certificate.planar.inertia import cached_robot
 from floatplan.robot.robot import Coupling, Robot
 
 
 def proof_robot(record):
     file = Path(record.robot.urdf)
-    return kept_robot(file.read_bytes(), file, record.robot)
+    return cached_robot(file.read_bytes(), file, record.robot)
 
 
 def branched_urdf(rng, links, axis, tilt):

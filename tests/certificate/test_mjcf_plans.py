@@ -14,7 +14,7 @@ from mjcf_samples import RandomModel
 from proof_plans import draw_coefficients, make_plan
 
 import floatplan as fp
-from floatplan.certificate.planar.inertia import kept_robot
+from floatplan.certificate.planar.inertia import cached_robot
 from floatplan.errors import InputError
 
 KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
@@ -139,7 +139,7 @@ def drawn_case(tmp_path: Path, seed: int) -> bool:
     frames = tuple(map(str, rng.choice(list(robot.frames), 2)))
     coefficients = draw_coefficients(rng, len(robot.joints), 0.7)
     record = make_plan(robot, coefficients, duration=0.7, frames=frames, instants=20001)
-    proved = kept_robot(file.read_bytes(), file, record.robot)
+    proved = cached_robot(file.read_bytes(), file, record.robot)
     assert set(proved.frames) == set(robot.frames)
     assert proved.with_collision == {shape.link for shape in robot.shapes}
     assert fp.certify(record).proved

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from proof_records import certify_record
 from scipy.spatial.transform import Rotation
+from space_chains import chain_file
 from space_mutations import base_plans, judge, mutate
-from space_reference import angle, chain_file, draw_coefficients, flown, make_record
+from space_reference import angle, draw_coefficients, flown, make_record
 
 import floatplan as fp
 from floatplan.arrays import read_only
@@ -41,7 +42,7 @@ def finding(certificate, label):
 def enclosed(record):
     path = urdf_path(record.robot.file)
     with np.errstate(all="ignore"):
-        return fly(spatial_robot(read_urdf(path.read_bytes(), path), record.robot), record, 4096)
+        return fly(spatial_robot(read_urdf(path.read_bytes(), path), record.robot), record, (), 4096)
 
 
 def with_goal(record, **goal):
@@ -192,19 +193,6 @@ def test_what_is_too_coarse_is_named(plans):
     assert any("larger budget" in each.label for each in certificate.findings if each.kind == "attitude")
     assert finding(certificate, "goal.orientation").verdict != "proved"
     assert certificate.attitude_bound == math.inf
-
-
-def test_distances_in_space_stay_undecided(plans):
-    obstacle = {"kind": "sphere", "center": [5.0, 5.0, 5.0], "radius": 0.1}
-    asked = {
-        "obstacles": ({"obstacles": [obstacle]}, "obstacles[0] sphere"),
-        "pair": ({"self_clearance": [{"links": ["l0", "l5"]}]}, "self_clearance l0 l5"),
-        "ground": ({"ground": True}, "ground"),
-    }
-    for more, label in asked.values():
-        certificate = certify_record(replace(plans[2], problem={**plans[2].problem, **more}))
-        assert certificate.verdict == "undecided"
-        assert [each.label for each in certificate.unproved] == [label]
 
 
 def test_a_robot_without_inertia_about_an_axis_is_undecided(tmp_path):

@@ -20,7 +20,6 @@ ROOT = Path(__file__).resolve().parents[2]
 URDF = ROOT / "urdf"
 PROBLEMS = ROOT / "problems"
 Command = Callable[..., Any]
-FLIGHT = ("--start", "0,0.1,0.2", "--goal", "1,0.4,-0.3", "--duration", "1")
 
 
 @pytest.fixture

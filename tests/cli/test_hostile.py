@@ -132,7 +132,7 @@ class TestWrites:
     def test_on_a_full_disk_older_results_stay(self, floatplan, root, results, monkeypatch, full_at):
         older = _contents(results)
         assert {"plan.json", "trajectory.csv", "report.html", "torques.png"} <= {path.name for path in older}
-        write = files._written_beside
+        write = files._temporary_file
 
         def full(path, content):
             with monkeypatch.context() as patch:
@@ -140,7 +140,7 @@ class TestWrites:
                     patch.setattr(files.tempfile, "mkstemp", _on_a_full_disk)
                 return write(path, content)
 
-        monkeypatch.setattr(files, "_written_beside", full)
+        monkeypatch.setattr(files, "_temporary_file", full)
         run = floatplan("plan", root / "problems" / "new_configuration.toml", "-o", results, "--seed", "1", "-q")
         assert (run.code, run.stderr) == (2, f"error: {results / full_at}: {NO_SPACE}\n")
         assert _contents(results) == older

@@ -17,7 +17,6 @@ import pytest
 import floatplan as fp
 
 FPS = 50.0
-FEW, MANY = 200, 3000  # files that are spoiled
 
 
 def table(**changes: Any) -> Callable[[Path], Path]:

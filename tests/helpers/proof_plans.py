@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import proof_reference as reference
@@ -63,6 +64,25 @@ def unlimited(record: PlanRecord) -> PlanRecord:
     return replace(record, problem={**record.problem, "limits": limits})
 
 
+def blank_record(robot: Robot, duration: float, coefficients: np.ndarray, **motion: Any) -> PlanRecord:
+    """The record of a motion of which nothing is known yet but the motion."""
+    none = read_only(np.zeros(len(robot.joints)))
+    return PlanRecord(
+        status="feasible",
+        ok=True,
+        explanation="",
+        problem={"flight": {"duration": duration}},
+        robot=replace(robot_record(robot), resting=()),
+        coefficients=read_only(coefficients),
+        objective={"name": "coefficients", "value": 0.0},
+        torque_peak=none,
+        velocity_peak=none,
+        clearance_min=None,
+        solver={},
+        **motion,
+    )
+
+
 def make_plan(
     robot: Robot,
     coefficients,
@@ -88,24 +108,16 @@ def make_plan(
     takeoff, landing = frames or (robot.tree.names[0], robot.tree.names[0])
     centre = np.zeros(n) if centre is None else np.asarray(centre)
     amplitude = np.full(n, np.pi) if amplitude is None else np.asarray(amplitude)
-    blank = PlanRecord(
-        status="feasible",
-        ok=True,
-        explanation="",
-        problem={"flight": {"duration": duration}},
-        robot=replace(robot_record(robot), resting=()),
+    blank = blank_record(
+        robot,
+        duration,
+        coefficients,
         angular_momentum=angular_momentum,
         angular_momentum_bounds=(angular_momentum - 1.0, angular_momentum + 1.0),
         centre=read_only(centre),
         amplitude=read_only(amplitude),
-        coefficients=read_only(coefficients),
         orientation={"start": orientation, "end": 0.0, "goal": 0.0},
         com={"position0": [0.0, 0.0], "velocity0": list(velocity), "gravity": 9.81},
-        objective={"name": "coefficients", "value": 0.0},
-        torque_peak=read_only(np.zeros(n)),
-        velocity_peak=read_only(np.zeros(n)),
-        clearance_min=None,
-        solver={},
     )
     dense = reference.evaluate(robot, blank, np.linspace(0.0, duration, instants))
     foot = reference.frame_place(robot, blank, dense, takeoff, 0)

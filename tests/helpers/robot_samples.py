@@ -147,12 +147,3 @@ def mounted(text, origin):
     """The gymnast with a new, massless root link that body 0 is fixed to."""
     ends = '<parent link="top"/><child link="body0"/>'
     return text.replace("</robot>", f'<link name="top"/><joint name="turn" type="fixed">{ends}{origin}</joint></robot>')
-
-
-def other_plane(text):
-    """The gymnast in the yz plane."""
-    return mounted(text, '<origin rpy="0 0 1.5707963267948966"/>')
-
-
-def flipped_axes(text):
-    return text.replace('"0 -1 0"', '"0 1 0"')

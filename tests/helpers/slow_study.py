@@ -7,7 +7,7 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 import floatplan as fp
-from floatplan.pool import get_ready
+from floatplan.pool import start_server
 from floatplan.studies import driver
 from floatplan.studies.study import planned_study
 
@@ -31,6 +31,6 @@ def run(path: str, folder: str, chunks: int, shard: str = "") -> None:
 
 def started(path: str, folder: str, chunks: int, shard: str = "") -> ForkServerProcess:
     """Start a process that does so, with the package loaded already."""
-    process = get_ready("floatplan.studies.study").Process(target=run, args=(path, folder, chunks, shard))
+    process = start_server("floatplan.studies.study").Process(target=run, args=(path, folder, chunks, shard))
     process.start()
     return process

@@ -7,8 +7,11 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
+from proof_records import certify_record
 from scipy.spatial.transform import Rotation
-from space_reference import URDF, angle, chain_file, draw_coefficients, flown, free_robot, make_record
+from space_chains import chain_file
+from space_distances import Distances
+from space_reference import URDF, angle, draw_coefficients, flown, free_robot, make_record
 
 import floatplan as fp
 from floatplan.arrays import read_only
@@ -34,6 +37,9 @@ KINDS = (
     "urdf",
     "nothing",
 )
+SHAPES = ("obstacle", "obstacle", "obstacle", "pair", "foot", "collision", "clearance")  # where distances are asked
+LEFT = 5e-9  # [m] that distances of true plans are above their margins
+LOOKED = 5e-9  # [m] that the judge's distances may be off by
 
 
 @dataclass(frozen=True)
@@ -63,9 +69,101 @@ def base_plans(folder: str) -> list[PlanRecord]:
     ]
 
 
+@cache
+def shape_plans(folder: str) -> list[PlanRecord]:
+    """True plans that keep clear of things by little: a diver, a quadruped over the ground, and a chain of lines."""
+    rng = np.random.default_rng(8)
+    diver = fp.Robot.from_urdf(URDF / "diver.urdf", base="free-flyer")
+    go2 = fp.Robot.from_urdf("example-robot-data:go2_description/urdf/go2.urdf", base="free-flyer")
+    chain = fp.Robot.from_urdf(chain_file(Path(folder), 5, 1), base="free-flyer")
+    arms = draw_coefficients(rng, 7, 1.2, 0.15)
+    legs = draw_coefficients(rng, 12, 0.6, 0.1)
+    links = draw_coefficients(rng, 5, 1.0, 0.4)
+    slack = {"slack": 1.001}
+    rising = {"velocity": (0.3, -0.2, 3.2)}
+    moving = {"velocity": [0.1, 0.0, -0.2], "window": [0.2, 1.1]}
+    return [
+        keeping_clear(
+            make_record(diver, arms, 1.2, [0.0, 60.0, 0.0], ("feet", "feet"), axes="yxz", **slack),
+            [
+                {"kind": "sphere", "center": [0.3, -1.3, 2.0], "radius": 0.0, "margin": 0.02, **moving},
+                {"kind": "capsule", "start": [1.3, -1.0, 2.2], "end": [1.4, 1.0, 2.0], "radius": 0.0, "margin": 0.0},
+            ],
+            [("left_arm", "legs"), ("left_arm", "right_arm")],
+        ),
+        keeping_clear(
+            make_record(go2, legs, 0.6, [0.2, 0.5, -0.1], ("FL_foot", "RR_foot"), **slack, **rising),
+            [
+                {"kind": "half-space", "point": [0.0, 0.0, 9.0], "normal": [0.1, 0.0, -1.0], "margin": 0.01},
+                {"kind": "box", "center": [1.2, 0.1, 0.5], "size": [0.0] * 3, "margin": 0.0, "window": [0.1, 0.5]},
+            ],
+            [("FL_calf", "RL_calf")],
+            ground=True,
+        ),
+        keeping_clear(
+            make_record(chain, links, 1.0, [0.5, -0.3, 0.8], ("l0", "l5"), **slack),
+            [{"kind": "capsule", "start": [0.9, -0.6, 0.9], "end": [0.9, -0.2, 1.2], "radius": 0.0, "margin": 0.03}],
+            [("l0", "l4")],
+        ),
+    ]
+
+
+def keeping_clear(record, obstacles, pairs, ground=False):
+    """A plan past obstacles that are grown until it just clears them, and links that keep apart as they do."""
+    record = _with_lowest_foot(record) if ground else record
+    distances = Distances(record, _dense(_Key(record)))
+    clearances, grown, apart = [], [], []
+    for obstacle in obstacles:
+        distance = _least(distances, obstacle)
+        room = distance - obstacle["margin"] - LEFT
+        asked = dict(obstacle)
+        if obstacle["kind"] == "half-space":
+            normal = np.array(obstacle["normal"]) / np.linalg.norm(obstacle["normal"])
+            asked["point"] = (np.array(obstacle["point"]) + room * normal).tolist()
+        elif obstacle["kind"] == "box":
+            assert room > 0, distance
+            asked["size"] = [2 * room] * 3
+        else:
+            assert room > 0, distance
+            asked["radius"] = room
+        grown.append(asked)
+        clearances.append(_least(distances, asked))
+    for links in pairs:
+        distance = distances.least(lambda times, links=links: distances.of_pair(links, times))
+        assert distance > LEFT, (links, distance)
+        apart.append({"links": list(links), "margin": distance - LEFT})
+    more = {"obstacles": grown, "self_clearance": apart} | ({"ground": True} if ground else {})
+    return replace(_with_problem(record, **more), clearance_min=min(clearances))
+
+
+def _with_lowest_foot(record):
+    """The same flight, its takeoff frame that foot which is lowest at takeoff."""
+    distances = Distances(record, _dense(_Key(record)))
+    heights = dict(zip((solid[0] for solid in distances.solids), distances.over_ground(np.zeros(1))[0], strict=True))
+    return _taking_off_with(record, min(heights, key=lambda link: heights[link]))
+
+
+def _taking_off_with(record, frame):
+    body = free_robot(urdf_path(record.robot.file), record.robot.joints)
+    dense = _dense(_Key(record))
+    place = body.frame(frame, dense.attitudes[0], np.array(record.com["position0"]), dense.positions[0])
+    flight = record.problem["flight"]
+    return _with_problem(record, flight=flight | {"takeoff": {"frame": frame, "position": place.tolist()}})
+
+
+def _least(distances, obstacle):
+    low, high = obstacle.get("window") or (0.0, None)
+    return distances.least(lambda times: distances.to_obstacle(obstacle, times), low, high)
+
+
+def certificate_of(record: PlanRecord) -> fp.Certificate:
+    """The certificate of a record, with the shapes of its robot where it asks for distances."""
+    return fp.certify(record) if record.asks_clearance else certify_record(record)
+
+
 def mutate(rng: np.random.Generator, record: PlanRecord, folder: Path) -> Case:
     """One random change of a plan, its problem or its robot."""
-    kind = str(rng.choice(KINDS))
+    kind = str(rng.choice(KINDS if not record.asks_clearance or rng.random() < 0.4 else SHAPES))
     return Case(kind, globals()[f"_{kind}"](rng, record, folder))
 
 
@@ -201,10 +299,10 @@ def _claim(rng, record, folder):
     return replace(record, **{key: read_only(peaks)})
 
 
-def _urdf(rng, record, folder):
+def _urdf(rng, record, folder, keys=("mass", "ixx", "iyy", "izz", "ixz", "origin", "axis")):
     """One number of a link or a joint that carries mass, in another file."""
     text = urdf_path(record.robot.file).read_text()
-    key = str(rng.choice(["mass", "ixx", "iyy", "izz", "ixz", "origin", "axis"]))
+    key = str(rng.choice(keys))
     pattern = {
         "mass": r'(<mass value=")([^"]+)(")',
         "origin": r'(<origin[^>]*xyz=")([^"]+)(")',
@@ -218,6 +316,8 @@ def _urdf(rng, record, folder):
     which = rng.integers(0, len(numbers))
     if key == "axis" and rng.random() < 0.5:
         numbers = -numbers
+    elif key in ("size", "radius", "length"):
+        numbers[which] = abs(numbers[which] + _small(rng, -10, -2))
     elif key in ("origin", "axis"):
         numbers[which] += _small(rng, -13, -2)
     else:
@@ -227,6 +327,50 @@ def _urdf(rng, record, folder):
     path = folder / f"{digest[:16]}.urdf"
     path.write_text(changed)
     return replace(record, robot=replace(record.robot, urdf=str(path), sha256=digest))
+
+
+def _obstacle(rng, record, folder):
+    """One number of an obstacle: its size, place, margin, velocity or window."""
+    obstacles = [dict(obstacle) for obstacle in record.problem["obstacles"]]
+    obstacle = obstacles[rng.integers(0, len(obstacles))]
+    key = str(rng.choice([key for key in obstacle if key != "kind"]))
+    value = obstacle[key]
+    if key == "window" and rng.random() < 0.2:
+        obstacle[key] = [value[0], value[0]]
+    elif isinstance(value, list):
+        numbers = list(value)
+        which = rng.integers(0, len(numbers))
+        numbers[which] += _small(rng, -10, -1)
+        obstacle[key] = sorted(numbers) if key == "window" else [abs(x) for x in numbers] if key == "size" else numbers
+    else:
+        obstacle[key] = abs(value + _small(rng, -10, -1))
+    return _with_problem(record, obstacles=obstacles)
+
+
+def _pair(rng, record, folder):
+    pairs = [dict(pair) for pair in record.problem["self_clearance"]]
+    pair = pairs[rng.integers(0, len(pairs))]
+    if rng.random() < 0.7:
+        pair["margin"] = abs(pair["margin"] + _small(rng, -10, -2))
+    else:
+        links = sorted({shape[0] for shape in Distances(record, _dense(_Key(record))).capsules})
+        pair["links"] = [str(link) for link in rng.choice(links, 2, replace=False)]
+    return _with_problem(record, self_clearance=pairs)
+
+
+def _foot(rng, record, folder):
+    """Another link that leaves the ground where it is."""
+    links = sorted({shape[0] for shape in Distances(record, _dense(_Key(record))).solids})
+    return _taking_off_with(record, str(rng.choice(links)))
+
+
+def _clearance(rng, record, folder):
+    return replace(record, clearance_min=record.clearance_min + _small(rng, -6, -2, 2e-4))
+
+
+def _collision(rng, record, folder):
+    """One number of a link's shape, in another file."""
+    return _urdf(rng, record, folder, ["size", "radius", "length", "origin"])
 
 
 class _Key:
@@ -288,6 +432,26 @@ def questions(record):
     for claimed, values in ((record.torque_peak, dense.torques), (record.velocity_peak, dense.velocities)):
         off = np.abs(claimed / np.maximum(np.abs(values).max(0), 1e-3) - 1.0).max()
         yield off - 2e-3, 3e-4
+
+    if record.asks_clearance:
+        yield from _distance_questions(record, dense)
+
+
+def _distance_questions(record, dense):
+    problem = record.problem
+    distances = Distances(record, dense)
+    clearances = []
+    for obstacle in problem["obstacles"]:
+        least = _least(distances, obstacle)
+        clearances.append(least)
+        yield obstacle["margin"] - 1e-8 - least, LOOKED
+    if clearances:
+        yield abs(record.clearance_min - min(clearances)) - 2e-4, 1e-6
+    for pair in problem["self_clearance"]:
+        least = distances.least(lambda times, pair=pair: distances.of_pair(pair["links"], times))
+        yield pair["margin"] - 1e-8 - least, LOOKED
+    if problem.get("ground"):
+        yield -1e-8 - distances.least(distances.over_ground), LOOKED
 
 
 def _turn_questions(problem, dense, start):

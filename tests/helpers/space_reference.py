@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from proof_plans import blank_record
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import read_only
-from floatplan.plans.reading import robot_record
 from floatplan.plans.record import FORMAT_IN_SPACE, PlanRecord
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import urdf_path
@@ -127,30 +127,32 @@ def angle(one, other):
 
 
 def make_record(
-    robot: Robot, coefficients, duration, momentum, frames, *, axes=None, slack=1.05, instants=1001, start=None
+    robot: Robot,
+    coefficients,
+    duration,
+    momentum,
+    frames,
+    *,
+    axes=None,
+    slack=1.05,
+    instants=1001,
+    start=None,
+    velocity=(0.3, -0.2, 2.0),
 ) -> PlanRecord:
     """A plan that is true: limits are ``slack`` times the peaks; with ``axes`` the goal is given as angles."""
     n = len(robot.joints)
     low, high = np.array(robot.position_limits).T
     start = [0.0, 0.0, 0.0, 1.0] if start is None else start
-    blank = PlanRecord(
-        status="feasible",
-        ok=True,
-        explanation="",
-        problem={"flight": {"duration": duration}},
-        robot=replace(robot_record(robot), resting=()),
+    blank = blank_record(
+        robot,
+        duration,
+        coefficients,
         angular_momentum=read_only(momentum),
         angular_momentum_bounds=None,
         centre=read_only((low + high) / 2),
         amplitude=read_only((high - low) / 2),
-        coefficients=read_only(coefficients),
         orientation={"start": {"quaternion_xyzw": start}},
         com={},
-        objective={"name": "coefficients", "value": 0.0},
-        torque_peak=read_only(np.zeros(n)),
-        velocity_peak=read_only(np.zeros(n)),
-        clearance_min=None,
-        solver={},
         format=FORMAT_IN_SPACE,
     )
     dense = flown(blank, np.linspace(0.0, duration, instants))
@@ -165,7 +167,7 @@ def make_record(
     takeoff, landing = frames
     body = free_robot(urdf_path(blank.robot.file), blank.robot.joints)
     position = -body.frame(takeoff, dense.attitudes[0], np.zeros(3), dense.positions[0])
-    velocity = np.array([0.3, -0.2, 2.0])
+    velocity = np.array(velocity)
     com_end = position + velocity * duration - np.array([0.0, 0.0, 9.81 / 2 * duration**2])
     height = body.frame(landing, dense.attitudes[-1], com_end, dense.positions[-1])[2]
     torque, speed = np.abs(dense.torques).max(0), np.abs(dense.velocities).max(0)
@@ -219,26 +221,3 @@ def draw_coefficients(rng, n, duration, swing, degree=7):
     values = swing * rng.normal(size=(n, 3)) @ np.array([np.sin(np.pi * (k + 1) * (nodes + 1) / 2) for k in range(3)])
     values += swing * rng.normal(size=(n, 1))
     return np.polynomial.polynomial.polyfit((nodes + 1) / 2 * duration, values.T, degree).T
-
-
-def chain_file(folder: Path, joints: int, seed: int) -> Path:
-    """A serial chain in space: links of 0.2 m, joints about random axes, masses that become less along it."""
-    rng = np.random.default_rng(seed)
-    text = ['<robot name="chain">']
-    for k in range(joints + 1):
-        mass = 4.0 * 0.85**k
-        ixx, iyy, izz = mass * np.array([0.004, 0.005, 0.003])
-        text.append(
-            f'<link name="l{k}"><inertial><origin xyz="0.1 0 0.01"/><mass value="{mass}"/><inertia ixx="{ixx}" '
-            f'iyy="{iyy}" izz="{izz}" ixy="0.0001" ixz="0" iyz="0"/></inertial></link>'
-        )
-    for k in range(joints):
-        axis = " ".join(map(str, np.round(rng.normal(size=3), 3)))
-        rpy = " ".join(map(str, np.round(rng.uniform(-1, 1, 3), 3)))
-        text.append(
-            f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/><origin xyz="0.2 0 0" '
-            f'rpy="{rpy}"/><axis xyz="{axis}"/><limit lower="-2" upper="2" effort="0" velocity="0"/></joint>'
-        )
-    path = folder / f"chain{joints}_{seed}.urdf"
-    path.write_text("\n".join([*text, "</robot>"]))
-    return path

@@ -44,7 +44,8 @@ def turned(quaternion):
     return arb_mat([[entry / square for entry in row] for row in rows])
 
 
-def _placed(element):
+def placement(element):
+    """Rotation and translation of an element's origin."""
     origin = element.find("origin") if element is not None else None
     zero = "0 0 0"
     if origin is None:
@@ -77,7 +78,7 @@ class SharpRobot:
                 waiting.append(child)
                 continue
             rotation, place, rate, push, pull = found[parent]
-            by, at = _placed(joint)
+            by, at = placement(joint)
             arm = rotation * at
             rotation, place = rotation * by, place + arm
             pull = pull + cross(push, arm) + cross(rate, cross(rate, arm))
@@ -98,7 +99,7 @@ class SharpRobot:
             if inertial is None:
                 continue
             rotation, place, rate, push, pull = motions[name]
-            by, at = _placed(inertial)
+            by, at = placement(inertial)
             arm, axes = rotation * at, rotation * by
             read = inertial.find("inertia").get
             xx, yy, zz, xy, xz, yz = (arb(float(read(key))) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
@@ -146,7 +147,7 @@ class SharpRobot:
         found = {}
         for name, inertial in self.links.items():
             rotation, _, rate, _, _ = motions[name]
-            found[name] = origins[name] + cross(rate, rotation * _placed(inertial)[1])
+            found[name] = origins[name] + cross(rate, rotation * placement(inertial)[1])
         return found
 
     def inertia(self, q):

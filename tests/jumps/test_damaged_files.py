@@ -11,15 +11,10 @@ from typing import Any
 
 import pytest
 from fuzz_mutations import NUMBERS, TEXTS
-from jumps import INSTALLED
-from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 HOSTILE: tuple[Any, ...] = (*NUMBERS, *TEXTS, None, True, [], {}, [[]], [None], {"": 0}, [1, "x"], "1.0")
 PYTHON_WORDS = ("could not convert", "iterable", "subscriptable", "' object", "attribute", "unhashable", "NoneType")

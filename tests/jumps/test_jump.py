@@ -10,16 +10,12 @@ from typing import Literal
 import numpy as np
 import pinocchio as pin
 import pytest
-from jumps import INSTALLED, backflip, go2_problem
-from needed import skip_or_fail
+from jumps import backflip, go2_problem
 from once import made_once
 
 import floatplan as fp
 from floatplan.jumps.reading import load_jump
 from floatplan.jumps.planner import jump
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 def test_it_is_found_and_checked() -> None:

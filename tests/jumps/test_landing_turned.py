@@ -11,16 +11,12 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from jumps import INSTALLED, backflip, go2_problem
-from needed import skip_or_fail
+from jumps import backflip, go2_problem
 
 import floatplan as fp
 from floatplan.jumps.check import TOUCHDOWN
 from floatplan.jumps.planner import _largest_share
 from floatplan.jumps.setup import jump_setup
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 @cache

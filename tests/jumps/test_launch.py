@@ -8,16 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drawn_stances import Drawing, drawn_stance
-from jumps import INSTALLED, backflip, go2_problem
-from needed import skip_or_fail
+from jumps import backflip, go2_problem
 
 import floatplan as fp
 from floatplan.jumps.check import judged
 from floatplan.jumps.launch import launch
 from floatplan.jumps.program import JumpProgram
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 @pytest.mark.long

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from jumps import INSTALLED, backflip, go2_problem
-from needed import skip_or_fail
+from jumps import backflip, go2_problem
 
 import floatplan as fp
 from floatplan.jumps.contacts import contact_at, rolling
@@ -17,9 +16,6 @@ from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Stance
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 ROBOTS = {
     "go2": ("go2_description/urdf/go2.urdf", "standing", ["RL_foot", "FL_foot"]),

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from needed import skip_or_fail
 
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot
-from floatplan.robot.urdf.tree import robots_folder
-
-if find_spec("casadi") is None or robots_folder() is None:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 ROBOTS = {
     "go2": ("go2_description/urdf/go2.urdf", {"coupled": "mirror", "reference": "standing"}, "RL_foot"),

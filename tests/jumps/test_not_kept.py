@@ -9,13 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jumps import INSTALLED, go2_problem
-from needed import skip_or_fail
+from jumps import go2_problem
 
 import floatplan as fp
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 def flight(**changes: Any) -> fp.Problem:

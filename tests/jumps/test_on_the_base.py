@@ -8,14 +8,9 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from jumps import INSTALLED
-from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.jumps.jump import Jump
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 def of_file(root: Path, name: str, **motors: float) -> fp.Problem:

@@ -6,14 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from jumps import INSTALLED, go2_problem
-from needed import skip_or_fail
+from jumps import go2_problem
 
 import floatplan as fp
 from floatplan.robot import Robot
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 STANDING = dict(
     zip(("FL_thigh_joint", "FL_calf_joint", "RL_thigh_joint", "RL_calf_joint"), [0.8, -1.4] * 2, strict=True)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from jumps import GO2, INSTALLED
-from needed import skip_or_fail
+from jumps import GO2
 
 from floatplan.jumps.contacts import GroundContact, contact_at, rolling
 from floatplan.jumps.exact import OnePoint, StanceDynamics
@@ -16,9 +15,6 @@ from floatplan.jumps.motion import Grid, Stance
 from floatplan.jumps.phases import Phase
 from floatplan.jumps.planner import jump
 from floatplan.robot import Robot
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 def go2_foot(frame: str = "RL_foot") -> tuple[Robot, GroundContact, np.ndarray]:

@@ -6,14 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from jumps import INSTALLED, backflip, go2_problem
-from needed import skip_or_fail
+from jumps import backflip, go2_problem
 
 import floatplan as fp
 from floatplan.errors import InputError
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 AROUND: dict[str, dict[str, Any]] = {
     "a bar overhead": {"obstacles": (fp.Circle(center=(0.2, 0.75), radius=0.05),)},

@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
-from jumps import GO2, INSTALLED
-from needed import skip_or_fail
+from jumps import GO2
 
 from floatplan.jumps.contacts import contact_at, standing_feet
 from floatplan.jumps.phases import not_static, standing_posture, static_beyond_ranges
 from floatplan.robot import Robot
 from floatplan.robot.standing import heights_over_com
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 TALOS = "example-robot-data:talos_data/robots/talos_reduced.urdf"
 

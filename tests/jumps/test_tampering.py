@@ -9,16 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jumps import INSTALLED, backflip
+from jumps import backflip
 from long_cases import cases
-from needed import skip_or_fail
 
 from floatplan.errors import InputError
 from floatplan.jumps.check import judged
 from floatplan.jumps.reading import load_jump
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 Spoil = Callable[[dict[str, Any]], object]
 STANCES = range(4)

@@ -19,7 +19,8 @@ from sampled_flight import Partials, jacobian_of, nodes_of, sample_also, traject
 import floatplan as fp
 from floatplan.kernel import library
 from floatplan.kernel.tolerances import EXCHANGE
-from floatplan.planning.constraints import Limit, applies
+from floatplan.planning.constraints import applies
+from floatplan.planning.kernel_input.rows import SumRows
 from floatplan.planning.kernel_problem import KernelProblem
 from floatplan.planning.spec import FlightSpec, plain_start
 from floatplan.planning.variables import Start
@@ -111,7 +112,7 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
     program, x = program_and_point(problem, seed)
     here, variables = program.whole(x), program.of
     (block,) = FlightSpec(problem).constraints
-    assert isinstance(block, Limit)
+    assert isinstance(block.rows, SumRows)
     flight = general_flight(problem)
     nodes = nodes_of(LEVEL, variables.polynomials.form)
     motion = trajectory(flight, variables, sample_also(nodes, np.array(EXTRA)), x)
@@ -145,9 +146,9 @@ def test_torque_rows_and_their_derivatives_are_pinocchio_s(root, name, seed):
         by_x = chosen.T @ (by_position @ full_q + by_velocity @ full_v + by_acceleration @ full_a)
         if not np.isfinite(here["values"][:, k]).all():
             continue
-        weights = block.weights["motor_torques"]
-        assert here["values"][:, k] == pytest.approx(1 - EXCHANGE.back_off - weights @ torques, abs=1e-9)
-        assert here["slopes"][:, k] == pytest.approx(-weights @ by_x, abs=1e-9 * (1 + np.abs(by_x).max()))
+        weights = block.rows.weights["motor_torques"]
+        assert here["values"][:, k] == pytest.approx(1 - EXCHANGE.back_off + weights @ torques, abs=1e-9)
+        assert here["slopes"][:, k] == pytest.approx(weights @ by_x, abs=1e-9 * (1 + np.abs(by_x).max()))
         count += 1
     assert count >= 20
 

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from general_flight import BaseRate, GeneralDynamics
 from generated_problems import random_chain
 from make_chain import GYMNAST, Body
 from paper_appendix import TABLE_1, ThreeLinks
 from robot_free_flyer import relative_error
 
 from floatplan.motion.planar.closed_form import Dynamics
-from floatplan.motion.planar.full_model import BASE, PinocchioDynamics
+from floatplan.motion.planar.full_model import PinocchioDynamics
 
 COUNT = 1000  # random configurations
 H = -1.7  # kg m^2/s
@@ -103,79 +101,3 @@ class TestClosedFormAgainstPinocchio:
         assert relative_error(closed.base_rate(q, velocity, H), rate) < 1e-12
         expected = full.torques(q, velocity, acceleration, rate)
         assert relative_error(closed.torques(q, velocity, acceleration, rate), expected) < 1e-12
-
-    def test_derivatives_of_the_base_rate(self, any_robot):
-        q, velocity, _ = draw(np.random.default_rng(8), any_robot, 20)
-        actual = GeneralDynamics(any_robot.tree).base_rate_derivatives(q, velocity, H)
-        for k in range(len(q)):
-            expected = pinocchio_base_rate_derivatives(any_robot, q[k], velocity[k])
-            assert relative_error(actual.by_position[k], expected.by_position) < 1e-11
-            assert relative_error(actual.by_velocity[k], expected.by_velocity) < 1e-12
-            assert relative_error(actual.by_momentum[k], expected.by_momentum) < 1e-12
-
-    def test_derivatives_of_the_torques(self, any_robot):
-        closed = GeneralDynamics(any_robot.tree)
-        q, velocity, acceleration = draw(np.random.default_rng(9), any_robot, 20)
-        base_rate = closed.base_rate_derivatives(q, velocity, H)
-        actual = any_robot.tree.turns.T @ closed.moment_derivatives(q, velocity, acceleration, base_rate)
-        n = q.shape[1]
-        for k in range(len(q)):
-            by_position, by_velocity, by_acceleration, by_momentum = pinocchio_torque_derivatives(
-                any_robot, q[k], velocity[k], acceleration[k]
-            )
-            assert relative_error(actual[k, :, :n], by_position) < 1e-10
-            assert relative_error(actual[k, :, n : 2 * n], by_velocity) < 1e-10
-            assert relative_error(actual[k, :, 2 * n : 3 * n], by_acceleration) < 1e-11
-            assert relative_error(actual[k, :, 3 * n], by_momentum) < 1e-10
-
-
-def full_state(robot, position, velocity, rate):
-    """Position and velocity (nv,) of the planar model, the base's origin at rest in the world's."""
-    return robot.reference + robot.selection @ position, robot.selection @ velocity + rate * np.eye(
-        len(robot.reference)
-    )[2]
-
-
-def pinocchio_base_rate_derivatives(robot, position, velocity):
-    """By implicit differentiation of h(q, theta0', q') with ``computeCentroidalDynamicsDerivatives``."""
-    data = robot.model.createData()
-    dynamics = PinocchioDynamics(robot)
-    rate = dynamics.base_rate(position[None], velocity[None], H)[0]
-    full, full_velocity = full_state(robot, position, velocity, rate)
-    still = np.zeros_like(full)
-    by_q, _, _, by_v = pin.computeCentroidalDynamicsDerivatives(robot.model, data, full, full_velocity, still)
-    normal = np.r_[np.zeros(3), robot.plane.normal]
-    inertia = normal @ by_v[:, 2]
-    return BaseRate(
-        rate,
-        by_velocity=-(normal @ by_v @ robot.selection) / inertia,
-        by_momentum=1 / inertia,
-        differentiate=lambda: -(normal @ by_q @ robot.selection) / inertia,
-    )
-
-
-def pinocchio_torque_derivatives(robot, position, velocity, acceleration):
-    """Derivatives by position, velocity, acceleration and h, with ``computeRNEADerivatives``.
-
-    The base rate follows from h, the base's acceleration from the wrench on it, which stays zero.
-    """
-    rate = pinocchio_base_rate_derivatives(robot, position, velocity)
-    dynamics = PinocchioDynamics(robot)
-    base = dynamics.base_acceleration(*(row[None] for row in (position, velocity, acceleration)), np.array([rate.rate]))
-    full, full_velocity = full_state(robot, position, velocity, rate.rate)
-    full_acceleration = robot.selection @ acceleration + np.r_[base[0], np.zeros(len(full) - BASE)]
-    data = robot.model.createData()
-    by_q, by_v, mass = (
-        np.array(values)
-        for values in pin.computeRNEADerivatives(robot.model, data, full, full_velocity, full_acceleration)
-    )
-    mass = np.triu(mass) + np.triu(mass, 1).T
-    turning = by_v[:, 2:3]
-    direct = (
-        by_q @ robot.selection + turning * rate.by_position,
-        by_v @ robot.selection + turning * rate.by_velocity,
-        mass @ robot.selection,
-        turning[:, 0] * rate.by_momentum,
-    )
-    response = np.linalg.solve(mass[:BASE, :BASE], np.eye(BASE))
-    return [robot.selection.T @ (block - mass[:, :BASE] @ response @ block[:BASE]) for block in direct]

@@ -67,16 +67,6 @@ def gentle(example_a) -> fp.Plan:
     return fp.plan(change(example_a, motion=fp.Motion(7, "acceleration")), budget=PATIENT)
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
-class TestProblemFiles:
-    def test_plans(self, planned, name):
-        plan = planned(name)
-        assert plan.ok
-        assert plan.status in ("optimal", "feasible")
-        assert plan.explanation
-        assert_meets_its_ends(plan)
-
-
 @pytest.mark.parametrize("seed", cases(range(60), range(10, 60)))
 def test_generated_problem_is_solved(seed):
     """The first 60 of the 300; every third one moves at its ends. Defaults, but for the clock of a busy machine."""
@@ -141,14 +131,6 @@ class TestLimits:
         limit = 1.03 * largest(known)
         motors = {joint: fp.Motor(float(stall), 0.2) for joint, stall in zip(("q1", "q2"), limit, strict=True)}
         self.assert_kept(change(example_a, limits=fp.Limits("full", motor=motors)), free, largest, limit)
-
-    def test_of_ground_touched_at_both_ends(self, example_b):
-        """Clearance 0 of the foot at takeoff and of the hand at landing."""
-        plan = fp.plan(change(example_b, obstacles=(CIRCLE, fp.HalfPlane())))
-        assert plan.ok, plan.explanation
-        clearance = plan.clearances(np.linspace(0, 1.4, 20_001))
-        assert clearance[[0, -1]] == pytest.approx(0, abs=1e-9)
-        assert clearance.min() > -1e-7
 
 
 @pytest.fixture(scope="session")

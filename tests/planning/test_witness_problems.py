@@ -23,34 +23,6 @@ def drawn(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Witness]:
     return cache(lambda seed: witness_problem(seed, folder))
 
 
-@pytest.mark.long
-def test_together_they_have_every_feature(drawn: Callable[[int], Witness]) -> None:
-    problems = [drawn(seed).problem for seed in SEEDS]
-    texts = [problem.robot.xml for problem in problems]
-    obstacles = [obstacle for problem in problems for obstacle in problem.obstacles]
-    assert {problem.robot.plane.name for problem in problems} == {"xy", "xz", "yz"}
-    assert {problem.motion.objective for problem in problems} == {"coefficients", "torque", "acceleration"}
-    assert {obstacle.kind for obstacle in obstacles} == {"circle", "half-plane", "capsule"}
-    for tag in ("<box", "<cylinder", "<sphere", "<capsule", "<mesh", "<mimic", 'type="prismatic"'):
-        assert any(tag in text for text in texts), tag
-    for has in (
-        lambda problem: problem.robot.coupled,
-        lambda problem: problem.robot.locked,
-        lambda problem: problem.robot.tilt > 0,
-        lambda problem: problem.self_clearances,
-        lambda problem: np.isfinite(problem.torque_limits).any(),
-        lambda problem: np.isfinite(problem.velocity_limits).any(),
-        lambda problem: np.isfinite(problem.motor_stall).any(),
-        lambda problem: problem.limits.orientation_rate,
-        lambda problem: problem.flight.angular_momentum == "free",
-        lambda problem: problem.flight.angular_momentum == "midpoint",
-        lambda problem: len(set(problem.degrees)) > 1,
-        lambda problem: any(obstacle.window for obstacle in problem.obstacles),
-        lambda problem: any(any(obstacle.velocity) for obstacle in problem.obstacles),
-    ):
-        assert any(has(problem) for problem in problems)
-
-
 def test_a_seed_draws_one_problem(drawn: Callable[[int], Witness], tmp_path: Path) -> None:
     first, again = drawn(SEEDS[0]), witness_problem(SEEDS[0], tmp_path)
     assert again.problem.robot.xml == first.problem.robot.xml

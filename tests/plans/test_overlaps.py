@@ -69,7 +69,7 @@ class TestDepth:
         )
         assert set(found.links) == {"link0", "link2"}
         assert found.depth == pytest.approx(0.1 - least, abs=2e-4)
-        assert found.at_rest == 0.0
+        assert found.reference_depth == 0.0
 
 
 class TestWhatIsNoOverlap:

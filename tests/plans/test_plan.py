@@ -139,6 +139,9 @@ OBSTACLES = {
     "moving": [{"kind": "circle", "center": [0.0, 3.0], "radius": 0.1, "velocity": [1.5, 1.0]}],
     "wall": [{"kind": "half-plane", "point": [3.5, 0.0], "normal": [-1.0, 0.2]}],
     "bar": [{"kind": "capsule", "start": [1.5, 0.5], "end": [1.5, 1.4], "radius": 0.05}],
+    "moving wall": [{"kind": "half-plane", "point": [3.5, 0.0], "normal": [-1.0, 0.2], "velocity": [0.2, -0.7]}],
+    "moving bar": [{"kind": "capsule", "start": [1.5, 0.5], "end": [1.5, 1.4], "radius": 0.05, "velocity": [0.4, 0.1]}],
+    "a point": [{"kind": "capsule", "start": [1.5, 0.5], "end": [1.5, 0.5], "radius": 0.05}],
     "window": [{"kind": "circle", "center": [1.2, 4.5], "radius": 0.05, "window": [0.21, 0.63]}],
     "two": [
         {"kind": "circle", "center": [1.2, 5.5], "radius": 0.1},

@@ -12,7 +12,7 @@ from proof_plans import example_b
 
 import floatplan as fp
 from floatplan.arrays import read_only
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import load_record
 from floatplan.plans.record import PlanRecord
@@ -45,7 +45,7 @@ class TestRoundTrip:
             elif field.name == "robot":
                 assert after == before
             else:
-                assert json.dumps(plain(after)) == json.dumps(plain(before)), field.name
+                assert json.dumps(json_value(after)) == json.dumps(json_value(before)), field.name
         assert read.angular_momentum_bounds == awkward.angular_momentum_bounds
 
     def test_of_a_plan_gives_the_same_flight(self, record, tmp_path):

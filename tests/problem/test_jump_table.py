@@ -11,7 +11,7 @@ import pytest
 import floatplan as fp
 from floatplan.plans.reading import record_from_dict
 from floatplan.problem.file import problem_from_dict, problem_to_dict
-from floatplan.problem.jump import FLIGHT_ALONE
+from floatplan.problem.jump import ONLY_THE_FLIGHT
 
 JUMP = """
 [jump]
@@ -121,7 +121,7 @@ def test_what_is_wrong_is_refused_with_file_key_and_reason(tmp_path: Path, text:
 def test_its_flight_is_planned_alone_proved_and_read_again(tmp_path: Path, text: str) -> None:
     plan = fp.plan(read(tmp_path, text + JUMP), prove=True)
     assert plan.ok
-    assert plan.explanation.endswith(FLIGHT_ALONE)
+    assert plan.explanation.endswith(ONLY_THE_FLIGHT)
     assert plan.certificate is not None
     assert plan.certificate.proved
     again = fp.load_plan(plan.save(tmp_path / "plan.json"))

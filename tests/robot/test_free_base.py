@@ -8,7 +8,7 @@ import pytest
 from robot_samples import inertial, joint, robot_text
 
 import floatplan as fp
-from floatplan.certificate.planar.inertia import kept_robot
+from floatplan.certificate.planar.inertia import cached_robot
 from floatplan.errors import InputError
 from floatplan.export.model_names import own_names
 from floatplan.plans.reading import robot_record
@@ -78,7 +78,7 @@ def test_it_is_the_robot_without_these_joints(tmp_path, name):
         assert constants(robot) == pytest.approx(constants(alone), rel=1e-12)
     assert robot.mass == pytest.approx(alone.mass)
     assert {shape.link for shape in robot.shapes} == {"trunk", "leg"}
-    proved = kept_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
+    proved = cached_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
     inertia = proved.inertia.re.mid + 1j * proved.inertia.im.mid
     coupling = robot.tree.coupling + np.diag(robot.tree.inertia)
     assert abs(inertia) == pytest.approx(abs(coupling), abs=1e-12)
@@ -163,7 +163,7 @@ def test_all_of_them_may_be_locked_as_before(tmp_path):
     robot = read(tmp_path, text, locked=locked | {"b2": 0.4})
     assert dict(robot.locked) == locked | {"b2": 0.4}
     assert robot.file_tree.joint["b2"].type == "prismatic"
-    kept_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
+    cached_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
     for wrong in ({"b2": 0.4}, dict.fromkeys(list(locked)[:5], 0.0)):
         with pytest.raises(InputError, match="leave them all out, or lock them all"):
             read(tmp_path, text, locked=wrong)

@@ -11,7 +11,7 @@ import pytest
 from robot_samples import TWO_LINKS, inertial, joint, robot_text
 
 import floatplan as fp
-from floatplan.certificate.planar.inertia import kept_robot
+from floatplan.certificate.planar.inertia import cached_robot
 from floatplan.errors import InputError
 from floatplan.plans.reading import robot_record
 from floatplan.problem.file import load_robot, save_problem
@@ -42,7 +42,7 @@ def written(folder: Path, text: str, name: str = "robot.urdf") -> Path:
 
 def same_constants(robot: fp.Robot, tolerance: float = 1e-12) -> None:
     """The certificate, which reads file and record on its own, has the same robot."""
-    proved = kept_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
+    proved = cached_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
     coupling = robot.tree.coupling + np.diag(robot.tree.inertia)
     assert proved.inertia.re.mid == pytest.approx(coupling.real, abs=tolerance)
     assert abs(proved.inertia.im.mid) == pytest.approx(abs(coupling.imag), abs=tolerance)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.cli.asked import is_robot
+from floatplan.cli.option_values import is_robot
 from floatplan.errors import InputError
 from floatplan.robot.urdf import packages
 from floatplan.robot.urdf.packages import description_path, robot_content

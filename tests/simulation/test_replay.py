@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from long_cases import cases
+from long_chains import chain_problem
 from robot_samples import PAIR, inertial, joint, robot_text
 
 import floatplan as fp
@@ -73,6 +74,16 @@ def test_feedback_helps_against_wrong_masses_and_motors(handstand):
     assert max(tracked.position_error) < 0.1 * max(open_loop.position_error)
     assert tracked.momentum_drift < 1e-9
     assert open_loop.growth.orientation[0] < open_loop.growth.orientation[-1]
+
+
+@pytest.mark.long
+def test_a_chain_of_20_joints_lands_with_feedback_alone():
+    plan = fp.plan(chain_problem(20))
+    assert plan.ok, plan.explanation
+    assert plan.final_orientation == pytest.approx(1.0, abs=1e-9)
+    open_loop, tracked = fp.replay(plan), fp.replay(plan, feedback=30.0)
+    assert open_loop.growth.joints[0] < 1e-6 < open_loop.growth.joints[-1]
+    assert tracked.landed
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from long_cases import cases
 from plain_problems import problem_of, random_robot
 
 import floatplan as fp
-from floatplan.plans.plans import Answer
+from floatplan.plans.plans import PlanEntry
 from floatplan.studies.peaks import many_peaks
 
 DENSE = 4001  # instants
@@ -39,7 +39,7 @@ def groups():
 def measured_densely(like, duration, momentum, coefficients):
     """Largest torques and rates at many instants, by the plan's own states."""
     flight = replace(like.flight, duration=duration, angular_momentum=momentum)
-    answer = Answer("optimal", objective=0.0, angular_momentum=momentum, residual=0.0, coefficients=coefficients)
+    answer = PlanEntry("optimal", objective=0.0, angular_momentum=momentum, residual=0.0, coefficients=coefficients)
     plan = answer.plan(replace(like, flight=flight), seed=0)
     state = plan.at(np.linspace(0, duration, DENSE))
     return np.abs(state.motor_torques).max(axis=0), np.abs(state.velocities).max(axis=0)

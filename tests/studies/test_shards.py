@@ -17,35 +17,15 @@ from floatplan.studies import driver, rows
 from floatplan.studies.folder import Shard
 
 pytest.importorskip("pyarrow")
-ROOT = Path(__file__).resolve().parents[2]
-SOME = """
-[vary]
-"flight.angular_momentum" = { from = 2.8, to = 4.4, count = 12 }
-"flight.duration" = { from = 0.9, to = 1.4, count = 8 }
-"""
-
-
-@pytest.fixture(autouse=True)
-def without_maps(monkeypatch):
-    monkeypatch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """A small study, planned without shards."""
-    path = tmp_path_factory.mktemp("whole") / "asked.toml"
-    path.write_text(f'problem = "{ROOT / "problems" / "somersault.toml"}"\n{SOME}')
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
-        return path, fp.study(path, folder=path.parent / "whole", jobs=1)
+pytestmark = pytest.mark.usefixtures("without_maps")
 
 
 @pytest.fixture
-def asked(whole, tmp_path):
+def asked(done, tmp_path):
     """A study file, its folder, and what its rows are without shards."""
     path = tmp_path / "asked.toml"
-    path.write_bytes(whole[0].read_bytes())
-    return path, tmp_path / "out", timeless(whole[1].table)
+    path.write_bytes(done[0].read_bytes())
+    return path, tmp_path / "out", timeless(done[1].table)
 
 
 @pytest.fixture
@@ -136,9 +116,9 @@ class TestMergeRefuses:
         shard("2/2")
         assert "holds no shard of this study" in refused()
 
-    def test_what_is_no_shard(self, whole, refused, tmp_path):
+    def test_what_is_no_shard(self, done, refused, tmp_path):
         assert "holds no shard" in refused(tmp_path)
-        assert "holds no shard" in refused(whole[1].folder)
+        assert "holds no shard" in refused(done[1].folder)
 
     def test_one_that_was_killed_until_it_has_gone_on(self, asked, shard, refused, floatplan):
         path, out, table = asked

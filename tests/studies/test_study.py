@@ -25,6 +25,7 @@ from floatplan.studies import driver, rows
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
 ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.usefixtures("without_maps")
 COLUMNS = [
     *("index", "flight.angular_momentum", "flight.duration", "status", "objective", "angular_momentum"),
     *("torque_peak", "torque_peak.q1", "torque_peak.q2", "utilisation", "clearance", "explanation", "starts"),
@@ -37,29 +38,8 @@ WHOLE = """
 """
 
 
-@pytest.fixture(autouse=True)
-def without_maps(request, monkeypatch):
-    """Their files are what test_maps.py is about, and half of the time of a small study."""
-    if "done" in request.fixturenames:
-        request.getfixturevalue("done")
-    monkeypatch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
-
-
 def timeless(table):
     return table.drop_columns(["milliseconds"])
-
-
-@pytest.fixture(scope="module")
-def done(tmp_path_factory):
-    """A small study of the somersault, in this process."""
-    folder = tmp_path_factory.mktemp("done")
-    path = folder / "asked.toml"
-    path.write_text(
-        f'problem = "{ROOT / "problems" / "somersault.toml"}"\n[vary]\n'
-        '"flight.angular_momentum" = { from = 2.8, to = 4.4, count = 12 }\n'
-        '"flight.duration" = { from = 0.9, to = 1.4, count = 8 }\n'
-    )
-    return path, fp.study(path, folder=folder / "out", jobs=1)
 
 
 def test_the_table_has_its_columns_units_and_rows(done):

@@ -14,12 +14,8 @@ import floatplan as fp
 
 pytest.importorskip("pyarrow")
 GRID = '[vary]\n"flight.duration" = { from = 0.95, to = 1.25, count = 10 }\n'
+pytestmark = pytest.mark.usefixtures("without_maps")
 REASONS = [errno.EACCES, errno.EIO, errno.EMFILE, errno.ESTALE]
-
-
-@pytest.fixture(autouse=True)
-def without_maps(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
 
 
 @pytest.fixture

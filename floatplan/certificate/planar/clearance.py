@@ -18,14 +18,14 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.branch_and_bound import Items, bernstein, lower, upper
+from floatplan.certificate.branch_and_bound import Items, bernstein, lower, may_be_least, upper
 from floatplan.certificate.cells import ORDER, ComplexBalls, Vectors, join_vectors
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot, Point
 
 LinkShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
-MOST = 8  # sets of shapes kept
+MOST = 8  # sets of shapes in the cache
 SHORTEST = 1e-9  # [m] below this a segment has no direction: its ends count as two points
 ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
 
@@ -50,26 +50,28 @@ class ShapeWeights:
 
 
 @lru_cache(maxsize=MOST)
-def shape_weights(robot: PlanarRobot, given: tuple[LinkShape, ...] | None) -> ShapeWeights:
+def shape_weights(robot: PlanarRobot, link_shapes: tuple[LinkShape, ...] | None) -> ShapeWeights:
     """Shapes from (link, start, end, radius); None stands for the paper's links.
 
     These are the segments from each link's origin to its children's joints, with radius 0.
     """
-    if given is None:
+    if link_shapes is None:
         shapes = [Shape(link, start, end, 0.0) for link, pairs in robot.segments.items() for start, end in pairs]
     else:
-        if any(not 0.0 <= float(radius) < float("inf") for *_, radius in given):
+        if any(not 0.0 <= float(radius) < float("inf") for *_, radius in link_shapes):
             raise ValueError("the radius of a shape is negative")
-        shapes = [
-            Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
-            for link, start, end, radius in given
-        ]
+        shapes = []
+        for link, start, end, radius in link_shapes:
+            shape = Shape(link, robot.link_point(link, start), robot.link_point(link, end), float(radius))
+            shapes.append(shape)
     count = len(robot.weights)
     rows = []
     lengths = []
     with flint.ctx.workprec(PRECISION):
-        for end in ("start", "end"):
-            rows += [entry for shape in shapes for entry in robot.weights_of(getattr(shape, end))]
+        for shape in shapes:
+            rows += robot.weights_of(shape.start)
+        for shape in shapes:
+            rows += robot.weights_of(shape.end)
         for shape in shapes:
             along = shape.end.local - shape.start.local
             lengths.append(abs(along))
@@ -97,15 +99,19 @@ class Bars:
     def __getitem__(self, index: Sequence[int]) -> Bars:
         """Some of the bars, maybe repeatedly."""
         chosen = list(index)
-        start, end, direction = (each.items(chosen) for each in (self.start, self.end, self.direction))
+        start = self.start.items(chosen)
+        end = self.end.items(chosen)
+        direction = self.direction.items(chosen)
         return Bars(start, end, direction, self.length[chosen], self.radius[chosen])
 
 
-def place_shapes(flight: FlightEnclosure, weights: ShapeWeights) -> Bars:
+def shapes_in_base(flight: FlightEnclosure, weights: ShapeWeights) -> Bars:
     """Where the shapes are at all times."""
     count = len(weights.shapes)
     placed = weights.points.times(flight.joints.cos, flight.joints.sin)
-    start, end, direction = (placed[..., first : first + count] for first in (0, count, 2 * count))
+    start = placed[..., :count]
+    end = placed[..., count : 2 * count]
+    direction = placed[..., 2 * count :]
     return Bars(start, end, direction, weights.length, Balls.exact([shape.radius for shape in weights.shapes]))
 
 
@@ -135,38 +141,43 @@ class PointSegments:
     def of_bars(cls, first: Bars, second: Bars) -> PointSegments:
         """Pairs of the ends of each bar with the bar of the same number; one of either stands for all."""
         couples = ((first, second), (second, first))
-        pairs = cls.joined(
-            [cls.of_points(end, one.radius, other) for one, other in couples for end in (one.start, one.end)]
-        )
+        sets = []
+        for one, other in couples:
+            sets.append(cls.of_points(one.start, one.radius, other))
+            sets.append(cls.of_points(one.end, one.radius, other))
+        pairs = cls.joined(sets)
         return replace(pairs, couples=np.arange(len(pairs.radius.mid)).reshape(4, -1).T)
 
     @classmethod
-    def joined(cls, parts: Sequence[PointSegments]) -> PointSegments:
+    def joined(cls, sets: Sequence[PointSegments]) -> PointSegments:
         """The pairs of several sets, as of an obstacle made of several pieces."""
-        counts = [len(part.radius.mid) for part in parts]
-        point, start, direction = (
-            join_vectors([getattr(part, name) for part in parts], counts) for name in ("point", "start", "direction")
-        )
-        length, radius = (Balls.joined([getattr(part, name) for part in parts]) for name in ("length", "radius"))
+        counts = [len(pairs.radius.mid) for pairs in sets]
+        point = join_vectors([pairs.point for pairs in sets], counts)
+        start = join_vectors([pairs.start for pairs in sets], counts)
+        direction = join_vectors([pairs.direction for pairs in sets], counts)
+        length = Balls.joined([pairs.length for pairs in sets])
+        radius = Balls.joined([pairs.radius for pairs in sets])
         firsts = np.cumsum([0, *counts[:-1]])
-        couples = np.concatenate([part.couples + first for part, first in zip(parts, firsts, strict=True)])
+        couples = np.concatenate([pairs.couples + first for pairs, first in zip(sets, firsts, strict=True)])
         return cls(point, start, direction, length, radius, couples)
 
-    def place(self, cell: IntArray, pair: IntArray) -> Vectors:
+    def along_and_across(self, cell: IntArray, pair: IntArray) -> Vectors:
         """The points' components (K, items) along and across their segments, from the segments' starts."""
-        point, start, direction = (each.on(cell, pair) for each in (self.point, self.start, self.direction))
+        point = self.point.on(cell, pair)
+        start = self.start.on(cell, pair)
+        direction = self.direction.on(cell, pair)
         return (point - start).turned_back(direction)
 
     def items(self, cells: IntArray) -> Items:
         """Bernstein forms of x, y and the squared distances from both ends, where the smallest distance may be."""
         cell, pair = self._possible(cells)
-        place = self.place(cell, pair)
+        point = self.along_and_across(cell, pair)
         length = self.length[pair]
-        near = place.x * place.x + place.y * place.y
+        near = point.x * point.x + point.y * point.y
         square = length.mid * length.mid
         squared = Balls(square, up(2.0 * ROUND * square + (2.0 * length.mid + length.rad) * length.rad))
-        far = near - place.x.times(Balls(2.0 * length.mid, 2.0 * length.rad)) + Taylor.constant(squared, ORDER)
-        return Items.on_cells([bernstein(model) for model in (place.x, place.y, near, far)], cell, pair)
+        far = near - point.x.times(Balls(2.0 * length.mid, 2.0 * length.rad)) + Taylor.constant(squared, ORDER)
+        return Items.on_cells([bernstein(model) for model in (point.x, point.y, near, far)], cell, pair)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
         """Cells and pairs that may hold the smallest distance.
@@ -175,10 +186,9 @@ class PointSegments:
         its direction times the length do. What is then still farther than some pair's distance in a middle is left
         out.
         """
-        (point_x, point_y, point_known, point_spread), (start_x, start_y, start_known, start_spread) = (
-            _in_middle(each, cells) for each in (self.point, self.start)
-        )
-        cos, sin, turn_known, turn_spread = _in_middle(self.direction, cells)
+        point_x, point_y, point_radius, point_spread = _in_middle(self.point, cells)
+        start_x, start_y, start_radius, start_spread = _in_middle(self.start, cells)
+        cos, sin, rotation_radius, rotation_spread = _in_middle(self.direction, cells)
         x = point_x - start_x
         y = point_y - start_y
         along = cos * x + sin * y
@@ -186,9 +196,9 @@ class PointSegments:
         length = self.length.mid + self.length.rad
         distance = np.hypot(np.maximum(0.0, np.maximum(-along, along - length)), across) - self.radius.mid
         reach = np.hypot(x, y) + length
-        known = ROUGH * (1.0 + reach) + point_known + start_known + 4.0 * reach * turn_known + self.length.rad
-        change = point_spread + start_spread + length * turn_spread
-        return _may_be_least(distance - known - change, distance + known, cells)
+        radius = ROUGH * (1.0 + reach) + point_radius + start_radius + 4.0 * reach * rotation_radius + self.length.rad
+        change = point_spread + start_spread + length * rotation_spread
+        return may_be_least(distance - radius - change, distance + radius, cells)
 
     def below(self, forms: Taylor, pair: IntArray) -> Array:
         """Lower bound on the distance between the surfaces over the items."""
@@ -212,9 +222,9 @@ class PointSegments:
         radius = self.radius[pair]
         beyond = np.maximum(0.0, np.maximum(-x.mid, x.mid - length.mid))
         distance = np.hypot(beyond, y.mid)
-        known = x.rad + y.rad + length.rad + radius.rad
+        uncertainty = x.rad + y.rad + length.rad + radius.rad
         rounding = 8.0 * ROUND * (distance + np.abs(x.mid) + length.mid + radius.mid)
-        return np.asarray(distance - radius.mid + up(known + rounding))
+        return np.asarray(distance - radius.mid + up(uncertainty + rounding))
 
     def apart_at_start(self, cell: int) -> tuple[BoolArray, BoolArray]:
         """Whether each bar of a couple lies apart from the other, and whether it is across its line: (couples, 2).
@@ -224,14 +234,15 @@ class PointSegments:
         where each is across the other's line, and neither apart.
         """
         pair = self.couples.ravel()
-        place = self.place(np.full(len(pair), cell), pair)
+        point = self.along_and_across(np.full(len(pair), cell), pair)
         length = self.length[pair]
-        x = place.x.at_end(-1.0)
-        y = place.y.at_end(-1.0)
+        x = point.x.at_end(-1.0)
+        y = point.y.at_end(-1.0)
         beyond = x.mid - x.rad > (length.mid + length.rad) * (1.0 + 2.0 * ROUND)
-        left, right, before, after = (
-            each.reshape(-1, 2, 2) for each in (y.mid > y.rad, y.mid < -y.rad, x.mid < -x.rad, beyond)
-        )
+        left = (y.mid > y.rad).reshape(-1, 2, 2)
+        right = (y.mid < -y.rad).reshape(-1, 2, 2)
+        before = (x.mid < -x.rad).reshape(-1, 2, 2)
+        after = beyond.reshape(-1, 2, 2)
         apart = left.all(axis=2) | right.all(axis=2) | before.all(axis=2) | after.all(axis=2)
         return np.asarray(apart), np.asarray(left.any(axis=2) & right.any(axis=2))
 
@@ -240,7 +251,7 @@ class PointSegments:
 class PlanePoints:
     """Points of the shapes and their heights above a half-plane: ``normal . point + offset - radius``.
 
-    ``point`` (K, cells, points), ``normal`` and ``offset`` (K, cells, 1) are given in the base frame; ``radius`` is
+    ``point`` (K, cells, points), ``normal`` and ``offset`` (K, cells, 1) are in the base frame; ``radius`` is
     (points,).
     """
 
@@ -265,19 +276,19 @@ class PlanePoints:
         return Items.on_cells([bernstein(normal.x * point.x + normal.y * point.y + offset)], cell, index)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
-        x, y, point_known, point_spread = _in_middle(self.point, cells)
-        cos, sin, turn_known, turn_spread = _in_middle(self.normal, cells)
+        x, y, point_radius, point_spread = _in_middle(self.point, cells)
+        cos, sin, rotation_radius, rotation_spread = _in_middle(self.normal, cells)
         offset = self.offset[cells]
         height = cos * x + sin * y + offset.c[0] - self.radius.mid
         reach = np.hypot(x, y)
-        known = ROUGH * (1.0 + reach + np.abs(offset.c[0])) + 2.0 * point_known + 2.0 * reach * turn_known
+        uncertainty = ROUGH * (1.0 + reach + np.abs(offset.c[0])) + 2.0 * point_radius + 2.0 * reach * rotation_radius
         spread = np.abs(offset.c[1:]).sum(axis=0)
-        change = spread + 2.0 * point_spread * (1.0 + turn_spread) + reach * turn_spread
-        return _may_be_least(height - known - offset.e - change, height + known + offset.e, cells)
+        change = spread + 2.0 * point_spread * (1.0 + rotation_spread) + reach * rotation_spread
+        return may_be_least(height - uncertainty - offset.e - change, height + uncertainty + offset.e, cells)
 
     def least_at_start(self) -> float:
         """The smallest height at the beginning, to within rounding."""
-        point, normal = (each[0] for each in (self.point, self.normal))
+        point, normal = (vectors[0] for vectors in (self.point, self.normal))
         height = (normal.x * point.x + normal.y * point.y + self.offset[0]).at_end(-1.0)
         return float((height.mid - self.radius.mid).min())
 
@@ -292,14 +303,8 @@ class PlanePoints:
 
 
 def _in_middle(vectors: Vectors, cells: IntArray) -> tuple[Array, Array, Array, Array]:
-    """Vectors (cells, items) in the middle of cells, how well they are known there, and how far from there they get."""
+    """Vectors (cells, items) in the middle of cells, their radius there, and how far from there they get."""
     x = vectors.x[cells]
     y = vectors.y[cells]
-    known = x.e + y.e
-    return x.c[0], y.c[0], known, np.abs(x.c[1:]).sum(axis=0) + np.abs(y.c[1:]).sum(axis=0) + known
-
-
-def _may_be_least(low: Array, high: Array, cells: IntArray) -> tuple[IntArray, IntArray]:
-    """Cells and members, among (cells, members), that the smallest value of all may belong to; unknowns included."""
-    row, member = np.nonzero(~(low > np.fmin.reduce(high, axis=None, initial=np.inf)))
-    return cells[row], member
+    radius = x.e + y.e
+    return x.c[0], y.c[0], radius, np.abs(x.c[1:]).sum(axis=0) + np.abs(y.c[1:]).sum(axis=0) + radius

@@ -33,7 +33,7 @@ TORQUE_RADIUS = 1e-9  # [-] sought, relative to the largest torque
 
 @dataclass(frozen=True, eq=False)
 class Joints:
-    """What does not depend on the orientation, (K, cells, n) unless said otherwise.
+    """What does not depend on the orientation, (K, cells, n) unless stated otherwise.
 
     ``motor_torques`` (K, cells, motors) are the motors' own; ``rate`` is theta' and has one item; ``cos`` and ``sin``
     are the parts of zeta, (K, cells, m).
@@ -52,18 +52,18 @@ class Joints:
         return LimitedQuantity("orientation_rate", (), self.rate, limit)
 
     @classmethod
-    def joined(cls, parts: Sequence[Joints]) -> Joints:
+    def joined(cls, batches: Sequence[Joints]) -> Joints:
         """The models of several batches of cells."""
 
         def join(name: str) -> Taylor:
-            models = [getattr(part, name) for part in parts]
+            models = [getattr(batch, name) for batch in batches]
             return Taylor(np.concatenate([m.c for m in models], axis=1), np.concatenate([m.e for m in models]))
 
-        return cls(*(join(each.name) for each in fields(cls)))
+        return cls(*(join(row.name) for row in fields(cls)))
 
     def __getitem__(self, cells: IntArray) -> Joints:
         """The models of some cells, or in another order."""
-        return Joints(**{each.name: getattr(self, each.name)[cells] for each in fields(self)})
+        return Joints(**{row.name: getattr(self, row.name)[cells] for row in fields(self)})
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +89,11 @@ def joint_models(robot: PlanarRobot, record: PlanRecord, cells: TimeCells) -> Jo
     turned_twice = ddq.linear(robot.turns)
     inverse = reciprocal(shares.sum())
     h = Taylor.constant(Balls.exact(np.full((len(cells.low), 1), record.angular_momentum)), ORDER)
-    held, held_twice = products([(shares, turned), (shares, turned_twice)])
-    rate = (h - held.sum()) * inverse
+    weighted_rate, weighted_acceleration = products([(shares, turned), (shares, turned_twice)])
+    rate = (h - weighted_rate.sum()) * inverse
     phi_rate = turned + rate
     squared = phi_rate * phi_rate
-    acceleration = -((held_twice + twists * squared).sum() * inverse)
+    acceleration = -((weighted_acceleration + twists * squared).sum() * inverse)
     body_torques = _body_torques(robot, cos, sin, turned_twice + acceleration, squared)
     if robot.rotors is not None:
         body_torques += ddq.linear(robot.rotors)
@@ -138,11 +138,18 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
     duration = record.duration
     grid = np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS)
     grid[-1] = duration
-    edges = {*grid.tolist(), *(end for window in windows for end in window)}
-    ends = np.array(sorted([*edges, *{first for first, last in windows if first == last}]))  # an instant is a cell
+    edges = set(grid.tolist())
+    instants = set()  # each is a cell
+    for first, last in windows:
+        edges |= {first, last}
+        if first == last:
+            instants.add(first)
+    ends = np.array(sorted([*edges, *instants]))
     low = ends[:-1]
     high = ends[1:]
-    done: list[tuple[Array, Array, Joints]] = []
+    done_low: list[Array] = []
+    done_high: list[Array] = []
+    done_joints: list[Joints] = []
     count = 0
     while True:
         cells = TimeCells.between(low, high)
@@ -151,10 +158,12 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         coarse = _coarse(joints, duration) & (low < middle) & (middle < high)
         if count + len(low) + coarse.sum() > budget:
             coarse[:] = False
-        if not done and not coarse.any():  # not copied: arrays in another order have sums of other last bits
+        if not done_joints and not coarse.any():  # not copied: arrays in another order have sums of other last bits
             return assemble(record, cells, joints)
         fine = np.flatnonzero(~coarse)
-        done.append((low[fine], high[fine], joints[fine]))
+        done_low.append(low[fine])
+        done_high.append(high[fine])
+        done_joints.append(joints[fine])
         count += len(fine)
         if not coarse.any():
             break
@@ -163,9 +172,10 @@ def fly(robot: PlanarRobot, record: PlanRecord, windows: Sequence[tuple[float, f
         high = high[coarse]
         low = np.concatenate([low, middle])
         high = np.concatenate([middle, high])
-    low, high = (np.concatenate([each[k] for each in done]) for k in (0, 1))
+    low = np.concatenate(done_low)
+    high = np.concatenate(done_high)
     order = np.lexsort((high, low))  # a cell of one instant comes before the one that begins there
-    joints = Joints.joined([each[2] for each in done])[order]
+    joints = Joints.joined(done_joints)[order]
     return assemble(record, TimeCells.between(low[order], high[order]), joints)
 
 

@@ -12,7 +12,7 @@ from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind
-from floatplan.tables import AT_REST, ORIENTATION, PLACE
+from floatplan.tables import FRAME_POSITION, FRAME_SPEED, ORIENTATION
 
 
 def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:
@@ -21,42 +21,39 @@ def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[l
     goal = float(record.problem["goal"]["orientation"])
     recorded = record.orientation
     start = float(record.problem["start"]["orientation"])
-    found = [
+    findings = [
         near("goal", ("orientation",), last, [goal], ORIENTATION, record.duration),
         same("stated", ("orientation", "start"), recorded["start"], start, 0.0),
         same("stated", ("orientation", "goal"), recorded["goal"], goal, record.duration),
         near("recorded", ("orientation.end",), last, [recorded["end"]], ORIENTATION, record.duration),
     ]
-    return found, last
+    return findings, last
 
 
 def flight_findings(
     robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, states: Sequence[JointState]
 ) -> list[Finding]:
-    """The centre of mass leaves the takeoff frame where asked, and brings the landing frame down to its height.
+    """The centre of mass leaves the takeoff frame where requested, and brings the landing frame down to its height.
 
     ``states`` are those of :func:`at_ends`.
     """
-    asked = record.problem["flight"]
+    requested = record.problem["flight"]
     com = record.com
     instants = (0.0, record.duration)
     kinds: tuple[Kind, Kind] = ("takeoff", "landing")
-    frames = [asked[kind]["frame"] for kind in kinds]
-    (left, left_at), (landed, landed_at) = (
-        _frame_motion(robot, record, flight, state, frame, end)
-        for end, (state, frame) in enumerate(zip(states, frames, strict=True))
-    )
+    left, left_at = _frame_motion(robot, record, flight, states[0], requested["takeoff"]["frame"], 0)
+    landed, landed_at = _frame_motion(robot, record, flight, states[1], requested["landing"]["frame"], 1)
     findings = [
-        near("takeoff", ("position",), left, asked["takeoff"]["position"], PLACE, 0.0),
-        near("landing", ("height",), landed[1:], [asked["landing"]["height"]], PLACE, record.duration),
-        same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
-        same("stated", ("com", "velocity0"), com["velocity0"][0], asked["horizontal_velocity"], 0.0),
+        near("takeoff", ("position",), left, requested["takeoff"]["position"], FRAME_POSITION, 0.0),
+        near("landing", ("height",), landed[1:], [requested["landing"]["height"]], FRAME_POSITION, record.duration),
+        same("stated", ("com", "gravity"), com["gravity"], requested["gravity"], None),
+        same("stated", ("com", "velocity0"), com["velocity0"][0], requested["horizontal_velocity"], 0.0),
     ]
     for end, kind, velocity, instant in zip(ENDS, kinds, (left_at, landed_at), instants, strict=True):
         if record.problem[end].get("velocities_asked"):
-            findings.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], AT_REST, instant))
-    if not isinstance(asked["angular_momentum"], str):
-        findings.append(same("angular_momentum", (), record.angular_momentum, asked["angular_momentum"], None))
+            findings.append(near(kind, ("frame_velocity",), velocity, [0.0, 0.0], FRAME_SPEED, instant))
+    if not isinstance(requested["angular_momentum"], str):
+        findings.append(same("angular_momentum", (), record.angular_momentum, requested["angular_momentum"], None))
     return findings
 
 
@@ -71,9 +68,9 @@ def com_polynomials(record: PlanRecord, sigma: float) -> tuple[Any, Any]:
 def _frame_motion(
     robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, state: JointState, frame: str, end: int
 ) -> tuple[Balls, Balls]:
-    """Place and velocity of a frame at the beginning (end 0) or the end (1): (2,) each, in Arb.
+    """Position and velocity of a frame at the beginning (end 0) or the end (1): (2,) each, in Arb.
 
-    The place is ``c + sum_b w_b exp(i phi_b)``, with c of the centre of mass and horizontal parts first. Of all this
+    The position is ``c + sum_b w_b exp(i phi_b)``, with c of the centre of mass and horizontal parts first. Of all this
     only the orientation and its rate come from the models.
     """
     if frame not in robot.frames:
@@ -82,23 +79,26 @@ def _frame_motion(
     u = (-1.0, 1.0)[end]
     with flint.ctx.workprec(PRECISION):
         sine, cosine = _at_end(flight.orientation[-end], u).sin_cos()
-        turn = flint.acb(cosine, sine)
+        rotation = flint.acb(cosine, sine)
         rate = _at_end(flight.joints.rate[-end], u)
         swung = moved = flint.acb(0)
         for weight, turned_by in zip(robot.weights_of(robot.frames[frame]), robot.turned_by, strict=True):
-            angle, speed = (
-                sum((factor * values[joint] for joint, factor in turned_by), start=flint.arb(0)) for values in state[:2]
-            )
+            angle = speed = flint.arb(0)
+            for joint, factor in turned_by:
+                angle += factor * state[0][joint]
+                speed += factor * state[1][joint]
             sine, cosine = angle.sin_cos()
-            swing = weight * flint.acb(cosine, sine)
-            swung += swing
-            moved += swing * (rate + speed)
+            arm = weight * flint.acb(cosine, sine)
+            swung += arm
+            moved += arm * (rate + speed)
         com = com_polynomials(record, robot.sigma)
-        relative = ((com, turn * swung), ([each.derivative() for each in com], turn * flint.acb(0, 1) * moved))
-        place, velocity = (
-            Balls.from_arb([x(at) + part.real, robot.sigma * (y(at) + part.imag)], (2,)) for (x, y), part in relative
-        )
-    return place, velocity
+        x, y = com
+        offset = rotation * swung
+        position = Balls.from_arb([x(at) + offset.real, robot.sigma * (y(at) + offset.imag)], (2,))
+        dx, dy = x.derivative(), y.derivative()
+        offset_rate = rotation * flint.acb(0, 1) * moved
+        velocity = Balls.from_arb([dx(at) + offset_rate.real, robot.sigma * (dy(at) + offset_rate.imag)], (2,))
+    return position, velocity
 
 
 def _at_end(model: Taylor, u: float) -> Any:

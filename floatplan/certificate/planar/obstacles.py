@@ -8,46 +8,55 @@ import flint
 import numpy as np
 
 from floatplan.arrays import IntArray
-from floatplan.certificate.branch_and_bound import Goal, Minimum, at_least, smallest
+from floatplan.certificate.branch_and_bound import Minimum
 from floatplan.certificate.cells import ORDER, Vectors, recentred
+from floatplan.certificate.clearance import existing_cells, least_distance, shapes_of_pair
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
-from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, place_shapes
+from floatplan.certificate.planar.clearance import Bars, PlanePoints, PointSegments, ShapeWeights, shapes_in_base
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.certificate.planar.limits import com_polynomials
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
-from floatplan.tables import CLEARANCE
 
-CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
 STILL = (0.0, 0.0)  # [m/s]
 
 
 class Surroundings:
     """The flight and the links' shapes in it: what every obstacle is compared with.
 
-    ``links`` are the names of the links that the bars ``shapes`` belong to, ``cells`` all cells of time.
+    ``links`` are the names of the links that the bars ``shapes`` belong to, ``cells`` all cells of time. ``standing``
+    are the shapes by which links are as high over the ground as they are; None stands for these.
     """
 
-    def __init__(self, robot: PlanarRobot, record: PlanRecord, flight: FlightEnclosure, weights: ShapeWeights) -> None:
+    def __init__(
+        self,
+        robot: PlanarRobot,
+        record: PlanRecord,
+        flight: FlightEnclosure,
+        weights: ShapeWeights,
+        standing: ShapeWeights | None,
+    ) -> None:
         self.record = record
         self.flight = flight
         self.cells = np.arange(len(flight.cells))
         self.sigma = robot.sigma
+        self.carriers = robot.carriers
+        self.standing = standing
         self.links = [shape.link for shape in weights.shapes]
-        self.shapes = place_shapes(flight, weights)
+        self.shapes = shapes_in_base(flight, weights)
 
-    def seen(self, place: Any, velocity: Any) -> Vectors:
+    def seen(self, position: Any, velocity: Any) -> Vectors:
         """A moving point, relative to the centre of mass, in the base frame: one item."""
         with flint.ctx.workprec(PRECISION):
-            x, y = (-polynomial for polynomial in self._com_from(place, velocity))
+            x, y = (-polynomial for polynomial in self._com_from(position, velocity))
         both = self._path([x, y])
         return Vectors(both[:, :1], both[:, 1:]).turned_back(self.flight.direction)
 
     def direction(self, vector: Any) -> Vectors:
         """A constant vector (two arb) of the mirrored plane, in the base frame."""
         shape = (len(self.flight.cells), 1)
-        x, y = (Taylor.constant(Balls.from_arb([part], (1,)).broadcast(shape), ORDER) for part in vector)
+        x, y = (Taylor.constant(Balls.from_arb([component], (1,)).broadcast(shape), ORDER) for component in vector)
         return Vectors(x, y).turned_back(self.flight.direction)
 
     def height_offset(self, point: Any, velocity: Any, normal: Any) -> Taylor:
@@ -64,69 +73,58 @@ class Surroundings:
             length = (x * x + y * y).sqrt()
             along = (x / length, y / length) if length > 0 else (flint.arb(1), flint.arb(0))
             extent = Balls.from_arb([length], (1,))
-        first_end, last_end = (self.seen(place, velocity) for place in (start, end))
+        first_end, last_end = (self.seen(position, velocity) for position in (start, end))
         return Bars(first_end, last_end, self.direction(along), extent, Balls.exact([radius]))
 
-    def _com_from(self, place: Any, velocity: Any) -> tuple[Any, Any]:
+    def _com_from(self, position: Any, velocity: Any) -> tuple[Any, Any]:
         """The centre of mass relative to a moving point of the plane, in its mirror image: polynomials of t."""
         com_x, com_y = com_polynomials(self.record, self.sigma)
-        x = com_x - flint.arb_poly([float(place[0]), float(velocity[0])])
-        return x, com_y - flint.arb_poly([self.sigma * float(place[1]), self.sigma * float(velocity[1])])
+        x = com_x - flint.arb_poly([float(position[0]), float(velocity[0])])
+        return x, com_y - flint.arb_poly([self.sigma * float(position[1]), self.sigma * float(velocity[1])])
 
     def _path(self, polynomials: Sequence[Any]) -> Taylor:
         """Model (K, cells, polynomials) of polynomials in t of degree 2 at most."""
         balls = recentred(polynomials, self.flight.cells, 3)
         return Taylor.polynomial(balls.mid, balls.rad, ORDER)
 
+    def obstacle_finding(self, index: int, obstacle: Mapping[str, Any]) -> tuple[Finding, Minimum]:
+        """Clearance of all links to one obstacle while it exists."""
+        distances = SEPARATIONS[obstacle["kind"]](self, obstacle, obstacle.get("velocity") or STILL)
+        existing = existing_cells(self.flight.cells, obstacle)  # a window of one instant is a cell
+        margin = float(obstacle.get("margin") or 0.0)
+        return _finding(self, "obstacle", (index, obstacle["kind"]), distances, existing, margin)
 
-def obstacle_finding(surroundings: Surroundings, index: int, obstacle: Mapping[str, Any]) -> tuple[Finding, Minimum]:
-    """Clearance of all links to one obstacle while it exists."""
-    distances = SEPARATIONS[obstacle["kind"]](surroundings, obstacle, obstacle.get("velocity") or STILL)
-    cells = surroundings.flight.cells
-    first, last = obstacle.get("window") or (-math.inf, math.inf)
-    # cells end where windows do, and a window of one instant is one
-    existing = np.flatnonzero((cells.low >= float(first)) & (cells.high <= float(last)))
-    margin = float(obstacle.get("margin") or 0.0)
-    return _finding(surroundings, "obstacle", (index, obstacle["kind"]), distances, existing, margin)
+    def ground_finding(self) -> Finding:
+        """Height of all links over the level of the lowest point of the link that takes off, at t = 0."""
+        hulls = self.shapes
+        links = self.links
+        if self.standing is not None:
+            hulls = shapes_in_base(self.flight, self.standing)
+            links = [shape.link for shape in self.standing.shapes]
+        takeoff = self.record.problem["flight"]["takeoff"]
+        level = takeoff["position"][1]
+        with flint.ctx.workprec(PRECISION):
+            up = (flint.arb(0), flint.arb(self.sigma))
 
+        def above(level: float, bars: Bars) -> PlanePoints:
+            offset = self.height_offset((0.0, level), STILL, up)
+            return PlanePoints.of_bars(bars, self.direction(up), offset)
 
-def ground_finding(surroundings: Surroundings, robot: PlanarRobot, standing: ShapeWeights | None) -> Finding:
-    """Height of all links over the horizontal line through the lowest point of the link that takes off, at t = 0.
+        for carrier in self.carriers[takeoff["frame"]]:
+            if carrier in links:
+                feet = [index for index, link in enumerate(links) if link == carrier]
+                level = above(0.0, hulls[feet]).least_at_start()
+                break
+        return _finding(self, "ground", (), above(level, hulls), self.cells, 0.0)[0]
 
-    ``standing`` are the shapes by which links are as high as they are; None stands for those of the surroundings.
-    """
-    hulls = surroundings.shapes
-    links = surroundings.links
-    if standing is not None:
-        hulls = place_shapes(surroundings.flight, standing)
-        links = [shape.link for shape in standing.shapes]
-    takeoff = surroundings.record.problem["flight"]["takeoff"]
-    level = takeoff["position"][1]
-    with flint.ctx.workprec(PRECISION):
-        up = (flint.arb(0), flint.arb(surroundings.sigma))
-
-    def above(level: float, bars: Bars) -> PlanePoints:
-        offset = surroundings.height_offset((0.0, level), STILL, up)
-        return PlanePoints.of_bars(bars, surroundings.direction(up), offset)
-
-    for carrier in robot.carriers[takeoff["frame"]]:
-        if carrier in links:
-            feet = [index for index, link in enumerate(links) if link == carrier]
-            level = above(0.0, hulls[feet]).least_at_start()
-            break
-    return _finding(surroundings, "ground", (), above(level, hulls), surroundings.cells, 0.0)[0]
-
-
-def self_finding(surroundings: Surroundings, pair: Mapping[str, Any]) -> Finding:
-    """Clearance between two links."""
-    first, second = ([i for i, link in enumerate(surroundings.links) if link == name] for name in pair["links"])
-    if not first or not second:
-        raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
-    one = np.repeat(first, len(second))
-    other = np.tile(second, len(first))
-    distances = PointSegments.of_bars(surroundings.shapes[one.tolist()], surroundings.shapes[other.tolist()])
-    margin = float(pair.get("margin") or 0.0)
-    return _finding(surroundings, "self_clearance", tuple(pair["links"]), distances, surroundings.cells, margin)[0]
+    def self_finding(self, pair: Mapping[str, Any]) -> Finding:
+        """Clearance between two links."""
+        first, second = shapes_of_pair(self.links, pair)
+        one = np.repeat(first, len(second))
+        other = np.tile(second, len(first))
+        distances = PointSegments.of_bars(self.shapes[one.tolist()], self.shapes[other.tolist()])
+        margin = float(pair.get("margin") or 0.0)
+        return _finding(self, "self_clearance", tuple(pair["links"]), distances, self.cells, margin)[0]
 
 
 def _circle(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PointSegments:
@@ -136,7 +134,7 @@ def _circle(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: A
 
 def _half_plane(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> PlanePoints:
     with flint.ctx.workprec(PRECISION):
-        x, y = (flint.arb(float(part)) for part in obstacle["normal"])
+        x, y = (flint.arb(float(component)) for component in obstacle["normal"])
         length = (x * x + y * y).sqrt()
         normal = (x / length, surroundings.sigma * y / length)
     offset = surroundings.height_offset(obstacle["point"], velocity, normal)
@@ -167,11 +165,8 @@ def _finding(
 
     Segments are apart where none cross at the first instant, and afterwards no end comes to lie on another.
     """
-    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
-    groups = np.zeros(len(distances.radius.mid), dtype=np.int64)
     times = surroundings.flight.cells
-    least = smallest(distances.items(cells), groups, distances.below, distances.at_point, goal, times)[0]
-    finding = at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant)
+    finding, least = least_distance(kind, subject, distances, distances.items(cells), margin, times)
     if finding.verdict != "proved" or not len(cells) or isinstance(distances, PlanePoints):
         return finding, least
     apart, across = distances.apart_at_start(int(cells[0]))

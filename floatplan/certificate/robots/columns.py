@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import permutations
 from typing import Any
 
 import flint
@@ -49,8 +50,13 @@ def principal(inertia: Any) -> tuple[Any, list[Any]]:
 
     Moments raised to a least one stay within: in Frobenius' norm matrices come no farther apart by that.
     """
-    rough = np.linalg.eigh(np.array([[float(each.mid()) for each in row] for row in inertia.tolist()]))[1].T
+    middle = np.empty((3, 3))
+    for row, column in np.ndindex(middle.shape):
+        middle[row, column] = float(inertia[row, column].mid())
+    rough = np.linalg.eigh(middle)[1].T
     axes = of_axes(*(flint.arb_mat(3, 1, row.tolist()) for row in rough[:2]))
     seen = axes.transpose() * inertia * axes
-    off = sum((abs(seen[i, j]) for i in range(3) for j in range(3) if i != j), start=flint.arb(0))
+    off = flint.arb(0)
+    for row, column in permutations(range(3), 2):
+        off += abs(seen[row, column])
     return axes, [seen[k, k] + flint.arb(0, off.upper()) for k in range(3)]

@@ -39,7 +39,7 @@ def as_recorded(urdf: Urdf, record: RobotRecord) -> Urdf:
     Raises
     ------
     InputError
-        A joint that floats carries a part of the robot; the joints by which its base floats have roles, but not all of
+        A joint that floats carries some of the robot; the joints by which its base floats have roles, but not all of
         them are locked; or a payload's link is not there.
     NotReadError
         Whether an inertia was balanced cannot be decided.
@@ -64,7 +64,7 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
     names = [joint.name for joint in base]
     for joint in urdf.joints:
         if joint.kind in FREE_KINDS and joint.name not in names:
-            raise InputError(f"is {joint.kind}, and carries a part of the robot alone", element=f'joint "{joint.name}"')
+            raise InputError(f"is {joint.kind}, and carries only a part of the robot", element=f'joint "{joint.name}"')
     locked = [name for name in names if name in roles]
     if not names or (locked == names and base[0].kind not in FREE_KINDS):
         return urdf
@@ -98,8 +98,8 @@ def _free_base(urdf: Urdf) -> list[Joint]:
             if _floats(chain):
                 base = [joint for joint, _ in chain]
         link = joint.child
-    followed = {joint.mimic[0] for joint in urdf.joints if joint.mimic is not None}
-    return [] if any(joint.mimic or joint.name in followed for joint in base) else base
+    leaders = {joint.mimic[0] for joint in urdf.joints if joint.mimic is not None}
+    return [] if any(joint.mimic or joint.name in leaders for joint in base) else base
 
 
 def _is_massless(link: Link) -> bool:
@@ -159,7 +159,7 @@ def _carrying(link: Link, mass: Any, at: Sequence[float]) -> Link:
     center = (own * link.mass + point * mass) * (1 / total)
     turned = link.center.rotation
     inertia = turned * link.inertia * turned.transpose()
-    for part, place in ((link.mass, own), (mass, point)):
-        arm = place - center
-        inertia += (diagonal([dot(arm, arm)] * 3) - arm * arm.transpose()) * part
+    for inertial_mass, position in ((link.mass, own), (mass, point)):
+        arm = position - center
+        inertia += (diagonal([dot(arm, arm)] * 3) - arm * arm.transpose()) * inertial_mass
     return replace(link, mass=total, center=Placement(translation=center), inertia=inertia, has_inertial=True)

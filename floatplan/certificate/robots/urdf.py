@@ -77,7 +77,7 @@ class Joint:
     @property
     def unit_axis(self) -> Any:
         """The axis in the joint's own frame, made a unit vector (3, 1)."""
-        length = sum((part * part for part in self.axis.entries()), start=flint.arb(0)).sqrt()
+        length = sum((entry * entry for entry in self.axis.entries()), start=flint.arb(0)).sqrt()
         if not length > 0:
             raise InputError("its axis has no length", element=f'joint "{self.name}"')
         return self.axis * (1 / length)
@@ -86,7 +86,7 @@ class Joint:
         """Displacement at a position (rad or m)."""
         if self.kind == "prismatic":
             return Placement(translation=self.unit_axis * flint.arb(position))
-        return Placement(turn(self.unit_axis, flint.arb(position))) if position else Placement()
+        return Placement(rotation_about(self.unit_axis, flint.arb(position))) if position else Placement()
 
 
 @dataclass(frozen=True)
@@ -202,12 +202,12 @@ def _origin(element: Element) -> Placement:
     turned = Placement()
     for index, angle in enumerate(_vector(origin.get("rpy"), "0 0 0").entries()):
         if not angle.is_zero():
-            axis = flint.arb_mat(3, 1, [float(index == each) for each in range(3)])
-            turned = Placement(turn(axis, angle)) * turned
+            axis = flint.arb_mat(3, 1, [float(index == entry) for entry in range(3)])
+            turned = Placement(rotation_about(axis, angle)) * turned
     return Placement(turned.rotation, _vector(origin.get("xyz"), "0 0 0"))
 
 
-def turn(axis: Any, angle: Any) -> Any:
+def rotation_about(axis: Any, angle: Any) -> Any:
     """Rodrigues' rotation (3, 3) about a unit axis (3, 1)."""
     x, y, z = axis.entries()
     sine, cosine = angle.sin_cos()
@@ -267,7 +267,7 @@ def check_roles(urdf: Urdf, record: RobotRecord) -> None:
 
 
 def is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bool:
-    """Whether the file's ``<mimic>``, followed to the joint that leads, says what the record's coupling says."""
+    """Whether the file's ``<mimic>``, resolved to the joint that leads, says what the record's coupling says."""
     ratio = 1.0
     offset = 0.0
     leader = name
@@ -280,8 +280,8 @@ def is_geared(joints: Mapping[str, Joint], record: RobotRecord, name: str) -> bo
         if leader not in joints:
             return False
     coupling = record.coupled[name]
-    said = (coupling["leader"], float(coupling.get("ratio", 1.0)), float(coupling.get("offset", 0.0)))
-    return leader != name and said == (leader, ratio, offset)
+    written = (coupling["leader"], float(coupling.get("ratio", 1.0)), float(coupling.get("offset", 0.0)))
+    return leader != name and written == (leader, ratio, offset)
 
 
 def joint_ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[list[float], list[float]]]:
@@ -293,5 +293,14 @@ def joint_ratios(record: RobotRecord, motors: Sequence[str]) -> dict[str, tuple[
         ratio = float(coupling.get("ratio", 1.0))
         motor, by_motor = (name, 1.0) if name in motors else (leader, ratio)
         by_joints = [ratio if joint == leader else 0.0 for joint in record.joints]
-        ratios[name] = by_joints, [by_motor if each == motor else 0.0 for each in motors]
+        ratios[name] = by_joints, [by_motor if name_of == motor else 0.0 for name_of in motors]
     return ratios
+
+
+def carriers(urdf: Urdf) -> dict[str, tuple[str, ...]]:
+    """Of each link and each joint's child the links on which it stands: itself, then those that it is fixed to."""
+    standing: dict[str, tuple[str, ...]] = {urdf.root: (urdf.root,)}
+    for joint in urdf.joints:
+        further = standing[joint.parent] if joint.kind == "fixed" else ()
+        standing[joint.child] = (joint.child, *further)
+    return {joint.name: standing[joint.child] for joint in urdf.joints} | standing

@@ -1,4 +1,4 @@
-"""Flights in space: what is proved of their attitude, momentum, limits and torques.
+"""Flights in space: what is proved of their attitude, momentum, limits, torques and clearances.
 
 Symbols, as in ``docs/theory/space_proof.md``: R, the attitude of the base, takes vectors of the base's axes to the
 world's; h is the angular momentum in the world. Everything else is in the base's axes: ``R_b`` is the rotation of body
@@ -7,5 +7,5 @@ joints' rates make, ``omega`` the base's angular velocity. SI units and radians.
 
 The data flow is the order of the files: ``robot`` (constants), ``bodies`` (what the joints do alone), ``attitude`` (an
 approximation) and ``bound`` (how far it is off), ``torques``, ``flight`` (on cells that are as fine as needed),
-``findings``. Obstacles, self-clearance and ground are not proved yet: ``clearance_findings`` is their place.
+``findings``; ``clearance`` (where the links' shapes are, and how far apart) and ``obstacles`` (from what).
 """

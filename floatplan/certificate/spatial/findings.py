@@ -24,7 +24,7 @@ from floatplan.certificate.spatial.flight import SpatialEnclosure
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tables import A_TURN_OFF, ORIENTATION, PLACE, STEEPEST
+from floatplan.tables import A_TURN_OFF, FRAME_POSITION, ORIENTATION, STEEPEST
 
 LETTERS = "xyz"
 SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
@@ -45,14 +45,16 @@ def attitude_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Find
         start, goal = (_asked(problem[end]["orientation"]) for end in ("start", "goal"))
         stated = {name: [flint.arb(part) for part in recorded[name]["quaternion_xyzw"]] for name in recorded}
         last = flight.last_quaternion
-        reached = _angle_finding("goal", ("orientation",), _angle(last, goal), eps, ORIENTATION, duration)
+        reached = _angle_finding("goal", ("orientation",), angle_between(last, goal), eps, ORIENTATION, duration)
         return [
             *_theorem(flight, is_enough=reached.verdict != "undecided"),
             reached,
             *_turn_findings(record, flight),
-            _angle_finding("stated", ("orientation", "start"), _angle(stated["start"], start), 0.0, SAME, 0.0),
-            _angle_finding("stated", ("orientation", "goal"), _angle(stated["goal"], goal), 0.0, SAME, duration),
-            _angle_finding("recorded", ("orientation.end",), _angle(last, stated["end"]), eps, ORIENTATION, duration),
+            _angle_finding("stated", ("orientation", "start"), angle_between(stated["start"], start), 0.0, SAME, 0.0),
+            _angle_finding("stated", ("orientation", "goal"), angle_between(stated["goal"], goal), 0.0, SAME, duration),
+            _angle_finding(
+                "recorded", ("orientation.end",), angle_between(last, stated["end"]), eps, ORIENTATION, duration
+            ),
         ]
 
 
@@ -187,8 +189,8 @@ def flight_findings(
         )
     across = asked["horizontal_velocity"]
     findings = [
-        near("takeoff", ("position",), left, asked["takeoff"]["position"], PLACE, 0.0),
-        near("landing", ("height",), landed[2:], [asked["landing"]["height"]], PLACE, duration),
+        near("takeoff", ("position",), left, asked["takeoff"]["position"], FRAME_POSITION, 0.0),
+        near("landing", ("height",), landed[2:], [asked["landing"]["height"]], FRAME_POSITION, duration),
         same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same_vector(("com", "velocity0"), com["velocity0"][:2], _vector(across, 2), "stated"),
     ]
@@ -199,22 +201,6 @@ def flight_findings(
         if record.problem[end].get("velocities_asked"):  # not planned for in space, and so not known how to prove
             findings.append(Finding(kind, ("frame_velocity",), "undecided", None))
     return findings
-
-
-def clearance_findings(record: PlanRecord) -> list[Finding]:
-    """Distances in space: none is proved yet, and so whatever is asked stays undecided."""
-    problem = record.problem
-    found = [
-        Finding("obstacle", (index, str(obstacle["kind"])), "undecided", None)
-        for index, obstacle in enumerate(problem.get("obstacles") or [])
-    ]
-    pairs = problem.get("self_clearance") or []
-    found += [Finding("self_clearance", tuple(pair["links"]), "undecided", None) for pair in pairs]
-    if problem.get("ground"):
-        found.append(Finding("ground", (), "undecided", None))
-    if not found and record.clearance_min is not None:
-        found.append(Finding("recorded", ("clearance_min",), "refuted", record.clearance_min))
-    return found
 
 
 def _vector(value: Any, count: int) -> list[float]:
@@ -254,10 +240,10 @@ def _times(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
     ]
 
 
-def _angle(one: Sequence[Any], other: Sequence[Any]) -> Any:
+def angle_between(one: Sequence[Any], other: Sequence[Any]) -> Any:
     """The angle between two attitudes, in Arb, of quaternions of any length."""
     x, y, z, w = _times(one, [-other[0], -other[1], -other[2], other[3]])
-    return 2 * flint.arb.atan2((x * x + y * y + z * z).sqrt(), abs(w))
+    return 2 * flint.arb.atan2((x * x + y * y + z * z).nonnegative_part().sqrt(), abs(w))
 
 
 def _angle_finding(

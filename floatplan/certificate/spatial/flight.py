@@ -7,6 +7,7 @@ each time that cells have been halved.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -85,8 +86,10 @@ class SpatialEnclosure:
         return LimitedQuantity("orientation_rate", (), squared(self.rate), limit, power=2)
 
 
-def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosure:
-    """Enclose the whole flight.
+def fly(
+    robot: SpatialRobot, record: PlanRecord, windows: Sequence[tuple[float, float]], budget: int
+) -> SpatialEnclosure:
+    """Enclose the whole flight on cells that end where the windows do, which lie within it.
 
     Cells are halved until their shares of the residual and their torques' radii are as small as sought, or halving no
     longer makes them smaller, or the ``budget`` of cells is spent.
@@ -96,6 +99,7 @@ def fly(robot: SpatialRobot, record: PlanRecord, budget: int) -> SpatialEnclosur
     start = np.array(record.orientation["start"]["quaternion_xyzw"])
     grid = np.asarray(np.arange(FIRST_CELLS + 1) * (duration / FIRST_CELLS), dtype=np.float64)
     grid[-1] = duration
+    grid = np.unique([*grid, *(end for window in windows for end in window)])
     cells = TimeCells.between(grid[:-1], grid[1:])
     motion = body_motion(robot, record, cells)
     middles = None

@@ -171,11 +171,12 @@ class Matrices:
         """Products with a constant matrix of blocks from the right: ``G_j = sum_i F_i C_ij``."""
         cells, items, order, rows, columns = self.c.shape
         width = items * columns
+        blocks = constants.sizes.shape[1]
         side = self.c.transpose(0, 2, 3, 1, 4).reshape(-1, width)
-        c = (side @ constants.mid).reshape(cells, order, rows, items, columns).transpose(0, 3, 1, 2, 4)
+        c = (side @ constants.mid).reshape(cells, order, rows, blocks, -1).transpose(0, 3, 1, 2, 4)
         radii, magnitude = (each.transpose(0, 2, 1, 3).reshape(-1, width) for each in (self.entries, self.magnitude))
         entries = (radii + width * UNIT * magnitude) @ np.abs(constants.mid) + (magnitude + radii) @ constants.rad
-        entries = entries.reshape(cells, rows, items, columns).transpose(0, 2, 1, 3)
+        entries = entries.reshape(cells, rows, blocks, -1).transpose(0, 2, 1, 3)
         e = (self.e + width * UNIT * self.size) @ constants.sizes + (self.size + self.e) @ constants.radii
         return Matrices.of(np.ascontiguousarray(c), up(entries), up(e))
 
@@ -207,7 +208,7 @@ class Matrices:
 
 @dataclass(frozen=True, eq=False)
 class BlockMatrix:
-    """A constant matrix of blocks, known to within radii; and of each block norm and radius (items, items)."""
+    """A constant matrix of blocks, known to within radii; and of each block norm and radius (items in, items out)."""
 
     mid: Array
     rad: Array
@@ -215,12 +216,13 @@ class BlockMatrix:
     radii: Array
 
     @classmethod
-    def of(cls, entries: Balls, size: int) -> BlockMatrix:
-        """From the balls of all entries, in blocks (size, size)."""
-        count = len(entries.mid) // size
+    def of(cls, entries: Balls, rows: int, columns: int) -> BlockMatrix:
+        """From the balls of all entries, in blocks (rows, columns)."""
+        height, width = entries.mid.shape
 
         def norms(values: Array) -> Array:
-            return up(frobenius(values.reshape(count, size, count, size).swapaxes(1, 2)))
+            blocks = values.reshape(height // rows, rows, width // columns, columns)
+            return up(frobenius(blocks.swapaxes(1, 2)))
 
         return cls(entries.mid, entries.rad, norms(entries.mid), norms(entries.rad))
 

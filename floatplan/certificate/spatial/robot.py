@@ -15,7 +15,7 @@ is all that momentum and torques need to know of the masses: S is the second mom
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +24,10 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.enclosure import PRECISION, Balls
-from floatplan.certificate.robots import kept
+from floatplan.certificate.robots import cached
 from floatplan.certificate.robots.columns import cross, diagonal
 from floatplan.certificate.robots.taken import as_recorded
-from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, check_roles, is_geared, joint_ratios
+from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, carriers, check_roles, is_geared, joint_ratios
 from floatplan.certificate.spatial.models import BlockMatrix
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
@@ -35,10 +35,14 @@ from floatplan.plans.record import RobotRecord
 
 @dataclass(frozen=True)
 class Point:
-    """A point fixed to a body, its place (3, 1), m, in that body's axes from its origin."""
+    """A point fixed to a body, ``local`` (3, 1), m, in that body's axes from its origin; and axes (3, 3) that it has.
+
+    The origin of a link has the link's axes, other points the body's.
+    """
 
     body: int
     local: Any
+    axes: Any = field(default_factory=lambda: Placement().rotation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +67,14 @@ class SpatialRobot:
     inertia : C
     weights : (B) lists of 3 B arb
         Place of each body's origin relative to the centre of mass: ``sum_b R_b w_b``.
+    origins : (B, B) blocks (3, 1)
+        The same weights: the origins are ``rotations.of_blocks(origins)``.
     frames : link or joint name -> Point
+    carriers : frame or link name -> links on which it stands: its own link, then those that this one is fixed to
+    segments : link name -> pairs of Points
+        From its origin to the origins of its children's joints; only its origin where that is all there is of a link
+        that has an inertia.
+    with_collision : links that have a ``<collision>`` element
     """
 
     joints: tuple[str, ...]
@@ -83,7 +94,17 @@ class SpatialRobot:
     armature: Array
     inertia: BlockMatrix
     weights: list[list[Any]]
+    origins: BlockMatrix
     frames: Mapping[str, Point]
+    carriers: Mapping[str, tuple[str, ...]]
+    segments: Mapping[str, tuple[tuple[Point, Point], ...]]
+    with_collision: frozenset[str]
+
+    def link_frame(self, link: str) -> Point:
+        """The origin and the axes of a link."""
+        if link not in self.segments:
+            raise InputError(f'the robot has no link "{link}"', element="shapes")
+        return self.frames[link]
 
     def weights_of(self, point: Point) -> list[Any]:
         """Weights, 3 B arb: a point's place relative to the centre of mass is ``sum_b R_b w_b``.
@@ -96,9 +117,9 @@ class SpatialRobot:
         return row
 
 
-def kept_robot(content: bytes, path: Path, record: RobotRecord) -> SpatialRobot:
-    """Return the robot of a record in space, see :func:`~floatplan.certificate.robots.kept.kept_robot`."""
-    return kept.kept_robot(content, path, record, spatial_robot)
+def cached_robot(content: bytes, path: Path, record: RobotRecord) -> SpatialRobot:
+    """Return the robot of a record in space, see :func:`~floatplan.certificate.robots.cached.cached_robot`."""
+    return cached.cached_robot(content, path, record, spatial_robot)
 
 
 @dataclass
@@ -160,7 +181,11 @@ def spatial_robot(urdf: Urdf, record: RobotRecord) -> SpatialRobot:
             armature=np.array([float(record.armature.get(joint.name, joint.armature)) for joint in moved]),
             inertia=inertia,
             weights=weights,
+            origins=_blocks_of_origins(weights),
             frames={joint.name: points[joint.child] for joint in urdf.joints} | points,
+            carriers=carriers(urdf),
+            segments=_segments(urdf, points),
+            with_collision=frozenset(name for name, link in urdf.links.items() if link.has_collision),
         )
 
 
@@ -184,7 +209,31 @@ def _bodies(urdf: Urdf, record: RobotRecord) -> tuple[list[_Body], dict[str, Poi
         inertia = center.rotation * link.inertia * center.rotation.transpose()
         trace = sum((inertia[k, k] for k in range(3)), start=flint.arb(0))
         bodies[body].parts.append((link.mass, center.translation, diagonal([trace / 2] * 3) - inertia))
-    return bodies, {name: Point(body, place.translation) for name, (body, place) in placed.items()}
+    return bodies, {name: Point(body, place.translation, place.rotation) for name, (body, place) in placed.items()}
+
+
+def _segments(urdf: Urdf, points: Mapping[str, Point]) -> dict[str, tuple[tuple[Point, Point], ...]]:
+    """The shapes of links without ``<collision>``, from the points at the links' origins."""
+    segments = {}
+    for name, link in urdf.links.items():
+        start = points[name]
+        places = [joint.origin.translation for joint in urdf.joints if joint.parent == name]
+        ends = [
+            Point(start.body, start.local + start.axes * place)
+            for place in places
+            if not all(part.is_zero() for part in place.entries())
+        ]
+        if not ends and link.has_inertial:
+            ends = [start]
+        segments[name] = () if link.frame else tuple((start, end) for end in ends)
+    return segments
+
+
+def _blocks_of_origins(weights: Sequence[Sequence[Any]]) -> BlockMatrix:
+    """The weights (B) of the bodies' origins, 3 B arb each, as columns."""
+    count = len(weights)
+    rows = Balls.from_arb([entry for row in weights for entry in row], (count, 3 * count))
+    return BlockMatrix.of(rows.transposed, 3, 1)
 
 
 def _turn(body: _Body) -> tuple[Any, Any, Any]:
@@ -230,4 +279,4 @@ def _weights_and_inertia(bodies: Sequence[_Body]) -> tuple[list[list[Any]], Bloc
                 matrix[3 * b + i][3 * b + j] += second[i, j]
     weights = (flint.arb_mat(origins) - flint.arb_mat(len(bodies), 1, [1] * len(bodies)) * center).tolist()
     balls = Balls.from_arb([entry for row in matrix for entry in row], (width, width))
-    return weights, BlockMatrix.of(balls, 3)
+    return weights, BlockMatrix.of(balls, 3, 3)

@@ -12,7 +12,7 @@ import numpy as np
 from floatplan.arguments import Outlined, number, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.files import plain
+from floatplan.files import json_value
 from floatplan.motion.planar.contact_rates import (
     ContactRates,
     End,
@@ -27,7 +27,7 @@ from floatplan.motion.planar.contact_rates import (
     shared_momentum,
 )
 from floatplan.pool import one_thread
-from floatplan.problem.file import given_problem
+from floatplan.problem.file import as_problem
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Frame
 from floatplan.tables import RELATIVE
@@ -179,7 +179,7 @@ class Contact(Outlined):
 
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` prints of it; None for what is not finite."""
-        content: dict[str, Any] = plain(
+        content: dict[str, Any] = json_value(
             {
                 "frame": self.frame,
                 "contact": self.found is not None,
@@ -259,7 +259,7 @@ def no_common_momentum(problem: Problem) -> str | None:
 
 
 def _contact(given: Problem | str | Path, end: End, angular_momentum: float | None) -> Contact:
-    problem = given_problem(given)
+    problem = as_problem(given)
     asked, momentum = momentum_of_ends(
         problem, optional(number("angular_momentum"))(angular_momentum, "angular_momentum")
     )

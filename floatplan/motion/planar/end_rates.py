@@ -14,7 +14,7 @@ from floatplan.motion.planar.contact_rates import End, contact_rates, has_contac
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import end_errors
-from floatplan.tables import CLEARANCE, ROUNDED_REST
+from floatplan.tables import CLEARANCE, ROUNDED_FRAME_SPEED
 
 ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
 REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
@@ -72,7 +72,7 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     for number, (element, end) in enumerate(ENDS):
         if states[number].frame_rests:
             middle = float(momentum.centre[0])
-            if momentum.free:
+            if momentum.axes.size:
                 curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
             else:
                 given[number] = _rates(problem, element, end, middle)
@@ -138,7 +138,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
         ("goal", goal, problem.flight.duration, -1.0, "up out of the ground at landing"),
     ):
         link, velocity = _slowest_contact(problem, state, instant, sign, float(angular_momentum[0]))
-        if velocity < -ROUNDED_REST:
+        if velocity < -ROUNDED_FRAME_SPEED:
             errors.append(
                 InputError(
                     f"{link} moves {direction}, at {-velocity:.4g} m/s",

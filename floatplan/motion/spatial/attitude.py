@@ -29,7 +29,7 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import of_quaternions, unwrapped_angles
-from floatplan.problem.attitude import Attitude, tilt
+from floatplan.problem.attitude import Reorientation, tilt
 from floatplan.tables import A_TURN_OFF, STEEPEST
 
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages of the search, by levels
@@ -207,15 +207,16 @@ def turn(
     return Turning(cells, duration, angular_momentum, begins, inverse, attitudes, rates, ends, tuple(spun[first:]))
 
 
-def wrong_way(start: Attitude, goal: Attitude, attitudes: Array) -> str:
+def wrong_way(reorientation: Reorientation, attitudes: Array) -> str:
     """What is wrong with the way (K, 3, 3) from takeoff to landing, its turns or its tilt; empty for nothing."""
-    if goal.axes is None:
+    axes = reorientation.goal.axes
+    if axes is None:
         return ""
-    angles = unwrapped_angles(goal.axes, attitudes)
-    off = np.abs(angles[-1] - angles[0] - goal.turned_from(start))
+    angles = unwrapped_angles(axes, attitudes)
+    off = np.abs(angles[-1] - angles[0] - reorientation.change)
     if not off.max() < A_TURN_OFF:
         return "it makes other turns than are asked for"
-    steepest = tilt(goal.axes, angles[:, 1]).max()
+    steepest = tilt(axes, angles[:, 1]).max()
     if steepest > STEEPEST:
         return f"it tilts by {np.degrees(steepest):.0f} degrees, near 90, where the other two angles are not defined"
     return ""

@@ -19,7 +19,7 @@ from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dyn
 from floatplan.motion.spatial.ground import motion_into_ground
 from floatplan.motion.spatial.momentum import spatial_momentum_set
 from floatplan.motion.spatial.whole import SpatialMotion
-from floatplan.problem.attitude import Attitude, required
+from floatplan.problem.attitude import Reorientation
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -33,8 +33,7 @@ SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved r
 class SpatialFlight:
     """What a problem fixes of every motion in space.
 
-    Dynamics, attitudes (3, 3) at takeoff and as asked for at landing, by how much (3,) rad the goal's angles differ
-    from those at takeoff, and the duration, s. What the other members are,
+    Dynamics, attitudes (3, 3) at takeoff and as requested for landing, and the duration, s. What the other members are,
     :class:`~floatplan.motion.dynamics.FlightDynamics` says.
     """
 
@@ -42,11 +41,9 @@ class SpatialFlight:
     dynamics: SpatialDynamics
     transmission: Array
     ballistics: Ballistics
-    start: Attitude
-    goal: Attitude
+    reorientation: Reorientation
     initial_attitude: Array
     final_attitude: Array
-    change: Array
     duration: float
     bodies: int
     tangent: int = 3
@@ -100,17 +97,15 @@ class SpatialFlight:
 def spatial_flight(problem: Problem) -> SpatialFlight:
     """Prepare a problem's flight once for all motions."""
     robot = problem.robot
-    start, goal = required(problem.initial.attitude), required(problem.final.attitude)
+    assert problem.reorientation is not None, "the robot flies in space"
     return SpatialFlight(
         problem=problem,
         dynamics=spatial_dynamics(robot),
         transmission=robot.transmission[BASE:],
         ballistics=problem.path,
-        start=start,
-        goal=goal,
-        initial_attitude=start.matrix,
-        final_attitude=goal.matrix,
-        change=goal.turned_from(start),
+        reorientation=problem.reorientation,
+        initial_attitude=problem.reorientation.start.matrix,
+        final_attitude=problem.reorientation.goal.matrix,
         duration=problem.flight.duration,
         bodies=WORK_OF_A_BODY * robot.model.njoints,
     )

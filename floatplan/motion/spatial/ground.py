@@ -12,7 +12,7 @@ from floatplan.motion.spatial.rotations import exponential
 from floatplan.problem.attitude import required
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-from floatplan.tables import CLEARANCE, ROUNDED_REST
+from floatplan.tables import CLEARANCE, ROUNDED_FRAME_SPEED
 
 SOON = 1e-7  # [s] in which heights are followed: they are rounded to 1e-9 m/s of it, and curve by no more than 1e-5
 
@@ -28,7 +28,7 @@ def motion_into_ground(problem: Problem, angular_momentum: Array) -> list[InputE
         ("goal", problem.final, problem.flight.duration, -1.0, "up out of the ground at landing"),
     ):
         link, velocity = _slowest_contact(problem, state, instant, sign, angular_momentum)
-        if velocity < -ROUNDED_REST:
+        if velocity < -ROUNDED_FRAME_SPEED:
             reason = f"{link} moves {direction}, at {-velocity:.4g} m/s"
             advice = "give other rates there, another angular momentum, posture or duration"
             errors.append(InputError(reason, element=f"{name}.velocities", advice=advice))

@@ -17,7 +17,6 @@ from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_ar
 from floatplan.motion.spatial.attitude import LEVELS, IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
-from floatplan.problem.attitude import required
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import reference_at
 
@@ -56,15 +55,15 @@ def suggested_momentum(problem: Problem) -> Array:
     alone, h is along that.
     """
     plain = _PlainMotion(problem)
-    start, goal = required(problem.initial.attitude), required(problem.final.attitude)
-    change = goal.turned_from(start)
+    goal = plain.reorientation.goal
+    change = plain.reorientation.change
     if np.abs(change).max() < SHORT:
-        turn = logarithm((goal.matrix @ start.matrix.T)[None])[0]
+        turn = logarithm((plain.final_attitude @ plain.initial_attitude.T)[None])[0]
         return plain.reaching(plain.mean_inertia_W @ turn / problem.flight.duration)
     assert goal.axes is not None
     along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
     if np.abs(change[:2]).max() < SHORT:
-        inside = of_angles(goal.axes, np.array([[*start.angles_about(goal.axes)[:2], 0.0]]))[0]
+        inside = of_angles(goal.axes, np.array([[*plain.reorientation.start_angles[:2], 0.0]]))[0]
         return plain.turning(inside @ along[2], change, goal.axes, 2)
     h = plain.turning(along[0], change, goal.axes, 0)
     if abs(change[2]) > SHORT:
@@ -81,9 +80,11 @@ class _PlainMotion:
     """
 
     def __init__(self, problem: Problem) -> None:
+        assert problem.reorientation is not None, "the robot flies in space"
+        self.reorientation = problem.reorientation
         self.duration = problem.flight.duration
-        self.initial_attitude = required(problem.initial.attitude).matrix
-        self.final_attitude = required(problem.final.attitude).matrix
+        self.initial_attitude = self.reorientation.start.matrix
+        self.final_attitude = self.reorientation.goal.matrix
         self.cells = cells(*LEVELS[LEVEL])
         low, high = problem.position_limits.T
         centre, amplitude, duration = (low + high) / 2, (high - low) / 2, problem.flight.duration

@@ -163,9 +163,10 @@ class SpatialMotion:
     @property
     def missed(self) -> float:
         """By how much the attitude at landing misses the goal, rad; a turn too many or too few counts."""
-        start, goal = required(self.problem.initial.attitude), required(self.problem.final.attitude)
-        missed = float(np.linalg.norm(logarithm(goal.matrix.T[None] @ self.turning.ends[-1:])))
-        return math.inf if wrong_way(start, goal, self.turning.way) else missed
+        reorientation = self.problem.reorientation
+        assert reorientation is not None, "the robot flies in space"
+        missed = float(np.linalg.norm(logarithm(reorientation.goal.matrix.T[None] @ self.turning.ends[-1:])))
+        return math.inf if wrong_way(reorientation, self.turning.way) else missed
 
     def angles(self, axes: str) -> Array:
         """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those asked for at takeoff."""

@@ -117,7 +117,7 @@ class Numbers:
         sound = np.ones(len(problems), dtype=np.bool_)
         if not like.has_inequalities:
             return cls(like, values, sound)
-        values["position"] = np.array([problem.takeoff.place_in_plane for problem in problems], dtype=np.float64)
+        values["position"] = np.array([problem.takeoff.planar_position for problem in problems], dtype=np.float64)
         values["height"] = np.array([problem.landing_height for problem in problems], dtype=np.float64)
         for name in ("horizontal_velocity", "gravity"):
             values[name] = np.array([getattr(problem.flight, name) for problem in problems], dtype=np.float64)

@@ -37,7 +37,7 @@ SUMMED = ("velocities", "accelerations", "torques", "motor_torques", "orientatio
 class DistanceRows:
     """Distances to an obstacle, or of some capsules to others, by index, less the ``least``, over the ``scale``, m."""
 
-    between: Obstacle | tuple[Sequence[int], Sequence[int]]
+    between: Obstacle | tuple[tuple[int, ...], tuple[int, ...]]
     least: float
     scale: float
 

@@ -78,7 +78,8 @@ def _shapes(shapes: SpatialShapes | None) -> dict[str, Any]:
 
 def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool) -> Struct:
     """Return the tree with its planned joints, attitudes at both ends, and the angular momentum."""
-    selection, goal = flight.dynamics.selection, flight.goal
+    selection = flight.dynamics.selection
+    axes = flight.reorientation.goal.axes
     tree_joint, planned = selection.nonzero()
     return Struct(
         "SpatialBody",
@@ -90,8 +91,8 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
         reference=doubles(flight.dynamics.reference),
         start=doubles(flight.initial_attitude),
         goal=doubles(flight.final_attitude),
-        angles=None if goal.axes is None else integers(["xyz".index(letter) for letter in goal.axes]),
-        change=doubles(flight.change),
+        angles=None if axes is None else integers(["xyz".index(letter) for letter in axes]),
+        change=doubles(flight.reorientation.change),
         wrong_turn=A_TURN_OFF,
         most_tilt=STEEPEST,
         slowest=SLOWEST,

@@ -1,1 +1,1 @@
-"""MJCF files: read, compiled by MuJoCo, written as the URDF that the rest of the house knows."""
+"""MJCF files: read, compiled by MuJoCo, written as the URDF that all else reads."""

@@ -1,7 +1,7 @@
 """MuJoCo's compiler in a process of its own, started by ``process.py``; it imports none of floatplan.
 
 Argument: the largest memory, bytes. Requests come on standard input and responses go to where standard output was, one
-after the other, until the input ends. Each is a line of JSON; a request is followed by the bytes that it announces.
+after the other, until the input ends. Each is a line of JSON; after a request come the bytes that it announces.
 """
 
 import json

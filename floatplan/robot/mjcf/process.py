@@ -1,4 +1,4 @@
-"""The process in which MuJoCo compiles: with bounds on time and memory, and ended by Ctrl-C here.
+"""The process in which MuJoCo compiles: with bounds on time and memory, and stopped by Ctrl-C here.
 
 It is started for the first MJCF and compiles all later ones, so that MuJoCo is imported once. It ends with this
 process, and is killed where it does not respond in time.
@@ -35,7 +35,7 @@ class CompilerProcess:
             self._process = subprocess.Popen(
                 [sys.executable, str(script), str(MEMORY)],
                 cwd=tempfile.gettempdir(),
-                env={**os.environ, "MUJOCO_GL": "disable"},  # it draws nothing, and a library of windows loads slowly
+                env={**os.environ, "MUJOCO_GL": "disable"},  # it shows nothing, and a library of windows loads slowly
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
@@ -49,7 +49,7 @@ class CompilerProcess:
         Raises
         ------
         InputError
-            There is none in time, or the process ended.
+            There is none in time, or the process died.
         """
         sizes = {"xml": len(xml), "files": {name: len(content) for name, content in files.items()}}
         line = json.dumps({**request, **sizes, "seconds": LONGEST}).encode() + b"\n"

@@ -148,7 +148,7 @@ def _content(text: MjcfText, name: str, largest: int, element: Element) -> bytes
     if len(text.files) >= MOST_FILES:
         raise InputError(f"is read with more than {MOST_FILES} other files, as no robot is")
     try:
-        text.files[name] = read_regular(text.path.parent / name, largest, "a part of an MJCF")
+        text.files[name] = read_regular(text.path.parent / name, largest, "an included file of an MJCF")
     except InputError as error:
         reason = error.reason if element.tag == "include" else f"{name}: {error.reason}"
         by = "" if element.tag == "include" else ", and of the <compiler>'s meshdir or assetdir"
@@ -170,7 +170,7 @@ def _read_meshes(text: MjcfText) -> None:
     for mesh in text.root.iterfind("asset/mesh"):
         if not mesh.get("file") or mesh.get("refpos") or mesh.get("refquat"):
             reason = "is written here or moved by refpos or refquat, and only meshes of files, as they are, can be read"
-            raise text.refused(reason, mesh, "write the mesh to a file, in its place")
+            raise text.refused(reason, mesh, "write the mesh to a file, and name that")
         written = PurePath(mesh.get("file", ""))
         path = PurePath(folder) / (written.name if compiler.get("strippath") == "true" else written)
         name = path.as_posix()

@@ -55,7 +55,7 @@ class MjcfTree:
 
     @property
     def gravity_direction(self) -> Array | None:
-        """Unit vector (3,) along gravity, in the base's axes as the file draws it; None where the file has none."""
+        """Unit vector (3,) along gravity, in the base's axes as in the file's picture; None where the file has none."""
         gravity = self.model.opt_gravity
         strength = float(np.linalg.norm(gravity))
         disabled = int(self.model.opt_disableflags) & self.model.constants["mjDSBL_GRAVITY"]

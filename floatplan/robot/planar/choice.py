@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from floatplan.arguments import FINITE, either
+from floatplan.arguments import FINITE, either, without
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.keys import ANGLE, Key, Keyed
@@ -88,7 +88,7 @@ def _nothing_to_plan(name: str, axes: Iterable[Array], *, is_user_s: bool) -> In
 def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Array | None = None) -> str:
     """Return ``name``, or else that of the plane in which most joints rotate.
 
-    Where the direction of gravity is known, this is a plane with a vertical, if any joint rotates in such a one, and
+    Where the file has a direction of gravity, this is a plane with a vertical, if any joint rotates in such a one, and
     its vertical is the axis nearest to the line of gravity.
 
     Parameters
@@ -117,7 +117,7 @@ def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Arr
     counts = {letter: sum(_is_parallel(axis, _unit(letter)) for axis in lines) for letter in LETTERS}
     vertical = None if gravity_direction is None else LETTERS[int(np.argmax(np.abs(gravity_direction)))]
     if any(count for letter, count in counts.items() if letter != vertical):
-        counts = {letter: count for letter, count in counts.items() if letter != vertical}
+        counts = without(counts, (vertical,))
     most = max(counts.values())
     if most == 0:
         reason = "no joint that could be planned turns about the x, y or z axis of the root link"
@@ -191,7 +191,7 @@ class Choice:
     warnings: tuple[str, ...]
 
     @property
-    def given_plane(self) -> Plane:
+    def required_plane(self) -> Plane:
         """The plane, where there is one.
 
         Raises
@@ -298,9 +298,9 @@ def choose_joints(
         tilting = {name for name in above if not signs.get(name, 1.0)}
         left_out = [name for name in tilting & posture.keys() if posture[name] != tree.joint[name].nearest(0.0)]
         warnings += _warning("not taken to the reference posture, as they would tilt planned joints", sorted(left_out))
-        used = {name: position for name, position in posture.items() if name not in tilting}
+        used = without(posture, tilting)
         resting = _resting(tree, {**used, **user_locked}, mimics)
-    fixed = {name: position for name, position in resting.items() if name not in moving}
+    fixed = without(resting, moving)
     if joints is None:
         silent = []
         for name, position in fixed.items():
@@ -342,7 +342,7 @@ def _in_space(
     geared = _geared(tree, {*locked, *planned}, followers)
     _check_followers(tree, planned, followers)
     resting = _resting(tree, {**(posture or {}), **locked}, mimics)
-    fixed = {name: position for name, position in resting.items() if name not in (*planned, *followers)}
+    fixed = without(resting, (*planned, *followers))
     warnings = (*tree.warnings, *_slides(tree, fixed, locked))
     return Choice(None, planned, followers, geared, fixed, {}, resting, warnings)
 

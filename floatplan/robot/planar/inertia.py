@@ -17,13 +17,13 @@ from floatplan.kernel.structs import Struct, doubles
 from floatplan.robot.planar.tree import PlanarTree
 
 RELATIVE_GAP = 1e-9  # of the sum of amplitudes: where an enclosure counts as exact
-MOST_WORK = 50_000  # cosines per extreme, after which the enclosure reached is taken; it is safe at any time
+MOST_WORK = 50_000  # cosines per extreme, after which the current enclosure is the result; it is safe at any time
 BOXES_AT_ONCE = 256
 
 
 @dataclass(frozen=True, eq=False)
 class TurningBodies:
-    """The g bodies of a tree that turn differently.
+    """The g bodies of a tree that rotate differently.
 
     Bodies whose angles differ by a constant, as the legs of a quadruped that is coupled left to right, are one here.
 
@@ -39,12 +39,14 @@ class TurningBodies:
 
     @classmethod
     def of(cls, tree: PlanarTree, coupling: ComplexArray | None = None, inertia: Array | None = None) -> TurningBodies:
-        """Put together what turns alike: rotations are the same there but for a constant; as of :class:`Dynamics`."""
+        """Sum over what rotates alike: rotations are the same there but for a constant; as of :class:`Dynamics`."""
         turns, group = tree.distinct_turns
         rotations = tree.rotations(tree.offsets)[:, None] * np.eye(len(turns))[group]
-        each = (tree.coupling if coupling is None else coupling) + np.diag(tree.inertia if inertia is None else inertia)
+        hermitian = (tree.coupling if coupling is None else coupling) + np.diag(
+            tree.inertia if inertia is None else inertia
+        )
         rates = np.concatenate((np.ones((len(turns), 1)), turns), axis=1)
-        return cls(turns, np.asarray(rotations.conj().T @ each @ rotations), tree.turn, rates)
+        return cls(turns, np.asarray(rotations.conj().T @ hermitian @ rotations), tree.turn, rates)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class TrigonometricPolynomial:
     def minimum(self, ranges: Array) -> float:
         """Return a lower bound of the minimum over the box ``ranges`` (n, 2), by branch and bound in the kernel.
 
-        A box is a row: centres and half-widths, rad, and the best lower bound known of it. The kernel halves boxes
+        A box is a row: centres and half-widths, rad, and the best lower bound of it. The kernel halves boxes
         across the joint that moves the polynomial most, and bounds both halves by the better one of the sum of the
         cosines' own bounds and the second-order Taylor bound about the centre, where it also gives the value. Tight to
         ``RELATIVE_GAP`` unless ``MOST_WORK`` ends the search first.
@@ -179,7 +181,7 @@ def momentum_intervals(extremes: tuple[Array, Array], changes: Array, durations:
     """(9): low and high (..) of h, kg m^2/s, for changes (.., n+1) of orientation and joints, rad, durations (..), s.
 
     (7) and (8) bound the integrals of ``D_i q_i'`` by the ``extremes`` of D_i times the change of q_i, which holds only
-    where q_i does not turn back. Outside (9) a flight may exist, whose joints swing out and back: a falling cat's.
+    where q_i keeps its direction. Outside (9) a flight may exist, whose joints go out and back: a falling cat's.
     """
     low, high = extremes
     ends = changes * low, changes * high  # (7), (8)

@@ -42,7 +42,7 @@ def mirror_couplings(tree: UrdfTree, choice: Choice, joints: Sequence[str] | Non
 
 def _partners(tree: UrdfTree, choice: Choice) -> dict[str, str]:
     """The joints that have a mirror image, and their mirror images."""
-    plane = choice.given_plane
+    plane = choice.required_plane
     names = choice.planned
     placements = tree.placements(choice.positions_at_zero)
     origins = np.array([placements[tree.joint[name].child].translation for name in names])

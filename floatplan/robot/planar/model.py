@@ -21,7 +21,7 @@ from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
 FREE_FLYER = 6  # velocities of the base in space; its configuration has one number more
-UNBOUNDED = 1e6  # [rad, m, 1/s, N m] what Pinocchio is told where there is no limit
+UNBOUNDED = 1e6  # [rad, m, 1/s, N m] for Pinocchio where there is no limit
 POSTURES = 4  # [-] a singular mass matrix is singular at almost all of them, or at the first, the reference
 
 
@@ -39,7 +39,7 @@ def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
         rotation = rotations[joint.parent] @ joint.origin.placement.rotation
         exact_joint = joint
         if joint.name in choice.ratios:
-            exact = choice.signs[joint.name] * rotation.T @ choice.given_plane.normal
+            exact = choice.signs[joint.name] * rotation.T @ choice.required_plane.normal
             # rotations from roll, pitch and yaw carry errors of the order of 1e-12
             if abs(exact - joint.axis).max() >= 1e-12:
                 exact_joint = replace(joint, axis=exact / math.hypot(*exact))
@@ -48,7 +48,7 @@ def with_axes_in_plane(tree: UrdfTree, choice: Choice) -> UrdfTree:
     return replace(tree, joints=tuple(joints))
 
 
-def largest_turn(written: UrdfTree, exact: UrdfTree) -> float:
+def largest_tilt(written: UrdfTree, exact: UrdfTree) -> float:
     """Largest angle between the axes of a joint in the one and in the other, rad."""
     angles = []
     for joint in written.joints:

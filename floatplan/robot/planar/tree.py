@@ -138,7 +138,7 @@ class PlanarTree:
     def places_from_com(self, weights: ComplexArray, orientation: Array, positions: Array) -> ComplexArray:
         """Places (..), m, of points by their weights (m,) or (.., m), for orientations (..) and positions (.., n), rad.
 
-        Each is computed as if it were alone: to the same bits.
+        Each is computed as a single one: to the same bits.
         """
         angles = orientation[..., None] + (positions[..., None, :] * self.turns).sum(axis=-1) + self.offsets
         return np.asarray((self.rotations(angles) * weights).sum(axis=-1))
@@ -232,9 +232,9 @@ class TreeLayout:
                 body_of[joint.child] = len(bodies)
                 turns = bodies[parent].turns + sign * choice.ratios[joint.name]
                 motor_turns = bodies[parent].motor_turns + sign * choice.motor_ratios[joint.name]
-                origin = choice.given_plane.project(placements[joint.child].translation)
+                origin = choice.required_plane.project(placements[joint.child].translation)
                 bodies.append(_Body(joint.child, parent, turns, motor_turns, angle[joint.child], origin))
-        return cls(tree, choice.given_plane, tuple(bodies), body_of, placements)
+        return cls(tree, choice.required_plane, tuple(bodies), body_of, placements)
 
     def back(self, body: int) -> complex:
         """Rotation, as a factor, from the plane to a body's frame at planned positions zero."""

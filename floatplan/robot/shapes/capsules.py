@@ -75,7 +75,7 @@ def fit_capsule(points: ComplexArray, radius: float = 0.0) -> PlaneCapsule:
         return PlaneCapsule(complex(hull[0]), complex(hull[0]), radius)
     sides = np.roll(hull, -1) - hull
     longest = sides[np.argsort(-abs(sides))[:64]]
-    uniform = np.exp(1j * np.pi * np.arange(24) / 24)  # over half a turn, besides those of the hull's edges
+    uniform = np.exp(1j * np.pi * np.arange(24) / 24)  # over half a rotation, besides those of the hull's edges
     directions = np.concatenate([longest / abs(longest), uniform])
     radii = np.linspace(0.0, 1.0, 9)  # fractions, from half the width to half the diagonal
     # of a hull of thousands of corners some directions at a time: a million numbers in an array at most
@@ -165,7 +165,7 @@ def _meeting(corners: ComplexArray, sides: ComplexArray, side: int, other: int) 
     own = sides[side % count]
     next_ = sides[other % count]
     slope = (own.conjugate() * next_).imag
-    if not slope > 1e-9 * abs(own) * abs(next_):  # parallel, or half a turn and more from one another
+    if not slope > 1e-9 * abs(own) * abs(next_):  # parallel, or half a rotation and more from one another
         return None
     reach = ((corners[other % count] - corners[side % count]).conjugate() * next_).imag / slope
     meeting = corners[side % count] + reach * own

@@ -50,7 +50,7 @@ class Mesh:
 def find_mesh(filename: str, folder: Path) -> Path | None:
     """Return the file that a URDF in ``folder`` means by ``filename``, None where there is none.
 
-    ``package://name/rest`` is searched in the folders above the URDF and below ``ROS_PACKAGE_PATH`` and
+    ``package://name/path`` is searched in the folders above the URDF and below ``ROS_PACKAGE_PATH`` and
     ``AMENT_PREFIX_PATH``; anything else is a path, absolute or from the URDF.
     """
     return next((path for path in map(Path, _candidates(filename, folder.absolute())) if is_file(path)), None)
@@ -201,11 +201,11 @@ def _candidates(filename: str, folder: Path) -> Iterator[str]:
         yield str(folder / path)
         return
     inside = filename.removeprefix("package://").lstrip("/")
-    package, _, rest = inside.partition("/")
+    package, _, below = inside.partition("/")
     for above in (folder, *folder.parents):
         yield f"{above}/{inside}"
         if above.name == package:
-            yield f"{above}/{rest}"
+            yield f"{above}/{below}"
     for variable in ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH"):
         for root in filter(None, os.environ.get(variable, "").split(os.pathsep)):
             yield f"{root}/{inside}"

@@ -111,7 +111,7 @@ def missing_meshes(tree: UrdfTree, folder: Path) -> list[tuple[str, str]]:
 
 
 def left_out(tree: UrdfTree, folder: Path) -> InputError | None:
-    """Return the error of the first collision geometry that no shape is around: not found, unknown, or a second one."""
+    """Return the error of the first collision geometry that no shape is around: missing, unknown, or a second one."""
     for link, filename in missing_meshes(tree, folder):
         reason = f'collision mesh "{filename}" not found, so clearance cannot be computed'
         advice = "put it there, set ROS_PACKAGE_PATH, or remove the <collision>"

@@ -29,15 +29,15 @@ AROUND = np.exp(2j * np.pi * np.arange(RIM) / RIM) / np.cos(np.pi / RIM)
 
 def solid_capsules(solids: Sequence[LinkSolid]) -> tuple[SolidCapsule, ...]:
     """Return the capsules around solids, in their order; of one link those inside another are left out."""
-    found: list[SolidCapsule] = []
+    capsules: list[SolidCapsule] = []
     for _, own in itertools.groupby(solids, key=lambda solid: solid.link):
         fitted = [
             SolidCapsule(solid.link, solid.body, start, end, radius)
             for solid in own
             for start, end, radius in fit(*_rounded(solid))
         ]
-        found += _outermost(fitted)
-    return tuple(found)
+        capsules += _outermost(fitted)
+    return tuple(capsules)
 
 
 Ends = tuple[Array, Array, float]  # start (3,), end (3,), radius, m
@@ -59,7 +59,7 @@ def _rounded(solid: LinkSolid) -> tuple[Array, float]:
 
 
 def fit(points: Array, radius: float, splits: int = MOST_SPLITS) -> list[Ends]:
-    """Return capsules that together hold the convex hull of points (k, 3), grown by a radius, m."""
+    """Return capsules that contain the convex hull of points (k, 3), grown by a radius, m."""
     whole = _fit_one(points, radius)
     start, end, _ = whole
     length = float(np.linalg.norm(end - start))
@@ -95,9 +95,9 @@ def _fit_one(points: Array, radius: float) -> Ends:
     across = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     height = directions @ points.T  # (directions, points)
-    place = across @ points.T + 1j * (np.cross(directions, across) @ points.T)
-    middle = _middles(place)
-    offset = np.abs(place - middle[:, None])
+    projected = across @ points.T + 1j * (np.cross(directions, across) @ points.T)
+    middle = _middles(projected)
+    offset = np.abs(projected - middle[:, None])
     least = offset.max(axis=1)
     most = np.hypot(least, np.ptp(height, axis=1) / 2)
     grown = least[:, None] + np.linspace(0.0, 1.0, RADII) * (most - least)[:, None]  # (directions, radii)
@@ -115,20 +115,20 @@ def _fit_one(points: Array, radius: float) -> Ends:
     center = middle[row].real * aside + middle[row].imag * np.cross(axis, aside)
     start = center + lowest * axis
     end = center + highest * axis
-    held = -SolidCapsule("", 0, start, end, 0.0).depth(points)
-    return start, end, float(held.max()) + radius
+    outside = -SolidCapsule("", 0, start, end, 0.0).depth(points)
+    return start, end, float(outside.max()) + radius
 
 
 def _directions(points: Array, spread: Array) -> Array:
     """Unit vectors (d, 3) in which the axis of a capsule may lie: principal axes, some in all directions, edges."""
     principal: Array = np.linalg.eigh(spread.T @ spread)[1].T
-    found = [principal, evenly(2 * DIRECTIONS)[:DIRECTIONS]]
+    candidates = [principal, evenly(2 * DIRECTIONS)[:DIRECTIONS]]
     if len(points) <= FEW:
         first, second = np.triu_indices(len(points), 1)
         edges = points[second] - points[first]
         lengths = np.linalg.norm(edges, axis=1)
-        found.append(edges[lengths > SAME] / lengths[lengths > SAME, None])
-    return np.asarray(np.concatenate(found))
+        candidates.append(edges[lengths > SAME] / lengths[lengths > SAME, None])
+    return np.asarray(np.concatenate(candidates))
 
 
 def _middles(places: Array) -> Array:
@@ -174,7 +174,7 @@ def _halves(points: Array, edges: IntArray, direction: Array, level: float) -> l
 
 def _outermost(capsules: list[SolidCapsule]) -> list[SolidCapsule]:
     """Capsules less those inside another; of two that are the same, the first stays."""
-    kept: list[SolidCapsule] = []
+    outermost: list[SolidCapsule] = []
     for number, one in enumerate(capsules):
         ends = np.stack((one.start, one.end))
         inside = False
@@ -182,5 +182,5 @@ def _outermost(capsules: list[SolidCapsule]) -> list[SolidCapsule]:
             depth = other.depth(ends).min() - one.radius
             inside |= position != number and bool(depth > SAME or (depth >= -SAME and position < number))
         if not inside:
-            kept.append(one)
-    return kept
+            outermost.append(one)
+    return outermost

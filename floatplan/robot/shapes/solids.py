@@ -113,15 +113,21 @@ def link_geometries(
             geometry = read_collision(name, collision, folder, meshes)
             if geometry is not None:
                 geometries.append(geometry)
-        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
-        yield name, int(frame.parentJoint), frame.placement, geometries
+        body, placement = link_placement(model, name)
+        yield name, body, placement, geometries
+
+
+def link_placement(model: Any, link: str) -> tuple[int, Any]:
+    """Return the joint of a model that carries a link, and the link's placement, ``pinocchio.SE3``, in its frame."""
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    return int(frame.parentJoint), frame.placement
 
 
 def frame_position(model: Any, tree: UrdfTree, name: str) -> tuple[int, Array]:
     """Return the joint of a model that carries a link's or joint's origin, and its position (3,) in that frame, m."""
     link = name if name in tree.links else tree.joint[name].child  # which has the joint's origin
-    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
-    return int(frame.parentJoint), frame.placement.translation.copy()
+    body, placement = link_placement(model, link)
+    return body, placement.translation.copy()
 
 
 def link_lines(tree: UrdfTree, link: str) -> list[Array]:

@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 
+from floatplan.arguments import without
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
 from floatplan.robot.urdf.base import FREE_TYPES, with_free_base
@@ -340,7 +341,7 @@ def _order(links: Collection[str], joints: Sequence[UrdfJoint]) -> tuple[str, tu
         waiting += children[joint.child][::-1]
     if len(ordered) < len(joints):
         attached = {joint.child for joint in ordered}
-        loop = _loop({child: joint for child, joint in carrier.items() if child not in attached})
+        loop = _loop(without(carrier, attached))
         raise InputError(f'the joints form a loop, detached from the root link "{roots[0]}": {loop}')
     return roots[0], tuple(ordered)
 

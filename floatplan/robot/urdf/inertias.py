@@ -36,7 +36,7 @@ def payloads(value: Any, element: str) -> tuple[Payload, ...]:
 def _payload(value: Any, element: str) -> Payload:
     if isinstance(value, Mapping):
         reader = Reader()
-        value = reader.part(Payload, by_name(_any_value)(value, element), element)
+        value = reader.table(Payload, by_name(_any_value)(value, element), element)
         refuse(reader.errors)
     payload: Payload = made(Payload)(value, element)
     return payload
@@ -101,7 +101,7 @@ def with_sound_inertias(tree: UrdfTree, balance: bool) -> UrdfTree:
                 "--balance-inertias"
             )
             raise InputError(reason, element=f'link "{name}": inertia', advice=advice)
-    used = "used, because together with the links fixed to them they make sound bodies"
+    used = "used, because with the links fixed to them they make sound bodies"
     warning = f"links with an inertia that no body can have: {', '.join(faults)}; {used}"
     return replace(tree, warnings=(*tree.warnings, warning))
 

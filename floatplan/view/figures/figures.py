@@ -45,7 +45,7 @@ class ChartLayout:
 
 
 LAYOUT = ChartLayout()
-LINES: dict[str, dict[str, Any]] = {  # dashes and widths, pt, by which kinds of lines are told from one another
+LINES: dict[str, dict[str, Any]] = {  # dashes and widths, pt, that distinguish kinds of lines
     "in flight": {"color": "#f0f0f0", "linewidth": 0},
     "compared": {"linestyle": (0, (2.2, 1.1)), "linewidth": 1.0},
     "proved": {"linestyle": (0, (1, 1.6)), "linewidth": 0.9, "zorder": 1.4},

@@ -22,7 +22,7 @@ FILL = 0.25  # [-] opacity of a capsule or polygon: lines behind it show through
 
 
 def save_picture(path: Path, option: str, draw: Callable[[Any], Figure], about: Any) -> Path:
-    """Write a figure into a file, PNG, SVG or PDF by its name; a function draws it.
+    """Write a figure into a file, PNG, SVG or PDF by its name; a function renders it.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def save_picture(path: Path, option: str, draw: Callable[[Any], Figure], about: 
     """
     form = path.suffix.lower().lstrip(".")
     if form not in METADATA or path.is_dir():
-        endings = ", ".join(f".{known_form}" for known_form in METADATA)
+        endings = ", ".join(f".{ending}" for ending in METADATA)
         raise InputError(f"must be a file name that ends in {endings}, not {path}", element=option)
     return write_atomically(path, picture(form, draw, about))
 

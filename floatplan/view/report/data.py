@@ -13,7 +13,7 @@ from matplotlib.colors import to_hex
 
 from floatplan.arguments import short
 from floatplan.arrays import Array
-from floatplan.files import plain
+from floatplan.files import json_value
 from floatplan.jumps.check import JumpCheck, judged
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
@@ -186,7 +186,7 @@ def chart_data(chart: Chart, sampled: SampledPlan) -> dict[str, Any]:
     for curve in chart.curves:
         entry = {"name": curve.name, "colour": to_hex(curve.colour), "key": curve.key, "segment": curve.segment}
         if curve.limit is not None:
-            least = float(np.min(curve.limit))  # told when the curve is chosen
+            least = float(np.min(curve.limit))  # for the chosen curve
             entry["limit"] = f"of {least:.4g} {chart.unit}" if np.isfinite(least) else "no limit"
         series.append(entry)
     return data | {
@@ -274,7 +274,7 @@ def _robot(problem: Problem) -> dict[str, Any]:
 def rounded(values: Any) -> Any:
     """Return numbers, or lists of them, of 11 digits, which compare with the plan to 1e-6; None where not finite."""
     array = np.asarray(values, dtype=np.float64)
-    return plain(float(f"{array:.11g}")) if array.ndim == 0 else list(map(rounded, array))
+    return json_value(float(f"{array:.11g}")) if array.ndim == 0 else list(map(rounded, array))
 
 
 def sections(plan: Plan, stances: Sequence[Row] = ()) -> list[dict[str, Any]]:
@@ -343,13 +343,13 @@ def check_lines(check: JumpCheck, request: JumpRequest) -> tuple[list[list[str]]
 
 
 def request_rows(problem: Problem, request: JumpRequest) -> list[Row]:
-    """Return the requirements on a jump: of its flight what is fixed, since the rest is a guess."""
+    """Return the requirements on a jump: of its flight what is fixed, since all else is a guess."""
     of_flight = {"start": "start", "goal": "goal", "duration": "duration", "momentum": "angular_momentum"}
-    found_by_search = ("takes off", "lands", "speed")
+    chosen_by_search = ("takes off", "lands", "speed")
     rows = []
     for name, text in problem.rows():
         is_guess = name in of_flight and of_flight[name] not in request.fixed
-        if name not in found_by_search and not is_guess:
+        if name not in chosen_by_search and not is_guess:
             rows.append(Row(name, text))
     start_turns = round(problem.initial.orientation / (2 * np.pi))
     goal_turns = round(problem.final.orientation / (2 * np.pi))

@@ -18,7 +18,7 @@ from urllib.parse import quote
 
 from floatplan.arguments import html_table
 from floatplan.errors import InputError
-from floatplan.files import plain, write_atomically
+from floatplan.files import json_value, write_atomically
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import Row, plan_verdict, raised
@@ -170,7 +170,7 @@ def report_data(
         question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
     for table in tables:
         table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
-    data: dict[str, Any] = plain(
+    data: dict[str, Any] = json_value(
         {
             "name": problem.name,
             "verdict": {"word": word, "tone": tone},

@@ -385,7 +385,7 @@ class RobotNodes:
             if segment not in grips:
                 look = {"color": colour, "position": world_points(robot.plane, end)}
                 name = f"{self.name}/{body}/grip{segment}"
-                radius = 0.035 * reach  # small beside the robot, large enough for a finger
+                radius = 0.035 * reach  # small next to the robot, large enough for a finger
                 grips[segment] = self._server.scene.add_icosphere(name, radius, subdivisions=1, **look)
         return grips
 

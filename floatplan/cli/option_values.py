@@ -12,33 +12,33 @@ from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS, Options, RobotOptions, 
 from floatplan.errors import InputError, ProblemError
 from floatplan.problem.file import load_problem, load_robot, problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
-from floatplan.robot.asked import robot_as_asked
+from floatplan.robot.chosen import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.tree import is_address
-from floatplan.tables import REST
+from floatplan.tables import FLIGHT_EVENTS
 
-PLACE = "command line"
+SOURCE = "command line"
 NUMBERS: dict[str, Callable[[str], Any]] = {"angular_momentum": float, "degree": int}  # or words
 SURELY_DEGREES = 20.0  # [rad] three full turns: who asks for more has probably forgotten --degrees
 
 
 def robot_choices(choices: RobotOptions, degrees: bool) -> dict[str, Any]:
     """Return the keyword arguments of ``Robot.from_urdf`` that the options stand for; InputError where one is wrong."""
-    said: dict[str, Any] = dict(choices)
-    if "coupled" in said and said["coupled"].strip() != "mirror":
-        pairs = _pairs("--coupled", said["coupled"], "FOLLOWER=LEADER")
-        said["coupled"] = {name: _leader(name, leader) for name, leader in pairs}
-    if "locked" in said:
-        pairs = _pairs("--locked", said["locked"], "JOINT=ANGLE")
-        said["locked"] = {joint: _number("--locked", value) for joint, value in pairs}
-        said["angles"] = "deg" if degrees else "rad"
-    return said
+    settings: dict[str, Any] = dict(choices)
+    if "coupled" in settings and settings["coupled"].strip() != "mirror":
+        pairs = _pairs("--coupled", settings["coupled"], "FOLLOWER=LEADER")
+        settings["coupled"] = {name: _leader(name, leader) for name, leader in pairs}
+    if "locked" in settings:
+        pairs = _pairs("--locked", settings["locked"], "JOINT=ANGLE")
+        settings["locked"] = {joint: _number("--locked", value) for joint, value in pairs}
+        settings["angles"] = "deg" if degrees else "rad"
+    return settings
 
 
 def _chosen_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
     """Load the robot; InputError where an option is wrong."""
-    said = {"joints": None, **dict.fromkeys(ROBOT_OPTIONS), **robot_choices(choices, degrees)}
-    return robot_as_asked(source, said, PLACE, "--")
+    settings = {"joints": None, **dict.fromkeys(ROBOT_OPTIONS), **robot_choices(choices, degrees)}
+    return chosen_robot(source, settings, SOURCE, "--")
 
 
 def posture(option: str, text: str | None, degrees: bool) -> dict[str, float] | None:
@@ -46,9 +46,9 @@ def posture(option: str, text: str | None, degrees: bool) -> dict[str, float] | 
     if text is None:
         return None
     positions = {joint: _number(f"{option} {joint}", value) for joint, value in _pairs(option, text, "JOINT=ANGLE")}
-    unknown = next((joint for joint, position in positions.items() if not math.isfinite(position)), None)
-    if unknown is not None:
-        raise _wrong(option, f"{unknown} = {positions[unknown]} is not a finite angle", "give one in its range")
+    for joint, position in positions.items():
+        if not math.isfinite(position):
+            raise _wrong(option, f"{joint} = {position} is not a finite angle", "give one in its range")
     return {joint: math.radians(position) for joint, position in positions.items()} if degrees else positions
 
 
@@ -56,7 +56,10 @@ def contacts(option: str, text: str | None) -> list[tuple[str, ...]] | None:
     """Return phases of contact as typed, ``a,b;a``; InputError where one of them names nothing."""
     if text is None:
         return None
-    phases = [tuple(name for name in map(str.strip, phase.split(",")) if name) for phase in text.split(";")]
+    phases = []
+    for phase in text.split(";"):
+        names = filter(None, map(str.strip, phase.split(",")))
+        phases.append(tuple(names))
     if not all(phases):
         raise _wrong(
             option, f"{text!r} has a phase without a frame", "give frames by commas, phases by semicolons: a,b;a"
@@ -64,15 +67,15 @@ def contacts(option: str, text: str | None) -> list[tuple[str, ...]] | None:
     return phases
 
 
-def _refuse_beside_a_file(choices: RobotOptions) -> None:
-    """Raise InputError if one of them is given: a problem file says itself how its robot is read."""
+def _refuse_robot_options(choices: RobotOptions) -> None:
+    """Raise InputError if there are any: a problem file says itself how its robot is read."""
     for name in choices:
         advice = f"set {ROBOT_OPTIONS[name].key} in the file"
         raise _wrong(typed_option(name), "a problem file says itself how its robot is read", advice)
 
 
 def _wrong(option: str, reason: str, advice: str | None = None) -> InputError:
-    return InputError(reason, source=PLACE, element=option, advice=advice)
+    return InputError(reason, source=SOURCE, element=option, advice=advice)
 
 
 def _leader(follower: str, text: str) -> str | Coupling:
@@ -83,18 +86,18 @@ def _leader(follower: str, text: str) -> str | Coupling:
     try:
         return Coupling(leader.strip(), _number("--coupled", ratio))
     except InputError as error:
-        raise error if error.source else error.within(PLACE, f"--coupled {follower}") from None
+        raise error if error.source else error.within(SOURCE, f"--coupled {follower}") from None
 
 
 def _pairs(option: str, text: str, form: str) -> list[tuple[str, str]]:
     """``a=b,c=d`` as pairs; InputError where one is not, or a name comes twice."""
-    pairs = [tuple(map(str.strip, part.split("=", 1))) for part in text.split(",") if part.strip()]
+    pairs = [tuple(map(str.strip, pair.split("=", 1))) for pair in text.split(",") if pair.strip()]
     if not pairs or any(len(pair) != 2 or not all(pair) for pair in pairs):
         raise _wrong(option, f"{text!r} is not {form},..", f"give {form}")
-    names = [pair[0] for pair in pairs]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise _wrong(option, f"{twice!r} is given twice", "keep one of them")
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise _wrong(option, f"{name!r} is given twice", "keep one of them")
     return [(name, value) for name, value in pairs]
 
 
@@ -108,25 +111,25 @@ def _tables(options: Options, degrees: bool, joints: Sequence[str]) -> dict[str,
     """
     tables: dict[str, dict[str, Any]] = {"start": {}, "goal": {}, "flight": {}, "motion": {}}
     for name, value in options.items():
-        option, (place, *inner) = f"--{name.replace('_', '-')}", OPTIONS[name].key.split(".")
+        option, (table, *inner) = f"--{name.replace('_', '-')}", OPTIONS[name].key.split(".")
         if not inner:
             numbers = _numbers(option, value, degrees)
             if len(numbers) != 1 + len(joints):
                 count = "1 number" if len(numbers) == 1 else f"{len(numbers)} numbers"
-                wanted = f"{count} where {1 + len(joints)} are wanted"
-                raise _wrong(option, wanted, f"give orientation, {', '.join(joints)}")
-            tables[place] |= {"orientation": numbers[0], "positions": numbers[1:]}
-        elif place in REST:
-            word = REST[place] if inner == ["velocities"] else "free"
-            tables[place][inner[0]] = word if value.strip() == word else _one_or_many(_numbers(option, value, degrees))
+                counts = f"{count} where {1 + len(joints)} are needed"
+                raise _wrong(option, counts, f"give orientation, {', '.join(joints)}")
+            tables[table] |= {"orientation": numbers[0], "positions": numbers[1:]}
+        elif table in FLIGHT_EVENTS:
+            word = FLIGHT_EVENTS[table] if inner == ["velocities"] else "free"
+            tables[table][inner[0]] = word if value.strip() == word else _one_or_many(_numbers(option, value, degrees))
         else:
             read = _numbers_or_word(value, NUMBERS[name]) if name in NUMBERS else value
-            tables[place][inner[0]] = {inner[1]: read} if inner[1:] else read
+            tables[table][inner[0]] = {inner[1]: read} if inner[1:] else read
     return tables
 
 
 def _numbers(option: str, text: str, degrees: bool) -> list[float]:
-    numbers = [_number(option, part) for part in _parts(text)]
+    numbers = [_number(option, number) for number in _parts(text)]
     return list(map(math.radians, numbers)) if degrees else numbers
 
 
@@ -148,11 +151,11 @@ def named_robot(source: str, choices: RobotOptions, degrees: bool) -> Robot:
     """Load the robot that is named, or the one of the problem file that is named, which may hold no more than that."""
     if is_robot(source):
         return _chosen_robot(source, choices, degrees)
-    _refuse_beside_a_file(choices)
+    _refuse_robot_options(choices)
     return load_robot(source)
 
 
-def asked_problem(source: str, options: Options, choices: RobotOptions, degrees: bool) -> Problem:
+def requested_problem(source: str, options: Options, choices: RobotOptions, degrees: bool) -> Problem:
     """Build the problem that the command line asks for.
 
     Raises
@@ -162,10 +165,10 @@ def asked_problem(source: str, options: Options, choices: RobotOptions, degrees:
     """
     if is_robot(source):
         robot = _chosen_robot(source, choices, degrees)
-        given = _tables(options, degrees, robot.joints)
-        tables = {name: table for name, table in given.items() if table or name == "flight"}
-        return _from_tables({"name": robot.name, **tables}, robot, options, degrees, PLACE)
-    _refuse_beside_a_file(choices)
+        filled = _tables(options, degrees, robot.joints)
+        tables = {name: table for name, table in filled.items() if table or name == "flight"}
+        return _from_tables({"name": robot.name, **tables}, robot, options, degrees, SOURCE)
+    _refuse_robot_options(choices)
     problem = load_problem(source)
     if not options:
         return problem
@@ -178,33 +181,33 @@ def asked_problem(source: str, options: Options, choices: RobotOptions, degrees:
     return _from_tables(merged, problem.robot, options, degrees, f"{source} with options")
 
 
-def _as_typed(error: InputError, options: Options, place: str) -> InputError:
-    """The same error, about the option that a key of a problem file stands for where it was given, or nothing else."""
+def _as_typed(error: InputError, options: Options, source: str) -> InputError:
+    """The same error, about the option that a key of a problem file stands for in what was typed, or unchanged."""
     if isinstance(error, ProblemError):
-        return ProblemError([_as_typed(each, options, place) for each in error.errors])
-    place_in_file = error.element or ""
+        return ProblemError([_as_typed(single, options, source) for single in error.errors])
+    key_path = error.element or ""
     for option, (*_, key, _) in sorted(OPTIONS.items(), key=lambda item: -len(item[1].key)):
-        beyond = place_in_file.removeprefix(key).removeprefix(".")
-        if place_in_file.startswith(key) and (place == PLACE or option in options):
+        beyond = key_path.removeprefix(key).removeprefix(".")
+        if key_path.startswith(key) and (source == SOURCE or option in options):
             element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))
             return _wrong(element, error.reason, error.advice)
     return error
 
 
-def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, degrees: bool, place: str) -> Problem:
+def _from_tables(content: Mapping[str, Any], robot: Robot, options: Options, degrees: bool, source: str) -> Problem:
     try:
-        return problem_from_dict(content, robot, place)
-    except InputError as found:
-        error = _as_typed(found, options, place)
+        return problem_from_dict(content, robot, source)
+    except InputError as original:
+        error = _as_typed(original, options, source)
         postures = " ".join(options.get(end, "") for end in ("start", "goal"))
-        if degrees or not any(abs(float(part)) > SURELY_DEGREES for part in _parts(postures)):
+        if degrees or not any(abs(float(number)) > SURELY_DEGREES for number in _parts(postures)):
             raise error from None
         hint = _wrong("--radians", "angles are in radians here", "give --degrees if they are not")
         raise ProblemError([error, hint]) from None
 
 
 def _parts(text: str) -> list[str]:
-    return [part for part in re.split(r"[,\s]+", text.strip()) if part]
+    return [item for item in re.split(r"[,\s]+", text.strip()) if item]
 
 
 def _number(option: str, text: str) -> float:
@@ -216,7 +219,7 @@ def _number(option: str, text: str) -> float:
 
 def _numbers_or_word(text: str, kind: Callable[[str], Any]) -> Any:
     try:
-        return _one_or_many([kind(part) for part in _parts(text)])
+        return _one_or_many([kind(item) for item in _parts(text)])
     except ValueError:
         return text
 

@@ -1,4 +1,4 @@
-"""Robots that the certificate has read, kept by what they follow from."""
+"""Robots that the certificate has read, cached by what they depend on."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any, TypeVar
 from floatplan.certificate.robots.taken import NotReadError
 from floatplan.certificate.robots.urdf import Urdf, read_urdf
 from floatplan.errors import InputError
-from floatplan.files import check_hash, plain
+from floatplan.files import check_hash, json_value
 from floatplan.plans.record import RobotRecord
 
-MOST = 8  # robots kept
+MOST = 8  # robots in the cache
 R = TypeVar("R")
 
-_kept: dict[str, Any] = {}
+_cache: dict[str, Any] = {}
 
 
-def kept_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[Urdf, RobotRecord], R]) -> R:
-    """Return the robot of a record; what follows from its file's content and the record's roles is kept.
+def cached_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[Urdf, RobotRecord], R]) -> R:
+    """Return the robot of a record; robots are cached by their file's content and the record's roles.
 
     The content's hash is compared with the record's every time. Of an MJCF so is that of the URDF that
     the record holds, and the robot is that of this URDF.
@@ -30,7 +30,7 @@ def kept_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[
     Parameters
     ----------
     content : of the file at ``path``; of a xacro file, the URDF that it makes
-    make : what makes the robot of a file's links and joints, and of a record
+    make : function that makes the robot of a file's links and joints, and of a record
 
     Raises
     ------
@@ -47,14 +47,14 @@ def kept_robot(content: bytes, path: Path, record: RobotRecord, make: Callable[[
         content, digest = _resolved(record)
     roles = [record.plane, record.base, record.joints, record.coupled, record.locked, record.armature]
     taken = [record.balance_inertias, record.payload]
-    key = json.dumps(plain([record.kind, digest, *roles, *taken]))
-    if key not in _kept:
+    key = json.dumps(json_value([make.__name__, record.kind, digest, *roles, *taken]))
+    if key not in _cache:
         robot = make(read_urdf(content, path), record)
-        if len(_kept) >= MOST:
-            del _kept[next(iter(_kept))]
-        _kept[key] = robot
-    found: R = _kept[key]
-    return found
+        if len(_cache) >= MOST:
+            del _cache[next(iter(_cache))]
+        _cache[key] = robot
+    robot_of_record: R = _cache[key]
+    return robot_of_record
 
 
 def _resolved(record: RobotRecord) -> tuple[bytes, str]:

@@ -11,7 +11,7 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import RobotKind
 
 
-def robot_as_asked(
+def chosen_robot(
     source: str | Path,
     choices: Mapping[str, Any],
     asker: str | Path | None,
@@ -25,7 +25,7 @@ def robot_as_asked(
     source : path
     choices : keyword arguments of ``Robot.from_urdf``, None where left out
     asker, prefix : as of :func:`blamed`
-    kind : of the file, where it is known from its name
+    kind : of the file, where its name decides it
 
     Raises
     ------
