@@ -215,7 +215,9 @@ def _touchdown(jump: SpatialJumpMotion) -> Iterator[Value]:
         for axis in np.vstack((np.eye(3)[:2], -np.eye(3)[:2])):
             rotation = pin.exp3(error * axis)
             turned = BodyPoses(poses.places @ rotation.T, rotation @ poses.rotations)
-            ground = np.min([turned.points(foot.body, np.array([foot.local]))[:, 0, 2] - foot.depth for foot in feet], axis=0)
+            ground = np.min(
+                [turned.points(foot.body, np.array([foot.local]))[:, 0, 2] - foot.depth for foot in feet], axis=0
+            )
             for link, heights in _heights(robot, turned).items():
                 if link not in links:
                     yield "touchdown", (heights - ground).min()

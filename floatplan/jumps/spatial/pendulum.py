@@ -91,7 +91,9 @@ class Pendulum:
         across = np.cross(n, arm)
         turning = rate * n
         # Accelerations of the base's origin, and of its turning, in addition to those of the motion.
-        pushed = 2 * np.cross(turning, self.velocities[index]) + acceleration * across + np.cross(turning, rate * across)
+        pushed = (
+            2 * np.cross(turning, self.velocities[index]) + acceleration * across + np.cross(turning, rate * across)
+        )
         spun = acceleration * n + np.cross(turning, self.rates[index])
         v = self.v[index].copy()
         v[:3] += back @ (rate * across)

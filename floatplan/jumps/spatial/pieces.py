@@ -125,15 +125,14 @@ class _Parts:
         lagrangian = sigma * piece.cost + ca.dot(multipliers, piece.rows)
         hessian = ca.triu(ca.hessian(lagrangian, w)[0])
         symbols = [w, piece.parameters]
-        options = {}
-        values = ca.Function("values", symbols, [piece.rows, piece.cost], options).map(count)
-        first = ca.Function("first", symbols, [jacobian.nz[:], gradient], options).map(count)
-        second = ca.Function("second", [*symbols, sigma, multipliers], [hessian.nz[:]], options).map(count)
+        values = ca.Function("values", symbols, [piece.rows, piece.cost]).map(count)
+        derivatives = ca.Function("first", symbols, [jacobian.nz[:], gradient]).map(count)
+        curvature = ca.Function("second", [*symbols, sigma, multipliers], [hessian.nz[:]]).map(count)
         columns = ca.reshape(x[piece.indices.ravel(order="F").tolist()], width, count)
         numbers = ca.DM(piece.values)
         rows, costs = values(columns, numbers)
-        jacobian_values, gradients = first(columns, numbers)
-        hessian_values = second(columns, numbers, ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count))
+        jacobian_values, gradients = derivatives(columns, numbers)
+        hessian_values = curvature(columns, numbers, ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count))
         self.cost += ca.sum2(costs)
         self.rows.append(ca.vec(rows))
         self.gradients.append((piece.indices.ravel(order="F"), ca.vec(gradients)))
@@ -142,7 +141,9 @@ class _Parts:
         self.jacobian.append((places.ravel(), piece.indices[column].T.ravel()))
         self.jacobian_values.append(ca.vec(jacobian_values))
         row, column = map(np.array, hessian.sparsity().get_triplet())
-        self.hessian.append((piece.indices[row].T.ravel(), piece.indices[column].T.ravel()))
+        first = piece.indices[row].T.ravel()
+        second = piece.indices[column].T.ravel()
+        self.hessian.append((np.minimum(first, second), np.maximum(first, second)))  # the upper triangle
         self.hessian_values.append(ca.vec(hessian_values))
 
     def gradient(self, size: int) -> Any:
@@ -154,15 +155,11 @@ class _Parts:
         return ca.densify(ca.mtimes(ca.DM(gather), values))
 
 
-def _assembled(
-    values: Sequence[Any], positions: Sequence[tuple[IntArray, IntArray]], shape: tuple[int, int]
-) -> Any:
-    """A sparse matrix whose entries are sums of values at the same position; of a square one the upper triangle."""
+def _assembled(values: Sequence[Any], positions: Sequence[tuple[IntArray, IntArray]], shape: tuple[int, int]) -> Any:
+    """A sparse matrix whose entries are sums of values at the same position."""
     ca = casadi()
     rows = np.concatenate([row for row, _ in positions])
     columns = np.concatenate([column for _, column in positions])
-    if shape[0] == shape[1]:
-        rows, columns = np.minimum(rows, columns), np.maximum(rows, columns)
     flat = columns.astype(np.int64) * shape[0] + rows
     distinct, entry = np.unique(flat, return_inverse=True)
     gather = sp.csc_matrix((np.ones(len(flat)), (entry, np.arange(len(flat)))), (len(distinct), len(flat)))

@@ -153,7 +153,9 @@ class SpatialProgram:
         self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
         self.borders = np.cumsum([0, *(phase.intervals for phase in self.phases)])
         self.nodes = int(self.borders[-1]) + 1
-        self.phase_of = np.minimum(np.searchsorted(self.borders[1:], np.arange(self.nodes), "right"), len(self.phases) - 1)
+        self.phase_of = np.minimum(
+            np.searchsorted(self.borders[1:], np.arange(self.nodes), "right"), len(self.phases) - 1
+        )
         self.kinds = [self._kind(node) for node in range(self.nodes)]
         self.height = float(self.ends.y[0, 2])
         self.weight = model.mass * model.gravity

@@ -81,9 +81,7 @@ class SpatialSetup:
             friction=margins.friction * request.friction,
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
         )
-        phases = tuple(
-            replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases
-        )
+        phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity))
         points = clearance_points(problem.robot, self.feet)
         return SpatialProgram(model, phases, self.ends, points, bounds, request.friction)
@@ -175,7 +173,9 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
     assert axes is not None
     if axes[0] == axes[2]:
         advice = 'name three different ones: "xyz" of a roll, "yxz" or "yzx" of a flip, "zyx" of a turn'
-        raise InputError(f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice)
+        raise InputError(
+            f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice
+        )
     for key, attitude in (("start", start), ("goal", goal)):
         assert attitude.angles is not None
         middle = attitude.angles[1]
@@ -193,7 +193,9 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
 def _target(robot: Robot, requested: Standing) -> Array:
     """Joints (n,) rad that are requested, others being in the reference posture."""
     by_joint = requested if isinstance(requested, Mapping) else {}
-    return np.array([by_joint.get(name, angle) for name, angle in zip(robot.joints, robot.resting.tolist(), strict=True)])
+    return np.array(
+        [by_joint.get(name, angle) for name, angle in zip(robot.joints, robot.resting.tolist(), strict=True)]
+    )
 
 
 def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints: Array) -> list[Foot]:

@@ -48,6 +48,11 @@ class Foot:
         """The point's name."""
         return self.frame
 
+    @property
+    def radius(self) -> float:
+        """Of a ball on which it rolls: 0, since it turns about its point."""
+        return 0.0
+
 
 class Kinematics:
     """Places of a robot's points in configurations, by Pinocchio."""
@@ -139,7 +144,9 @@ def not_standing(robot: Robot, feet: Sequence[Foot], attitude: Attitude, joints:
     points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])
     ground = points[:, 2] - [foot.depth for foot in feet]
     if np.ptp(ground) > 2 * LEVEL:
-        return f"its feet are {1e3 * np.ptp(ground):.0f} mm apart in height, {feet[int(ground.argmax())].name!r} highest"
+        return (
+            f"its feet are {1e3 * np.ptp(ground):.0f} mm apart in height, {feet[int(ground.argmax())].name!r} highest"
+        )
     links = [link for link in {solid.link for solid in robot.solids} if link not in feet_links(robot, feet)]
     dip = float(ground.mean()) - kinematics.lowest(links)
     if dip > 0:

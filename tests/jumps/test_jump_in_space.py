@@ -1,0 +1,155 @@
+"""Whole jumps in space: found, checked, saved and read; and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import floatplan as fp
+from floatplan.jumps.spatial.setup import spatial_setup
+
+
+@pytest.fixture(scope="module")
+def half_turn(root):
+    """A Go2 that jumps and turns round; it stands on all feet before and after."""
+    return fp.jump(root / "problems" / "jumps" / "space" / "go2_half_turn.toml", starts=1)
+
+
+@pytest.fixture(scope="module")
+def problem(root):
+    return fp.load_problem(root / "problems" / "jumps" / "space" / "go2_roll.toml")
+
+
+def test_it_is_found_and_checked(half_turn):
+    assert half_turn.ok, half_turn.check.sentences[0]
+    figures = half_turn.check.figures
+    assert figures["residual"] < 1e-6
+    assert figures["drift"] < 1e-4
+    assert figures["foot_speed"] < 5e-3
+    assert figures["takeoff_seam"] < 1e-8
+    assert figures["landing_seam"] < 1e-8
+    assert figures["torque"] <= 0.85
+    assert figures["velocity"] <= 0.88
+
+
+def test_it_turns_round_and_stands(half_turn):
+    ends = half_turn.q([0.0, half_turn.duration])
+    first, last = (pin.Quaternion(q[3:7]).matrix() for q in ends)
+    assert np.abs(last @ first.T - np.diag([-1.0, -1.0, 1.0])).max() < 1e-9
+    assert np.abs(ends[0, 7:] - ends[1, 7:]).max() < 1e-9
+    assert [phase.kind for phase in half_turn.phases] == ["stance", "flight", "stance"]
+    weight = half_turn.robot.mass * 9.81
+    forces = half_turn.forces([0.0, half_turn.duration])
+    assert np.abs(sum(forces.values()) - [0.0, 0.0, weight]).max() < 1e-6 * weight
+
+
+def test_momentum_changes_by_what_the_feet_exert(half_turn):
+    """The moment about the centre of mass, integrated, by an independent sum over contact forces."""
+    times = np.linspace(0.0, half_turn.takeoff_time, 4001)
+    state = half_turn.state(times)
+    forces = half_turn.forces(times)
+    points = half_turn.contact_points(times)
+    moment = sum(np.cross(points[name] - state.com_position, forces[name]) for name in forces)
+    gained = np.trapezoid(moment, times, axis=0)
+    assert np.abs(gained - state.angular_momentum[-1]).max() < 1e-4
+    flight = half_turn.flight
+    assert np.abs(state.angular_momentum[-1] - flight.angular_momentum).max() < 1e-9
+
+
+def test_its_file_holds_it(half_turn, tmp_path):
+    path = half_turn.save(tmp_path / "jump.json")
+    content = json.loads(path.read_text())
+    assert content["format"] == "floatplan.jump/2"
+    assert content["flight"]["format"] == "floatplan.plan/2"
+    again = fp.load_jump(path)
+    assert again.check.figures == half_turn.check.figures
+    content["stances"][0]["y"][8][40] += 0.02
+    path.write_text(json.dumps(content))
+    assert not fp.load_jump(path).ok
+    content["stances"][0]["contacts"][0]["frame"] = "paw"
+    path.write_text(json.dumps(content))
+    with pytest.raises(fp.InputError, match="no frame 'paw'"):
+        fp.load_jump(path)
+
+
+def test_it_is_handed_on(half_turn, tmp_path):
+    sample = half_turn.sample(100.0)
+    assert sample.q.shape == (len(sample.times), half_turn.robot.nq)
+    assert half_turn.export("npz", tmp_path / "jump.npz").exists()
+    with pytest.raises(fp.InputError, match="pictures of jumps in space"):
+        half_turn.show(tmp_path / "report.html", browse=False)
+    with pytest.raises(fp.InputError, match="not yet for flights in space"):
+        fp.replay_jump(half_turn, flights=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("go2_roll", {"FR_foot", "RR_foot"}, {"FL_foot", "RL_foot"}),
+        ("go2_half_flip_half_twist", {"RL_foot", "RR_foot"}, {"RL_foot", "RR_foot"}),
+        ("a1_roll", {"FR_foot", "RR_foot"}, {"FL_foot", "RL_foot"}),
+    ],
+)
+def test_feet_over_which_it_tips_leave_last(root, name, before, after):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    phases = spatial_setup(problem, problem.jump).phases
+    assert [phase.side for phase in phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
+    assert set(phases[1].frames) == before
+    assert set(phases[3].frames) == after
+
+
+@pytest.mark.parametrize("name", ["go2_quarter_turn", "go2_side", "a1_diagonal"])
+def test_without_tilt_all_feet_stand(root, name):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    phases = spatial_setup(problem, problem.jump).phases
+    assert [len(phase.feet) for phase in phases] == [4, 0, 4]
+
+
+ALL = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+
+
+def sides(takeoff, landing=(ALL,)):
+    return {"takeoff": fp.JumpTakeoff(contacts=takeoff), "landing": fp.JumpLanding(contacts=landing)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "element", "words"),
+    [
+        (sides([ALL, ("RR_foot",)]), "jump.takeoff.contacts", "alone would stand"),
+        (sides([(*ALL, "FL_calf")]), "jump.takeoff.contacts", "stands twice: on the same leg as 'FL_foot'"),
+        (sides([ALL], [ALL[:3]]), "jump.landing.contacts", "'RR_foot' would be left in the air"),
+        (sides([ALL[:3]], [ALL[:3]]), "jump.takeoff.contacts", "'RR_foot' is on the ground too"),
+        (sides([ALL], [("FL_hip", *ALL)]), "jump.landing.contacts", "'FL_hip' is not among what stands at first"),
+        ({"objective": "limits"}, "jump.objective", "is for jumps in a plane"),
+        ({"feet": "rolling"}, "jump.feet", "is for jumps in a plane"),
+        ({"fixed": ("goal",)}, "jump.fixed", "is for jumps in a plane"),
+    ],
+)
+def test_requests_that_no_jump_meets_are_refused(problem, changes, element, words):
+    with pytest.raises(fp.InputError, match=words) as error:
+        spatial_setup(problem, replace(problem.jump, **changes))
+    assert error.value.element.startswith(element)
+
+
+@pytest.mark.parametrize(
+    ("angles", "axes", "words"),
+    [
+        ((0.0, np.pi, 0.0), "xyz", "the middle angle, about y, is 180 degrees, beyond 75"),
+        ((np.pi, 0.0, 0.0), "xyz", "a jump ends as level as it begins"),
+        ((np.pi, 0.0, 0.0), "zxz", "not defined where the base is level"),
+    ],
+)
+def test_goals_that_are_not_level_are_refused(problem, angles, axes, words):
+    goal = replace(problem.goal, orientation=fp.Attitude(angles=angles, axes=axes))
+    start = replace(problem.start, orientation=fp.Attitude(angles=(0.0, 0.0, 0.0), axes=axes))
+    with pytest.raises(fp.InputError, match=words) as error:
+        fp.jump(replace(problem, start=start, goal=goal), starts=1)
+    assert error.value.element == "goal.orientation"
+
+
+def test_a_displacement_is_for_jumps_in_space(root):
+    planar = fp.load_problem(root / "problems" / "jumps" / "go2.toml")
+    with pytest.raises(fp.InputError, match="is for jumps in space"):
+        replace(planar, jump=replace(planar.jump, landing=fp.JumpLanding(displacement=(0.1, 0.0))))
