@@ -14,8 +14,8 @@ from jumps import backflip, go2_problem
 from once import made_once
 
 import floatplan as fp
-from floatplan.jumps.reading import load_jump
 from floatplan.jumps.planner import jump
+from floatplan.jumps.reading import load_jump
 
 
 def test_it_is_found_and_checked() -> None:

@@ -230,6 +230,5 @@ def _fine_motion(
     shares = []
     for foot in program.phases[index].feet:
         nodes = [solution.forces[node].get(foot.frame, np.zeros(3)) for node in range(begin, end + 1)]
-        for component in np.transpose(nodes):
-            shares.append(np.interp(times, coarse, component))
+        shares += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
     return times, mechanics.from_centre(of_program), np.array(shares)

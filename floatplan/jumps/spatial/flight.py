@@ -86,7 +86,7 @@ def _lowest(program: SpatialProgram, mechanics: Mechanics, motion: Array) -> Arr
         kinematics.place(motion[0, :3, column], rotation, motion[0, BASE:, column])
         of_capsules = []
         for capsule in program.model.robot.solid_capsules:
-            for end in (capsule.start, capsule.end):
-                of_capsules.append(kinematics.point(capsule.body, end)[2] - capsule.radius)
+            ends = [kinematics.point(capsule.body, end)[2] for end in (capsule.start, capsule.end)]
+            of_capsules.append(min(ends) - capsule.radius)
         lowest.append(min(of_capsules))
     return np.array(lowest)

@@ -5,8 +5,8 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.motion.flight import FullMotion
 from floatplan.jumps.spatial.model import BASE
+from floatplan.motion.flight import FullMotion
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 

@@ -1,9 +1,9 @@
 """The result of a search in space: a jump from standing to standing, with its check, and its file, ``jump.json``.
 
 JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, a file ``floatplan.plan/2``, and
-``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m), the ``axes`` of the base's angles, ``friction``, and arrays
-over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (place of the base, its angles and joints,
-with their derivatives), and ``shares``, next to which the feet's forces are.
+``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m), the ``axes`` of the base's angles,
+``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (place of the
+base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
 """
 
 from __future__ import annotations

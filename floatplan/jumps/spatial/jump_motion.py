@@ -10,12 +10,12 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
+from floatplan.jumps.spatial.full_motion import PinocchioMotion
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.stance import continuous
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
-from floatplan.jumps.spatial.full_motion import PinocchioMotion
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances

@@ -1,4 +1,7 @@
-"""Phases of a jump in space, and which feet stand when: those over which it tips leave last, the lower ones land first."""
+"""Phases of a jump in space, and which feet stand when.
+
+Those over which the robot tips leave last; those that are lower where 30 degrees are missing land first.
+"""
 
 import math
 from collections.abc import Sequence

@@ -3,8 +3,8 @@
 A border of two phases is one node, at which feet that leave or arrive bear no force; what arrives is at its place, at
 rest and without acceleration. Between nodes accelerations are linear:
 ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
-``acc + 50 vel + 625 (pos - place) = 0`` at nodes, which brings back what the steps let drift. Sums over nodes of squared
-shares of torque limits are minimised.
+``acc + 50 vel + 625 (pos - place) = 0`` at nodes, which brings back what the steps let drift. The squared shares of
+torque limits, summed over nodes, are minimised.
 """
 
 import math
@@ -184,11 +184,11 @@ class SpatialProgram:
     @cached_property
     def assembly(self) -> Assembly:
         """Rows, cost and derivatives."""
-        pieces = []
-        for kind in dict.fromkeys(self.kinds):
-            pieces.append(self._node_piece(kind, [node for node, own in enumerate(self.kinds) if own == kind]))
-        for index in range(len(self.phases)):
-            pieces.append(self._interval_piece(index))
+        nodes_of: dict[NodeKind, list[int]] = {}
+        for node, kind in enumerate(self.kinds):
+            nodes_of.setdefault(kind, []).append(node)
+        pieces = [self._node_piece(kind, nodes) for kind, nodes in nodes_of.items()]
+        pieces += [self._interval_piece(index) for index in range(len(self.phases))]
         return Assembly(pieces, self._weights())
 
     def _weights(self) -> Array:
@@ -293,19 +293,18 @@ class SpatialProgram:
             if math.isfinite(bounds.stall[index]):
                 lost = bounds.slope[index] * rates[index] / scale
                 most = bounds.stall[index] / scale
-                for sign in (1.0, -1.0):
-                    rows.append((share + sign * lost, -most, most, f"torque-speed curve of {name}"))
+                label = f"torque-speed curve of {name}"
+                rows.append((share + lost, -most, most, label))
+                rows.append((share - lost, -most, most, label))
         return rows, cost
 
     def _heights(self, kind: NodeKind) -> list[tuple[str, int, Any, float]]:
         """What stays above the ground at nodes of a kind: label, body, point in it, and height of the ground below."""
         standing = {foot.frame for foot in (*kind.tracking, *kind.arriving)}
-        heights = []
-        for point in self.points:
-            heights.append((point.link, point.body, point.local, point.radius))
-        for foot in {foot.frame: foot for phase in self.phases for foot in phase.feet}.values():
-            if foot.frame not in standing:
-                heights.append((foot.frame, foot.body, foot.local, foot.depth))
+        heights = [(point.link, point.body, point.local, point.radius) for point in self.points]
+        in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.frame not in standing}
+        for foot in sorted(in_the_air, key=lambda foot: foot.body):
+            heights += [(foot.frame, foot.body, foot.local, foot.depth)]
         return heights
 
     def _height_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
@@ -478,7 +477,7 @@ class SpatialProgram:
         return y, v, lift
 
     def resampled(self, solution: SpatialSolution, other: "SpatialProgram") -> Array:
-        """Return the solution of another program of the same phases, with other numbers of nodes, as a guess (size,)."""
+        """Return the solution of another program of these phases, with other numbers of nodes, as a guess (size,)."""
         n = self.model.size
         other_shares = other.shares
         raw = np.zeros(self.size)

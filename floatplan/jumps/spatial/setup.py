@@ -94,9 +94,8 @@ class SpatialSetup:
         kinematics.place(np.zeros(3), attitude.matrix, self.ends.y[0, 6:])
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
-        heights = []
-        for point in clearance_points(self.problem.robot, self.feet):
-            heights.append(kinematics.point(point.body, point.local)[2] - point.radius - ground)
+        points = clearance_points(self.problem.robot, self.feet)
+        heights = [kinematics.point(point.body, point.local)[2] - point.radius - ground for point in points]
         return max(min(heights, default=0.0), 0.0)
 
 

@@ -88,7 +88,7 @@ class SpatialStance:
         motion = self.grid.at(times)
         mechanics = self.mechanics
         frames = [foot.frame for foot in self.contacts]
-        places, jacobians = mechanics.feet(motion, frames)
+        places, _ = mechanics.feet(motion, frames)
         wrench = mechanics.wrench(motion)
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
         base = np.hstack(

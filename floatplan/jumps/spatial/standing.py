@@ -196,8 +196,9 @@ def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]
         if solid.body != 1 or np.linalg.norm(high - low) < small:
             continue
         radius = float(np.linalg.norm(solid.axes, axis=0).max())
-        for corner in itertools.product(*zip(low, high, strict=True)):
-            points.append(ClearancePoint(solid.link, 1, tuple(map(float, corner)), radius))
+        for x, y, z in itertools.product(*zip(low.tolist(), high.tolist(), strict=True)):
+            corner = ClearancePoint(solid.link, 1, (x, y, z), radius)
+            points.append(corner)
     standing = feet_links(robot, feet)
     for capsule in robot.solid_capsules:
         if capsule.body == 1 or capsule.link in standing:
