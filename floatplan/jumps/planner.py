@@ -20,8 +20,7 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import flight_state
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rounds import solve_in_rounds
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup
+from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup, solve_in_rounds
 from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel

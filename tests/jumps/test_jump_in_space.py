@@ -117,7 +117,7 @@ def sides(takeoff, landing=(ALL,)):
 @pytest.mark.parametrize(
     ("changes", "element", "words"),
     [
-        (sides([ALL, ("RR_foot",)]), "jump.takeoff.contacts", "alone would stand"),
+        (sides([ALL, ("RR_foot",)]), "jump.takeoff.contacts", "would stand on its own"),
         (sides([(*ALL, "FL_calf")]), "jump.takeoff.contacts", "stands twice: on the same leg as 'FL_foot'"),
         (sides([ALL], [ALL[:3]]), "jump.landing.contacts", "'RR_foot' would be left in the air"),
         (sides([ALL[:3]], [ALL[:3]]), "jump.takeoff.contacts", "'RR_foot' is on the ground too"),

@@ -6,8 +6,8 @@ pendulum and stances make motions of a solution, which check judges; planner cal
 Glossary
 --------
 y, v, a : (6+n,) centre of mass, m, three Euler angles of the base and planned joints q, rad; their derivatives
-b, b', b'' : the same with the base's origin in place of the centre of mass
-axes : the letters about which the angles turn, R = R_a R_b R_c; chosen so that the middle one stays small
+b, b', b'' : the same with the base's origin in position of the centre of mass
+axes : the letters of the angles' axes, R = R_a R_b R_c; chosen so that the middle one stays small
 node, border : an instant of the program; the one at which two phases meet
 kind : what holds at a node: which feet track their places, which arrive, which bear forces
 World axes are those of the root link at the identity, z up; the origin of a program is below the centre of mass where

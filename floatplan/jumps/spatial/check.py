@@ -1,4 +1,4 @@
-"""Whether a jump in space holds between its nodes: its motion at 2 kHz, judged by Pinocchio alone."""
+"""Whether a jump in space holds between its nodes: its motion at 2 kHz, judged by Pinocchio."""
 
 import itertools
 from collections.abc import Iterator, Sequence

@@ -52,14 +52,14 @@ def feet_places(program: SpatialProgram, solution: SpatialSolution, side: str) -
     shift = solution.origin.copy()
     if side == "landing":
         shift[:2] = solution.y[:2, -1]
-    return {frame: place + shift for frame, place in program.ends.places[side].items()}
+    return {frame: position + shift for frame, position in program.ends.places[side].items()}
 
 
 def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> FlightEnds:
     """Return takeoff and landing of a flight that both stances can meet.
 
     The takeoff's pose and rates are the program's; the landing's attitude too, while its height, its rates and the legs
-    that land follow from the parabola, the momentum and the feet, which are at rest.
+    that land follow from the parabola, the momentum and the feet, which stand still.
     """
     flight = program.flight
     duration = float(solution.durations[flight])
@@ -72,10 +72,10 @@ def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: M
     takeoff = _falling(mechanics, takeoff, before)
     centres, momenta = mechanics.centre(takeoff)
     momentum = momenta[:, 0]
-    place = centres[0, :, 0]
+    position = centres[0, :, 0]
     velocity = centres[1, :, 0]
     fallen = np.array([0.0, 0.0, mechanics.gravity * duration])
-    landing_place = place + velocity * duration - fallen * duration / 2
+    landing_place = position + velocity * duration - fallen * duration / 2
     landing = _placed(mechanics, motion[:, :, 1:], after, landing_place)
     landing = _moving(mechanics, landing, after, velocity - fallen, momentum)
     landing = _falling(mechanics, landing, after)
@@ -110,7 +110,7 @@ def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centr
 
 
 def _moving(mechanics: Mechanics, motion: Array, places: dict[str, Array], velocity: Array, momentum: Array) -> Array:
-    """The motion (3, 6+n, 1) with base rates for which centre of mass and momentum move as given, the feet at rest."""
+    """The motion (3, 6+n, 1) with base rates of a velocity of the centre of mass and a momentum, the feet standing still."""
 
     def missing(rates: Array) -> tuple[Array, Array]:
         moving = motion.copy()
@@ -186,7 +186,7 @@ def _on_two_feet(
     The angle about the line moves their feet, and their legs move the robot about the line: a fixed point.
     """
     line = Line.through(places)
-    others = {frame: place for frame, place in beyond.items() if frame not in places}
+    others = {frame: position for frame, position in beyond.items() if frame not in places}
     far = -1 - near if near == 0 else 0
     changed = motion.copy()
     for _ in range(30):

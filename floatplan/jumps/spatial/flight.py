@@ -83,7 +83,7 @@ def _lowest(program: SpatialProgram, mechanics: Mechanics, motion: Array) -> Arr
     rotations = rotations_about(mechanics.axes, motion[0, 3:BASE])
     lowest = []
     for column, rotation in enumerate(rotations):
-        kinematics.place(motion[0, :3, column], rotation, motion[0, BASE:, column])
+        kinematics.pose(motion[0, :3, column], rotation, motion[0, BASE:, column])
         of_capsules = []
         for capsule in program.model.robot.solid_capsules:
             ends = [kinematics.point(capsule.body, end)[2] for end in (capsule.start, capsule.end)]

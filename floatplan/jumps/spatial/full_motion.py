@@ -17,7 +17,7 @@ class PinocchioMotion(FullMotion):
     Parameters
     ----------
     robot : Robot
-    configurations : (N, 7 + J) place of the base, quaternion x y z w, joints
+    configurations : (N, 7 + J) position of the base, quaternion x y z w, joints
     twists, twist_rates : (N, 6 + J) of the base in its own axes, linear then angular, and of joints
     forces : (N, 6 + J) N, N m, on all coordinates
     """
@@ -56,7 +56,7 @@ class PinocchioMotion(FullMotion):
 
     @cached_property
     def base_position(self) -> Array:
-        """Place (N, 3) of the root link's origin in the world, m."""
+        """Position (N, 3) of the root link's origin in the world, m."""
         return read_only(self.configurations[:, :3])
 
     @cached_property

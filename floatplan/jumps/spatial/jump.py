@@ -2,7 +2,7 @@
 
 JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, a file ``floatplan.plan/2``, and
 ``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m), the ``axes`` of the base's angles,
-``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (place of the
+``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (position of the
 base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
 """
 

@@ -1,7 +1,7 @@
 """CasADi expressions of a robot in space: places of points, the balance of forces and moments, torques of joints.
 
 The coordinates are y = (c, e, q): centre of mass, m, three angles of the base about ``axes``, ``R = R_a R_b R_c``, and
-planned joints, rad. Bodies are followed from the base's origin, in the world's axes, as if that origin did not move;
+planned joints, rad. Bodies move relative to the base's origin, in the world's axes;
 with s = c'' - (the centre's acceleration relative to the origin) + g each body needs the force and the moment about its
 own centre
 
@@ -61,7 +61,7 @@ class SpatialModel:
     Attributes
     ----------
     robot : Robot
-    axes : letters about which the base's angles turn
+    axes : letters of the axes of the base's angles
     gravity : m/s^2
     y, v, a : (6+n,) symbols
     bodies : of the joints of the robot's model, the base's first

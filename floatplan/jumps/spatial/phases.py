@@ -119,7 +119,7 @@ def usual_groups(
 def _lower(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -> tuple[Foot, ...]:
     """The feet that are lower than the mean of all where the base is rotated; all where none is by much."""
     kinematics = Kinematics(robot)
-    kinematics.place(np.zeros(3), rotation, joints)
+    kinematics.pose(np.zeros(3), rotation, joints)
     points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])
     apart = np.linalg.norm(points[:, None] - points, axis=2).max()
     heights = points[:, 2]

@@ -1,9 +1,9 @@
 """The program of a jump in space over all phases: variables, rows, guess, and the search by IPOPT in two stages.
 
-A border of two phases is one node, at which feet that leave or arrive bear no force; what arrives is at its place, at
-rest and without acceleration. Between nodes accelerations are linear:
+A border of two phases is one node, at which feet that leave or arrive bear no force; what arrives is
+in position, still and without acceleration. Between nodes accelerations are linear:
 ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
-``acc + 50 vel + 625 (pos - place) = 0`` at nodes, which brings back what the steps let drift. The squared shares of
+``acc + 50 vel + 625 (pos - position) = 0`` at nodes, which brings back what the steps let drift. The squared shares of
 torque limits, summed over nodes, are minimised.
 """
 
@@ -27,7 +27,7 @@ DAMPING = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40
 SIDES = 8  # [-] of the pyramid inside the friction cone
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 FOOT_LIFT = 0.02  # [m] of feet in the middle of the flight
-SWING_LIFT = 0.003  # [m] of feet in the air in stance
+AIR_LIFT = 0.003  # [m] of feet in the air in stance
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
 
 
@@ -62,9 +62,9 @@ class NodeKind:
     ----------
     side : of the flight, whose places feet have
     tracking : feet that stand
-    arriving : feet that come to rest there
+    arriving : feet that touch down there
     bearing : feet with forces
-    is_end : whether the robot stands at rest, as it is given
+    is_end : whether the robot stands still there, in a fixed posture
     """
 
     side: str
@@ -114,9 +114,9 @@ class SpatialEnds:
 
     Attributes
     ----------
-    y : (2, 6+n) centre of mass, angles and joints; the landing's centre is above the origin, its place is free
-    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's place
-    displacement : (2,) m of the centre of mass, where it is given; else None
+    y : (2, 6+n) centre of mass, angles and joints; the landing's centre is above the origin, its position is free
+    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's position
+    displacement : (2,) m of the centre of mass, where it is fixed; else None
     """
 
     y: Array
@@ -221,11 +221,11 @@ class SpatialProgram:
         uses_displacement = kind.side == "landing" and (kind.tracking or kind.arriving)
         for foot in (*kind.tracking, *kind.arriving):
             _, (position, velocity, acceleration) = model.foot(foot.frame)
-            place = ca.SX(self.ends.places[kind.side][foot.frame])
+            position = ca.SX(self.ends.places[kind.side][foot.frame])
             if kind.side == "landing":
-                place = place + ca.vertcat(displacement, 0)
-            gap = position - place
-            label = f"place of {foot.frame}"
+                position = position + ca.vertcat(displacement, 0)
+            gap = position - position
+            label = f"position of {foot.frame}"
             for index in range(3):
                 if foot in kind.arriving:
                     rows.append((gap[index] / self.height, 0.0, 0.0, label))
@@ -323,7 +323,7 @@ class SpatialProgram:
         least = []
         for name, *_ in self._heights(kind):
             if name in feet:
-                lift = FOOT_LIFT * min(1.0, arc) if in_flight else SWING_LIFT
+                lift = FOOT_LIFT * min(1.0, arc) if in_flight else AIR_LIFT
                 least.append(lift)
             else:
                 least.append(self.bounds.clearance)
@@ -420,11 +420,11 @@ class SpatialProgram:
             begin = times[self.borders[1]] / 2
         if self.flight == len(self.phases) - 2:
             end = (times[self.borders[-2]] + times[-1]) / 2
-        turn = np.clip((times - begin) / (end - begin), 0.0, 1.0)
-        smooth = turn**2 * (3 - 2 * turn)
+        progress = np.clip((times - begin) / (end - begin), 0.0, 1.0)
+        smooth = progress**2 * (3 - 2 * progress)
         first, last = self.ends.y
         y[3:6] = first[3:6, None] + np.outer(last[3:6] - first[3:6], smooth)
-        v[3:6] = np.outer(last[3:6] - first[3:6], 6 * turn * (1 - turn) / (end - begin))
+        v[3:6] = np.outer(last[3:6] - first[3:6], 6 * progress * (1 - progress) / (end - begin))
         y[BASE:] = first[BASE:, None] + np.outer(last[BASE:] - first[BASE:], smooth)
         if rng is not None:
             bumps = np.sin(np.pi * share[None] * rng.integers(1, 4, (n - BASE, 1)))
@@ -504,7 +504,7 @@ class SpatialProgram:
         return np.array(shares)
 
     def solve(self, guess: Array, is_near: bool = False) -> SpatialSolution:
-        """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from where that ended.
+        """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from its result.
 
         A guess that ``is_near`` a solution needs no loose stage.
         """

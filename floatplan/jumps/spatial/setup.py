@@ -10,7 +10,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.phases import Side
-from floatplan.jumps.setup import NodeMargins
+from floatplan.jumps.setup import NodeMargins, duration_bounds
 from floatplan.jumps.spatial.model import SpatialModel
 from floatplan.jumps.spatial.phases import SpatialPhase, side_phases, usual_groups
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialBounds, SpatialEnds, SpatialProgram
@@ -40,7 +40,7 @@ class SpatialSetup:
     ----------
     problem : Problem
     request : JumpRequest
-    axes : about which the base's angles turn
+    axes : of the base's angles
     phases : of the jump
     ends : where the robot stands before and after, its centre of mass above the origin at first
     origin : (3,) m, where that origin is in the problem's world: on the ground
@@ -67,8 +67,8 @@ class SpatialSetup:
         if not np.isfinite(torque).any():
             torque[: len(problem.torque_limits)] = problem.torque_limits
         limits = np.asarray(problem.position_limits)
-        room = np.minimum(margins.range, np.ptp(limits, axis=1) / 4)
-        ranges = limits + np.stack((room, -room), axis=1)
+        reserve = np.minimum(margins.range, np.ptp(limits, axis=1) / 4)
+        ranges = limits + np.stack((reserve, -reserve), axis=1)
         standing = self.ends.y[:, 6:]
         ranges[:, 0] = np.minimum(ranges[:, 0], standing.min(axis=0))
         ranges[:, 1] = np.maximum(ranges[:, 1], standing.max(axis=0))
@@ -91,7 +91,7 @@ class SpatialSetup:
         """Height of the lowest clearance point where the robot stands before, m."""
         kinematics = Kinematics(self.problem.robot)
         attitude = required(self.problem.initial.attitude)
-        kinematics.place(np.zeros(3), attitude.matrix, self.ends.y[0, 6:])
+        kinematics.pose(np.zeros(3), attitude.matrix, self.ends.y[0, 6:])
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
         points = clearance_points(self.problem.robot, self.feet)
@@ -106,7 +106,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     ------
     InputError
         No frame takes off, a contact cannot be one, the ends are not level, no standing posture is found, or the
-        request asks for what is for jumps in a plane alone.
+        request asks for what only jumps in a plane have.
     """
     robot = problem.robot
     robot.check_shapes()
@@ -133,7 +133,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     for side, groups in (("takeoff", takeoff), ("landing", landing)):
         for group in groups:
             if len(group) < 2:
-                reason = f"{group[0].frame!r} alone would stand"
+                reason = f"{group[0].frame!r} would stand on its own"
                 raise InputError(reason, element=f"jump.{side}.contacts", advice="name two feet at least in each phase")
     ends, origin = _ends(problem, request, axes, feet, (start, goal), joints, heights)
     unit = math.sqrt(float(ends.y[0, 2]) / float(problem.flight.gravity))
@@ -141,9 +141,9 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     flight_bounds = (time, time) if "duration" in request.fixed else None
     _check_frames(problem, takeoff, landing)
     phases = (
-        *side_phases("takeoff", takeoff, unit, _duration_bounds(request, "takeoff", len(takeoff))),
+        *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
         *side_phases("flight", [()], unit, [flight_bounds]),
-        *side_phases("landing", landing, unit, _duration_bounds(request, "landing", len(landing))),
+        *side_phases("landing", landing, unit, duration_bounds(request, "landing", len(landing))),
     )
     return SpatialSetup(problem, request, axes, phases, ends, origin)
 
@@ -153,7 +153,7 @@ def _refuse_what_is_planar(problem: Problem, request: JumpRequest) -> None:
     if request.objective != "torque":
         raise InputError(f"{request.objective!r} {IN_PLANE}", element="jump.objective", advice='leave it out: "torque"')
     if request.feet == "rolling":
-        advice = "leave it out: feet turn about their frames' origins"
+        advice = "leave it out: feet rotate about their frames' origins"
         raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
     for name in request.fixed:
         if name != "duration":
@@ -236,7 +236,7 @@ def _lowest_frames(problem: Problem, start: Attitude, joints: Array) -> list[str
     robot = problem.robot
     within = 0.02  # [m] of the takeoff frame's link
     kinematics = Kinematics(robot)
-    kinematics.place(np.zeros(3), start.matrix, joints)
+    kinematics.pose(np.zeros(3), start.matrix, joints)
     model = robot.model
     carrying = set(model.parents)
     ends: dict[int, tuple[float, str]] = {}
@@ -272,7 +272,7 @@ def _standing(
         advice = "none was found on these feet: give another posture, or other contacts"
         raise InputError(f"the posture is not static: {reason}", element=key, advice=advice)
     kinematics = Kinematics(robot)
-    kinematics.place(np.array([0.0, 0.0, height]), attitude.matrix, joints)
+    kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, joints)
     on_ground = 5e-3  # [m] above it: what is as low stands too
     for link in {solid.link for solid in robot.solids} - feet_links(robot, feet):
         if kinematics.lowest([link]) < on_ground:
@@ -301,7 +301,7 @@ def _ends(
     rows = []
     places: dict[str, dict[str, Array]] = {}
     for attitude, side, own, height in zip(attitudes, ("takeoff", "landing"), joints, heights, strict=True):
-        q = kinematics.place(np.array([0.0, 0.0, height]), attitude.matrix, own)
+        q = kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, own)
         com = pin.centerOfMass(kinematics.model, kinematics.data, q).copy()
         shift = np.array([com[0], com[1], 0.0])
         rows.append(np.concatenate(([0.0, 0.0, com[2]], attitude.angles_about(axes), own)))
@@ -325,14 +325,3 @@ def _check_frames(problem: Problem, takeoff: Sequence[tuple[Foot, ...]], landing
             reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
             advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
             raise InputError(reason, element=f"flight.{side}.frame", advice=advice)
-
-
-def _duration_bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple[float, float] | None]:
-    """Bounds of the durations of a side's phases, s."""
-    durations = getattr(request, side).durations
-    if durations is None:
-        return [None] * phases
-    if len(durations) != phases:
-        reason = f"{len(durations)} given for {phases} phases of contacts"
-        raise InputError(reason, element=f"jump.{side}.durations", advice="give one for each phase")
-    return [(low, high) for low, high in durations]

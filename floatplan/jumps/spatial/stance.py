@@ -22,7 +22,7 @@ class SpatialGrid:
     Attributes
     ----------
     times : (G,) s, from the jump's start
-    y, v, a : (6+n, G) place of the base's origin, m, its angles and joints, rad, with their derivatives
+    y, v, a : (6+n, G) position of the base's origin, m, its angles and joints, rad, with their derivatives
     shares : (3 F, G) forces of the feet, N, next to which the actual ones are, linear between instants
     """
 
@@ -119,7 +119,7 @@ class SpatialStance:
         )
 
     def _carried(self, motion: Array, forces: Array) -> Array:
-        """Torques (N, J) by which forces (N, F, 3) at the feet turn the joints of the robot's model."""
+        """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model."""
         mechanics = self.mechanics
         carried = np.zeros((motion.shape[2], self.robot.model.nv - BASE))
         for index, q in enumerate(mechanics.coordinates(motion)[0]):

@@ -62,7 +62,7 @@ class Kinematics:
         self.model = robot.model
         self.data = robot.model.createData()
 
-    def place(self, base: Array, rotation: Array, joints: Array) -> Array:
+    def pose(self, base: Array, rotation: Array, joints: Array) -> Array:
         """Set the base's origin (3,), m, and rotation (3, 3), and planned joints (n,); return the configuration."""
         q = self.robot.configuration(joints)
         q[:3] = base
@@ -100,7 +100,7 @@ def foot_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: st
         reason = f"{frame!r} has no shape with which it could stand on the ground, or is the base"
         raise InputError(reason, element=key, advice="name a foot")
     kinematics = Kinematics(robot)
-    kinematics.place(np.zeros(3), attitude.matrix, joints)
+    kinematics.pose(np.zeros(3), attitude.matrix, joints)
     point = kinematics.point(body, local)
     depth = float(point[2] - kinematics.lowest([own]))
     reach = 0.0
@@ -123,7 +123,7 @@ def standing_joints(
     kinematics = Kinematics(robot)
 
     def heights(joints: Array) -> Array:
-        kinematics.place(np.zeros(3), attitude.matrix, joints)
+        kinematics.pose(np.zeros(3), attitude.matrix, joints)
         return np.array([kinematics.point(foot.body, foot.local)[2] - foot.depth for foot in feet])
 
     def residual(joints: Array) -> Array:
@@ -140,7 +140,7 @@ def standing_joints(
 def not_standing(robot: Robot, feet: Sequence[Foot], attitude: Attitude, joints: Array) -> str:
     """Why a robot does not stand still on feet in a posture, for a person; empty where it does."""
     kinematics = Kinematics(robot)
-    q = kinematics.place(np.zeros(3), attitude.matrix, joints)
+    q = kinematics.pose(np.zeros(3), attitude.matrix, joints)
     points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])
     ground = points[:, 2] - [foot.depth for foot in feet]
     if np.ptp(ground) > 2 * LEVEL:
@@ -216,7 +216,7 @@ def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearanceP
     kinematics = Kinematics(robot)
     places = []
     for joints in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(robot.joints))):
-        kinematics.place(np.zeros(3), np.eye(3), joints)
+        kinematics.pose(np.zeros(3), np.eye(3), joints)
         places.append([kinematics.point(point.body, point.local) for point in points])
     positions = np.array(places)
     distinct: list[int] = []
