@@ -110,7 +110,7 @@ def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centr
 
 
 def _moving(mechanics: Mechanics, motion: Array, places: dict[str, Array], velocity: Array, momentum: Array) -> Array:
-    """The motion (3, 6+n, 1) with base rates of a velocity of the centre of mass and a momentum, the feet standing still."""
+    """The motion (3, 6+n, 1) with base rates of a centre's velocity and a momentum, the feet standing still."""
 
     def missing(rates: Array) -> tuple[Array, Array]:
         moving = motion.copy()

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.errors import InputError
 from floatplan.jumps.model import casadi
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
@@ -98,7 +99,8 @@ class SpatialModel:
             index = model.joints[number].idx_v - BASE
             subspace = np.asarray(model.joints[number].createData().S).ravel()
             if np.abs(subspace[:3]).max() > 0:
-                raise NotImplementedError("joints that slide")
+                reason = f"{model.names[number]!r} slides; jumps in space are of robots whose joints rotate, so far"
+                raise InputError(reason, element="robot", advice="make it a fixed joint of the file")
             origin, velocity, acceleration = parent.point(placement.translation)
             local = subspace[3:]
             carried = ca.mtimes(parent.rotation, ca.sparsify(ca.DM(placement.rotation)))
