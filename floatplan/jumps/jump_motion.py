@@ -11,8 +11,7 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import GroundContact
-from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
+from floatplan.jumps.motion import JumpState, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
 from floatplan.plans.measures import PlanWarning, overlap_warnings
@@ -41,8 +40,8 @@ class JumpMotion(MotionInFile):
     problem: Problem
     request: JumpRequest
     flight: Plan | None = None
-    before: tuple[Stance, ...] = ()
-    after: tuple[Stance, ...] = ()
+    before: tuple[Any, ...] = ()  # of Stance, or of its counterpart in space
+    after: tuple[Any, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -50,12 +49,12 @@ class JumpMotion(MotionInFile):
         return self.problem.robot
 
     @property
-    def stances(self) -> tuple[Stance, ...]:
+    def stances(self) -> tuple[Any, ...]:
         """All stances."""
         return (*self.before, *self.after)
 
     @property
-    def contacts(self) -> list[GroundContact]:
+    def contacts(self) -> list[Any]:
         """Contacts of all stances, by stance."""
         return [contact for stance in self.stances for contact in stance.contacts]
 

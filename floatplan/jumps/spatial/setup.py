@@ -159,7 +159,7 @@ def _refuse_what_is_planar(problem: Problem, request: JumpRequest) -> None:
         if name != "duration":
             raise InputError(f"{name!r} {IN_PLANE}", element="jump.fixed", advice="leave it out")
     landing = problem.flight.landing
-    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[2]
+    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[-1]
     if abs(rise) > 0.2:  # m: frames of feet are not all as high
         reason = f"a jump lands on the ground that it leaves, not {rise:.3g} m up"
         advice = "leave it out, or plan the flight alone with floatplan plan"
@@ -312,7 +312,7 @@ def _ends(
     if frame in places["takeoff"]:
         depth = next(foot.depth for foot in feet if foot.frame == frame)
         origin = np.array(problem.takeoff.position) - places["takeoff"][frame]
-        origin[2] = problem.takeoff.position[2] - depth
+        origin[2] = problem.takeoff.position[-1] - depth
     return SpatialEnds(np.array(rows), places, displacement), origin
 
 

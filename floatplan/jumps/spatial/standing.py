@@ -70,7 +70,7 @@ class Kinematics:
         pin.forwardKinematics(self.model, self.data, q)
         return q
 
-    def point(self, body: int, local: Sequence[float]) -> Array:
+    def point(self, body: int, local: Sequence[float] | Array) -> Array:
         """Where a point of a body is, (3,) m, in the configuration that was set last."""
         return np.asarray(self.data.oMi[body].act(np.asarray(local, float)))
 
@@ -206,7 +206,8 @@ def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]
         for end in (capsule.start, capsule.end):
             is_near = [foot.body == capsule.body and math.dist(foot.local, end) < near_foot for foot in feet]
             if not any(is_near):
-                points.append(ClearancePoint(capsule.link, capsule.body, tuple(end.tolist()), capsule.radius))
+                x, y, z = end.tolist()
+                points.append(ClearancePoint(capsule.link, capsule.body, (x, y, z), capsule.radius))
     return _distinct(robot, points)
 
 
