@@ -77,7 +77,8 @@ class JumpMotion(MotionInFile):
     @property
     def ground(self) -> float:
         """Height of the ground, m."""
-        return min(stance.ground for stance in self.stances)
+        grounds: list[float] = [stance.ground for stance in self.stances]
+        return min(grounds)
 
     @cached_property
     def height(self) -> float:

@@ -98,9 +98,9 @@ def load_jump(path: str | Path, urdf: str | Path | None = None) -> Jump:
 
 
 def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Jump:
-    in_space = content["format"] == FORMAT_IN_SPACE
+    is_spatial = content["format"] == FORMAT_IN_SPACE
     JUMP(content, "")
-    many(STANCE_IN_SPACE if in_space else STANCE, "tables")(content["stances"], "stances")
+    many(STANCE_IN_SPACE if is_spatial else STANCE, "tables")(content["stances"], "stances")
     flight = None
     if content["flight"] is not None:
         with _within("flight"):
@@ -116,14 +116,14 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         problem = problem_from_dict(content["problem"], robot)
     request = problem.jump or JumpRequest()
     check_size(content["stances"], "stances", LARGEST)
-    if in_space != (robot.in_plane is None):
+    if is_spatial != (robot.base == "free-flyer"):
         raise InputError(f"does not fit the format {content['format']!r}", element="robot.base")
     sides: dict[str, list[Any]] = {"takeoff": [], "landing": []}
-    read_stance = _read_spatial_stance if in_space else _read_stance
+    read_stance = _read_spatial_stance if is_spatial else _read_stance
     for index, table_of_stance in enumerate(content["stances"]):
         stance = read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
         sides[table_of_stance["side"]].append(stance)
-    jump = (SpatialJump if in_space else Jump)(
+    jump = (SpatialJump if is_spatial else Jump)(
         problem,
         request,
         flight,
@@ -132,7 +132,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         status=content["status"],
         explanation=content["explanation"],
     )
-    for contact in [] if in_space else jump.contacts:
+    for contact in [] if is_spatial else jump.contacts:
         if request.feet != "auto" and (contact.radius > 0) != (request.feet == "rolling"):
             raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):

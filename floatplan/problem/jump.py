@@ -175,8 +175,9 @@ class JumpRequest(Keyed):
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     """What a robot lacks of what a jump names: frames, joints."""
-    frames = robot.frames if robot.in_plane else dict.fromkeys(robot.frame_names)
-    if robot.in_plane and jump.landing.displacement is not None:
+    is_planar = robot.base == "planar"
+    frames = robot.frames if is_planar else dict.fromkeys(robot.frame_names)
+    if is_planar and jump.landing.displacement is not None:
         advice = "leave it out: where a jump in a plane lands is free"
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):

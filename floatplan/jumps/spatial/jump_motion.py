@@ -125,4 +125,4 @@ def poses_of(robot: Robot, state: FlightState) -> BodyPoses:
 
 def segments_of(robot: Robot, state: FlightState) -> SpatialSegments:
     """The links' capsules at N instants."""
-    return shapes_in_space(robot).position(poses_of(robot, state))
+    return shapes_in_space(robot).place(poses_of(robot, state))

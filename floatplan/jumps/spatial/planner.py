@@ -11,6 +11,7 @@ from floatplan.jumps.setup import CORRECTIONS, NodeMargins
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends
 from floatplan.jumps.spatial.flight import flight_problem
+from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
@@ -21,9 +22,16 @@ MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85)  # of the first
 
 
 def jump_in_space(
-    problem: Problem, request: JumpRequest, seed: int, starts: int, say: Callable[[str], None]
+    problem: Problem,
+    request: JumpRequest,
+    seed: int,
+    starts: int,
+    say: Callable[[str], None],
+    near: object = None,
 ) -> SpatialJump:
-    """Plan a whole jump in space; see :func:`floatplan.jump`."""
+    """Plan a whole jump in space; see :func:`floatplan.jump`. One ``near`` is refused."""
+    if near is not None:
+        raise InputError("is for jumps in a plane, so far", element="near", advice="leave it out")
     setup = spatial_setup(problem, request)
     program = setup.program(MARGINS)
     failed: SpatialJump | None = None
@@ -31,7 +39,7 @@ def jump_in_space(
     for start in range(starts):
         say(f"start {start + 1} of {starts}")
         rng = np.random.default_rng((seed, start)) if start else None
-        solution = program.solve(program.guess(rng))
+        solution = program.solve(guess(program, rng))
         if not solution.converged:
             if nearest is None or solution.worst < nearest.worst:
                 nearest = solution
