@@ -21,9 +21,6 @@ LARGEST_PITCH_ERROR = 0.5  # [rad] a robot that lands farther off has fallen
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 
-DISPLACEMENT = optional(pair(number(Range(-10.0, 10.0, "m"))))  # no robot jumps farther
-
-
 def _margin(value: Any, element: str) -> dict[str, float]:
     margins: dict[str, float] = by_name(positive(1.0))(value, element)
     unknown = [name for name in margins if name not in MARGIN]
@@ -118,7 +115,12 @@ class JumpLanding(JumpSide):
 
     to: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
     displacement: Annotated[
-        tuple[float, float] | None, Key("In space: from standing to standing, along x and y", "m", check=DISPLACEMENT)
+        tuple[float, float] | None,
+        Key(
+            "In space: from standing to standing, along x and y",
+            "m",
+            check=optional(pair(number(Range(-10.0, 10.0, "m")))),
+        ),
     ] = None
     outer: ClassVar[int] = -1
     wrong: ClassVar[str] = "leave the ground after it has landed"

@@ -22,8 +22,6 @@ from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
 
-FINE = 6  # [-] instants of a stance's grid in an interval of the program
-
 
 class NoExactStanceError(FloatplanError):
     """A solution whose stances cannot be made exact."""
@@ -75,8 +73,8 @@ def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: M
     position = centres[0, :, 0]
     velocity = centres[1, :, 0]
     fallen = np.array([0.0, 0.0, mechanics.gravity * duration])
-    landing_place = position + velocity * duration - fallen * duration / 2
-    landing = _placed(mechanics, motion[:, :, 1:], after, landing_place)
+    landing_centre = position + velocity * duration - fallen * duration / 2
+    landing = _placed(mechanics, motion[:, :, 1:], after, landing_centre)
     landing = _moving(mechanics, landing, after, velocity - fallen, momentum)
     landing = _falling(mechanics, landing, after)
     return FlightEnds(np.concatenate((takeoff, landing), axis=2), momentum, velocity, duration)
@@ -214,7 +212,7 @@ def _fine_motion(
     """Times (G,), the motion (3, 6+n, G) with accelerations that are linear between nodes, and forces (3 F, G)."""
     begin, end = program.borders[index], program.borders[index + 1]
     coarse = program.times(solution.durations)[begin : end + 1]
-    times = refined(coarse, FINE)
+    times = refined(coarse, 6)
     interval = np.minimum(np.searchsorted(coarse, times, "right") - 1, len(coarse) - 2)
     step = np.diff(coarse)[interval]
     since = times - coarse[interval]

@@ -8,6 +8,7 @@ base, its angles and joints, with their derivatives), and ``shares``, next to wh
 
 from __future__ import annotations
 
+import html
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -42,6 +43,10 @@ class SpatialJump(SpatialJumpMotion, Jump):
         super().refuse_unless_shown()
         reason = "pictures of jumps in space are not made yet"
         raise InputError(reason, advice="show its flight: plan.json, or Jump.flight; export hands the whole jump on")
+
+    def _repr_html_(self) -> str:
+        """Notebooks show what is printed, as long as there is no picture."""
+        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""

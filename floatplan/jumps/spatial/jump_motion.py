@@ -23,7 +23,6 @@ from floatplan.pool import one_thread
 from floatplan.problem.parts import Obstacle
 from floatplan.robot.robot import Robot
 
-ANGULAR = slice(3, BASE)  # of the base's velocities
 JOINTS = BASE + 1  # first entry of the joints in a configuration
 
 
@@ -105,7 +104,7 @@ def state_of(robot: Robot, full: JumpState) -> FlightState:
     return FlightState(
         times=full.times,
         orientation=read_only(continuous(np.array(full.positions))[:, 3:JOINTS]),
-        orientation_rate=read_only(full.velocities[:, ANGULAR]),
+        orientation_rate=read_only(full.velocities[:, 3:BASE]),
         positions=read_only(positions),
         velocities=read_only(velocities),
         accelerations=read_only(accelerations),

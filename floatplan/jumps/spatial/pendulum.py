@@ -15,8 +15,6 @@ from floatplan.jumps.motion import hermite, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.model import BASE
 
-SUBSTEPS = 2  # [-] Runge-Kutta steps of a step of the grid
-
 
 @dataclass(frozen=True, eq=False)
 class Line:
@@ -113,7 +111,7 @@ def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near
     Its moment about the line vanishes.
     """
     curve = hermite(times, motion)
-    count = 2 * SUBSTEPS  # of half steps
+    count = 4  # [-] half steps of a step of the grid, of two Runge-Kutta steps
     fine = refined(times, count)[:: 1 if near == 0 else -1]
     pendulum = Pendulum(mechanics, line, values(curve, np.clip(fine, times[0], times[-1])))
     angle = np.zeros((3, len(times)))

@@ -15,9 +15,6 @@ from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
 from floatplan.robot.robot import Robot
 
-TILT = math.radians(30.0)  # [rad] of the base from level, where it is seen over which feet it tips
-TURNED = 0.25  # [-] of the largest distance of two feet: less difference in height there is none
-
 
 @dataclass(frozen=True)
 class SpatialPhase:
@@ -77,7 +74,7 @@ def side_phases(
     bounds : of their durations, s; None for generic ones
     intervals : of each phase, if not the usual numbers
     """
-    # Durations over sqrt(height / g), and intervals, of jumps that were found.
+    # Durations over sqrt(height / g), and intervals, of jumps of quadrupeds.
     usual = {
         ("flight", 1): [(2.57, 12)],
         ("takeoff", 1): [(2.73, 20)],
@@ -101,10 +98,10 @@ def usual_groups(
     The base turns in proportion from start to goal. Of its feet those leave last that are lower where it is 30 degrees
     from level for the first time, and those land first that are lower where it is so for the last time.
     """
-    shares = np.linspace(0.0, 1.0, 721)  # half a degree of a turn apart
+    shares = np.linspace(0.0, 1.0, 721)  # half a degree apart
     path = np.array([attitude_between(start, goal, share).matrix for share in shares])
     tilts = np.arccos(np.clip(path[:, 2, 2], -1.0, 1.0))
-    tilted = np.flatnonzero(tilts > TILT)
+    tilted = np.flatnonzero(tilts > math.radians(30.0))
     everything = tuple(feet)
     if not len(tilted):
         return [everything], [everything]
@@ -123,7 +120,8 @@ def _lower(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -
     points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])
     apart = np.linalg.norm(points[:, None] - points, axis=2).max()
     heights = points[:, 2]
-    if np.ptp(heights) < TURNED * apart * math.sin(TILT):
+    least = 0.125  # [-] of the largest distance of two feet: with less difference in height none is lower
+    if np.ptp(heights) < least * apart:
         return tuple(feet)
     low = heights < (heights.max() + heights.min()) / 2
     return tuple(foot for foot, is_low in zip(feet, low, strict=True) if is_low)

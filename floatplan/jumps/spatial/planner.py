@@ -99,7 +99,7 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
         explanation = f"The flight between the stances cannot be planned: {error}"
         return SpatialJump(problem, request, explanation=explanation)
     except (NoExactStanceError, np.linalg.LinAlgError) as error:
-        explanation = f"Between the program's nodes no stance was found: {error}."
+        explanation = f"Between the program's nodes there is no stance: {error}."
         return SpatialJump(problem, request, explanation=explanation)
     jump = SpatialJump(problem, request, plan, tuple(before), tuple(after), status="found")
     check = jump.check

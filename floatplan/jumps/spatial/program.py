@@ -22,12 +22,7 @@ from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
 
-STIFFNESS = 625.0  # [1/s^2] and
-DAMPING = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-SIDES = 8  # [-] of the pyramid inside the friction cone
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
-FOOT_LIFT = 0.02  # [m] of feet in the middle of the flight
-AIR_LIFT = 0.003  # [m] of feet in the air in stance
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
 
 
@@ -213,6 +208,9 @@ class SpatialProgram:
         displacement = ca.SX.sym("d", 2)
         parameters = ca.SX.sym("p", 0)
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
+        stiffness = 625.0  # [1/s^2] and
+        damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
+        sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
         for index in range(6):
@@ -232,13 +230,13 @@ class SpatialProgram:
                     rows.append((velocity[index] / (model.gravity * self.unit), 0.0, 0.0, label))
                     rows.append((acceleration[index] / model.gravity, 0.0, 0.0, label))
                 else:
-                    pulled = acceleration[index] + DAMPING * velocity[index] + STIFFNESS * gap[index]
+                    pulled = acceleration[index] + damping * velocity[index] + stiffness * gap[index]
                     rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
             share = shares[foot.frame]
-            steepest = self.bounds.friction * math.cos(math.pi / SIDES)
-            for side in range(SIDES):
-                angle = 2 * math.pi * side / SIDES
+            steepest = self.bounds.friction * math.cos(math.pi / sides)
+            for side in range(sides):
+                angle = 2 * math.pi * side / sides
                 along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
                 rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.frame}"))
         motor_rows, cost = self._motor_rows(forces)
@@ -316,6 +314,8 @@ class SpatialProgram:
 
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
         """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
+        foot_lift = 0.02  # [m] of feet in the middle of the flight
+        air_lift = 0.003  # [m] of feet in the air in stance
         feet = {foot.frame for phase in self.phases for foot in phase.feet}
         share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
         in_flight = 0.0 < share < 1.0
@@ -323,7 +323,7 @@ class SpatialProgram:
         least = []
         for name, *_ in self._heights(kind):
             if name in feet:
-                lift = FOOT_LIFT * min(1.0, arc) if in_flight else AIR_LIFT
+                lift = foot_lift * min(1.0, arc) if in_flight else air_lift
                 least.append(lift)
             else:
                 least.append(self.bounds.clearance)

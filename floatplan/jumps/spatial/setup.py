@@ -28,7 +28,6 @@ from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 
-LEVEL = 1e-3  # [rad] by which a base that stands may be tilted
 IN_PLANE = "is for jumps in a plane, so far"
 
 
@@ -105,7 +104,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     Raises
     ------
     InputError
-        No frame takes off, a contact cannot be one, the ends are not level, no standing posture is found, or the
+        No frame takes off, a contact cannot be one, the ends are not level, there is no standing posture, or the
         request asks for what only jumps in a plane have.
     """
     robot = problem.robot
@@ -171,7 +170,9 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
     axes = goal.axes
     assert axes is not None
     if axes[0] == axes[2]:
-        advice = 'name three different ones: "xyz" of a roll, "yxz" or "yzx" of a flip, "zyx" of a turn'
+        advice = (
+            'name three different ones: "xyz" of a roll, "yxz" or "yzx" of a flip, "zyx" of a jump about the vertical'
+        )
         raise InputError(
             f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice
         )
@@ -180,10 +181,11 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
         middle = attitude.angles[1]
         if abs(middle) > MIDDLE_ANGLE:
             reason = f"the middle angle, about {axes[1]}, is {math.degrees(middle):.4g} degrees, beyond 75"
-            advice = "name other axes, the largest turn's first: their middle angle has to stay small"
+            advice = "name other axes, the largest rotation's first: their middle angle has to stay small"
             raise InputError(reason, element=f"{key}.orientation", advice=advice)
         tilt = math.acos(min(1.0, float(attitude.matrix[2, 2])))
-        if tilt > LEVEL:
+        level = 1e-3  # [rad] by which a base that stands may be tilted
+        if tilt > level:
             reason = f"a jump ends as level as it begins: it would be tilted by {math.degrees(tilt):.3g} degrees"
             advice = "ask for angles that leave it level, or plan the flight alone with floatplan plan"
             raise InputError(reason, element=f"{key}.orientation", advice=advice)
@@ -269,7 +271,7 @@ def _standing(
     if not reason and isinstance(requested, Mapping) and np.abs(joints - target).max() > 0.1:  # rad
         reason = "its feet are not level"
     if reason:
-        advice = "none was found on these feet: give another posture, or other contacts"
+        advice = "give another posture, or other contacts"
         raise InputError(f"the posture is not static: {reason}", element=key, advice=advice)
     kinematics = Kinematics(robot)
     kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, joints)

@@ -18,7 +18,6 @@ from floatplan.robot.shapes.solids import frame_position
 
 DOWN = np.array([0.0, 0.0, -1.0])
 LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
-LARGEST_FOOT = 0.06  # [m] from a foot's point to the end of a sole: larger ones stand on soles, not on points
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,8 @@ def foot_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: st
             placed = solid.points @ placement.rotation.T + placement.translation - point
             low = placed[placed[:, 2] < placed[:, 2].min() + 5e-3]  # m: what is on the ground, or nearly
             reach = max(reach, float(np.linalg.norm(low[:, :2], axis=1).max()))
-    if reach > LARGEST_FOOT or depth < 0:
+    largest = 0.06  # [m] from a foot's point to the end of a sole: larger ones stand on soles, not on points
+    if reach > largest or depth < 0:
         reason = f"{frame!r} stands on a sole; jumps in space are of robots whose feet are points, so far"
         raise InputError(reason, element=key, advice="plan the jump in a plane: leave [robot] base out")
     return Foot(frame, body, tuple(local.tolist()), depth)
