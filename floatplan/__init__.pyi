@@ -18,10 +18,10 @@ from floatplan.inflight.replanner import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.jumps.check import JumpCheck as JumpCheck
 from floatplan.jumps.jump import Jump as Jump
-from floatplan.jumps.jump import load_jump as load_jump
 from floatplan.jumps.launch import Launch as Launch
 from floatplan.jumps.launch import launch as launch
 from floatplan.jumps.planner import jump as jump
+from floatplan.jumps.reading import load_jump as load_jump
 from floatplan.motion.dynamics import FlightState as FlightState
 from floatplan.motion.planar.contact import Contact as Contact
 from floatplan.motion.planar.contact import landing as landing

@@ -16,7 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from floatplan.jumps.jump import load_jump
+from floatplan.jumps.reading import load_jump
 from floatplan.simulation import contact_model, jump_flight
 from floatplan.simulation.gains import first_gains
 from floatplan.simulation.jump_flight import PERIOD

@@ -301,9 +301,10 @@ def program() -> str:
 def read_motion(path: str, urdf: str | None) -> fp.Plan | fp.Jump:
     """Read a plan or a jump, whichever the file says that it holds."""
     from floatplan.jumps.jump import FORMAT
+    from floatplan.jumps.spatial.jump import FORMAT_IN_SPACE
 
     content = read_json(Path(path), kind="a plan or jump file")
-    is_jump = isinstance(content, dict) and content.get("format") == FORMAT
+    is_jump = isinstance(content, dict) and content.get("format") in (FORMAT, FORMAT_IN_SPACE)
     return fp.load_jump(path, urdf) if is_jump else fp.load_plan(path, urdf)
 
 

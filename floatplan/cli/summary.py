@@ -281,6 +281,10 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
         return Group(Text(f"{name}: {jump.verdict} {took}", "bold red"), Text(jump.explanation, "yellow"))
     broken, stance_rows = check_lines(jump.check, jump.request)
     written = [Row(path.stem, escaped(str(path))) for path in files]
+    path = shlex.quote(str(files[0]))
+    following = f"show {path} --scene    # the jump in 3-D"
+    if jump.robot.base == "free-flyer":
+        following = f"export {path} --format npz    # the whole jump; its report plays the flight"
     return Group(
         Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump.tone]}"),
         _table(PHASES, phase_lines(jump)),
@@ -289,7 +293,7 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
         *(Text(f"warning: {warning.message}", "yellow") for warning in jump.warnings[: SHOWN.warnings]),
         *_more(len(jump.warnings) - SHOWN.warnings, " warnings"),
         _table(STANCES, stance_rows),
-        _named([*written, Row("next", f"{program} show {shlex.quote(str(files[0]))} --scene    # the jump in 3-D")]),
+        _named([*written, Row("next", f"{program} {following}")]),
         Text(CHECKED, "dim"),
     )
 

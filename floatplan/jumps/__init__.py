@@ -1,8 +1,8 @@
 """Whole jumps: stance, flight, stance. One program over all phases, then the flight's plan and stances that fit it.
 
 In order of reading: contacts, phases and setup say what is requested; model, locked_joints, rows, separation,
-variables, program and rounds solve it; flight, motion and exact make motions of the solution, which check judges;
-planner and launch call them; conflicts says why there is none.
+variables and program solve it; flight, motion and exact make motions of the solution, which check judges; planner and
+launch call them; conflicts says why there is none; jump and reading are about files; spatial is the same in space.
 
 Glossary
 --------

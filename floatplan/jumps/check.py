@@ -129,8 +129,8 @@ def _checked(jump: JumpMotion) -> JumpCheck:
     flight = _surroundings(jump, flight_state(jump.flight, jump.takeoff_time, times), min(grounds))
     error = jump.request.pitch_error
     touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
-    figures = _worst([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
-    unlimited = _unlimited(jump.problem)
+    figures = worst_values([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
+    unlimited = unlimited_figures(jump.problem)
     failing, holding = judged(jump.request, figures, unlimited)
     broken = [", ".join(words) for words in failing]
     if not jump.flight.ok:
@@ -139,7 +139,7 @@ def _checked(jump: JumpMotion) -> JumpCheck:
     return JumpCheck(not broken, figures, sentences, unlimited)
 
 
-def _worst(values: Iterable[Value]) -> dict[str, float]:
+def worst_values(values: Iterable[Value]) -> dict[str, float]:
     """The worst value of each figure."""
     figures: dict[str, float] = {}
     for name, value in values:
@@ -152,7 +152,7 @@ def _worst(values: Iterable[Value]) -> dict[str, float]:
 
 def stance_figures(jump: JumpMotion) -> dict[str, float]:
     """Figures of :class:`JumpCheck`, but for those of seams."""
-    return _worst(_stances(jump))
+    return worst_values(_stances(jump))
 
 
 def _stances(jump: JumpMotion) -> Iterator[Value]:
@@ -212,7 +212,7 @@ def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
     }
 
 
-def _unlimited(problem: Problem) -> frozenset[str]:
+def unlimited_figures(problem: Problem) -> frozenset[str]:
     """Figures that are shares of limits which nothing has."""
     robot = problem.robot
     limits = {

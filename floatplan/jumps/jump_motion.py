@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,7 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import GroundContact
-from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
+from floatplan.jumps.motion import JumpState, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
 from floatplan.plans.measures import PlanWarning, overlap_warnings
@@ -41,8 +40,8 @@ class JumpMotion(MotionInFile):
     problem: Problem
     request: JumpRequest
     flight: Plan | None = None
-    before: tuple[Stance, ...] = ()
-    after: tuple[Stance, ...] = ()
+    before: tuple[Any, ...] = ()  # of Stance, or of its counterpart in space
+    after: tuple[Any, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -50,12 +49,12 @@ class JumpMotion(MotionInFile):
         return self.problem.robot
 
     @property
-    def stances(self) -> tuple[Stance, ...]:
+    def stances(self) -> tuple[Any, ...]:
         """All stances."""
         return (*self.before, *self.after)
 
     @property
-    def contacts(self) -> list[GroundContact]:
+    def contacts(self) -> list[Any]:
         """Contacts of all stances, by stance."""
         return [contact for stance in self.stances for contact in stance.contacts]
 
@@ -78,13 +77,14 @@ class JumpMotion(MotionInFile):
     @property
     def ground(self) -> float:
         """Height of the ground, m."""
-        return min(stance.ground for stance in self.stances)
+        grounds: list[float] = [stance.ground for stance in self.stances]
+        return min(grounds)
 
     @cached_property
     def height(self) -> float:
         """Greatest height of the centre of mass over the ground, m."""
         times = np.linspace(0.0, self.duration, 601)  # 3 ms apart, in which it falls by 0.01 mm next to the highest
-        return float(self.state(times).com_position[:, 1].max()) - self.ground
+        return float(self.state(times).com_position[:, -1].max()) - self.ground
 
     @property
     def dynamics(self) -> PinocchioDynamics:
@@ -103,7 +103,7 @@ class JumpMotion(MotionInFile):
         assert self.flight is not None
         of_flight = self.flight.problem
         positions = np.clip(ends.positions, *of_flight.position_limits.T)  # which robots that fall may leave
-        start, goal = map(Posture, ends.orientation.tolist(), positions)
+        start, goal = map(Posture, self._orientations(ends), positions)
         return replace(
             of_flight,
             name=self.problem.name,
@@ -113,6 +113,11 @@ class JumpMotion(MotionInFile):
             flight=replace(of_flight.flight, duration=self.duration),
             obstacles=tuple(delayed(obstacle, self.takeoff_time) for obstacle in self.problem.obstacles),
         )
+
+    def _orientations(self, ends: FlightState) -> list[Any]:
+        """Orientations of the base at the jump's ends, as a problem has them."""
+        orientations: list[Any] = ends.orientation.tolist()
+        return orientations
 
     @property
     def phases(self) -> tuple[JumpPhase, ...]:
@@ -160,7 +165,7 @@ class JumpMotion(MotionInFile):
         if not ((instants >= 0) & (instants <= self.duration)).all():
             raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
         motions: list[Callable[[Array], JumpState]] = [stance.at for stance in self.stances]
-        motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
+        motions.insert(len(self.before), self._in_flight)
         phase_of = self._phase_of(instants)
         pieces = []
         for number, motion in enumerate(motions):
@@ -171,6 +176,11 @@ class JumpMotion(MotionInFile):
         for contact in self.contacts:
             names += contact.names
         return joined(instants, self.problem.robot.model.nv, pieces, names)
+
+    def _in_flight(self, times: Array) -> JumpState:
+        """State of the flight at times (N,) s from the jump's start; there has to be a flight."""
+        assert self.flight is not None
+        return flight_state(self.flight, self.takeoff_time, times)
 
     def _phase_of(self, times: Array) -> IntArray:
         """Indices (N,) of the phases at times (N,), s; at a change of contacts that of the phase before."""
@@ -232,7 +242,7 @@ class JumpMotion(MotionInFile):
                 since = np.clip(times[rows] - self.takeoff_time, 0.0, self.flight.duration)
                 positions[rows] = self.flight.joint_motion(since)[0]
             else:
-                positions[rows] = stance.grid.curve(times[rows])[:, 1:]
+                positions[rows] = stance.joints(times[rows])
         return positions
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:

@@ -20,8 +20,7 @@ from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
 from floatplan.jumps.phases import FlightEnd, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rounds import solve_in_rounds
-from floatplan.jumps.setup import NodeMargins, Setup, corrected, side_setup
+from floatplan.jumps.setup import NodeMargins, Setup, corrected, side_setup, solve_in_rounds
 from floatplan.jumps.variables import JumpSolution
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, as_plan

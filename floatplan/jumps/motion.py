@@ -141,6 +141,11 @@ class Stance:
             points=points,
         )
 
+    def joints(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s."""
+        positions: Array = self.grid.curve(times)[:, 1:]
+        return positions
+
     def _coordinates(self, times: Array) -> tuple[Array, Array, Array]:
         """All coordinates of ``robot.model`` with two derivatives, (N, nv) each: the base hangs on the anchor."""
         robot = self.robot
@@ -266,12 +271,16 @@ def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
 
 
 def joined(times: Array, size: int, pieces: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
-    """Join states of ``size`` coordinates: rows of each among times (N,).
+    """Join states of ``size`` coordinates, of whichever kind: rows of each among times (N,).
 
     Points that are not in contact have no forces, and no positions: zero, and NaN.
     """
-    arrays = {name: np.empty((len(times), size)) for name in ("positions", "velocities", "accelerations", "torques")}
-    forces = {name: np.zeros((len(times), 2)) for name in names}
+    arrays: dict[str, Array] = {}
+    for name in ("positions", "velocities", "accelerations", "torques"):
+        columns = getattr(pieces[0][1], name).shape[1] if pieces else size  # in space configurations have one more
+        arrays[name] = np.empty((len(times), columns))
+    dimensions = {force.shape[1] for _, state in pieces for force in state.forces.values()}
+    forces = {name: np.zeros((len(times), max(dimensions, default=2))) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in pieces:
         for name, array in arrays.items():

@@ -1,5 +1,7 @@
 """From a problem to a jump: one program over all phases, its flight planned, its stances made exact and checked."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -20,8 +22,8 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import flight_state
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rounds import solve_in_rounds
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup
+from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup, solve_in_rounds
+from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
 from floatplan.pool import one_thread
@@ -89,6 +91,9 @@ def jump(
     starts = TRIES(starts, "starts")
     near = optional(made(Jump))(near, "near")
     say = progress or (lambda _: None)
+    if problem.robot.base == "free-flyer":
+        with naming(file):
+            return jump_in_space(problem, requested, seed, starts, say, near)
     with naming(file):
         setup = jump_setup(problem, requested)
         first = setup.program(MARGINS)
@@ -107,12 +112,25 @@ def jump(
     if last is not None and last.ok:
         return last
     until = 2 * process_time() - start_time
+    return _explained(setup, search, last, seed, until, helps, say)
+
+
+def _explained(
+    setup: Setup,
+    search: _Search,
+    last: Jump | None,
+    seed: int,
+    until: float,
+    helps: bool,
+    say: Callable[[str], None],
+) -> Jump:
+    """The result of a search that found no jump, or the last one, which does not hold; what conflicts, and would do."""
     if last is None:
-        last, conflicts = _not_found_in_starts(problem, requested, search, helps, say)
+        last, conflicts = _not_found_in_starts(setup.problem, setup.request, search, helps, say)
     else:
-        conflicts = violated_kinds(requested, last.check.figures)
+        conflicts = violated_kinds(setup.request, last.check.figures)
     if conflicts and helps:
-        attempts = _try_relaxed(problem, conflicts, seed, until, say)
+        attempts = _try_relaxed(setup.problem, conflicts, seed, until, say)
         last = _with_explanation(last, f"{last.explanation} {attempts}")
     return last
 

@@ -1,4 +1,8 @@
-"""From a problem and a request to the program of a jump: contacts, standing postures, phases, bounds, corrections."""
+"""From a problem and a request to the program of a jump: contacts, standing postures, phases, bounds, corrections.
+
+Programs are solved in rounds, each with rows for what the solution before violates: distances, efforts of locked
+joints.
+"""
 
 from __future__ import annotations
 
@@ -35,9 +39,8 @@ from floatplan.jumps.phases import (
     static_beyond_ranges,
 )
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rounds import solve_in_rounds
 from floatplan.jumps.rows import Bounds, NodeRows
-from floatplan.jumps.separation import RESERVE, Separation
+from floatplan.jumps.separation import RESERVE, TOLERATED_SHORTFALL, Separation
 from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, JumpSolution
 from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.parts import JointState
@@ -104,6 +107,60 @@ class NodeMargins:
             pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )
+
+
+def solve_in_rounds(
+    first: JumpProgram, guess: Array, previous: JumpProgram | None = None
+) -> tuple[JumpProgram, JumpSolution]:
+    """Solve from a guess; again with rows for what the solution violates, until nothing is.
+
+    Those are distances that are too small, where either way around is tried, and what else should have been a row. A
+    solution whose distances fall short is where the next program begins, in which the shortfall costs more.
+
+    Parameters
+    ----------
+    first : JumpProgram
+    guess : (size,)
+    previous : the program that the guess comes from, or one that failed
+        Its distances and rows are required from the start.
+
+    Returns
+    -------
+    program : the last
+    solution : its own; not ``converged`` where something is violated
+    """
+    rounds = 8  # [-] at most after the first program
+    least_progress = 0.7  # [-] of the shortfall is left by the next program at most, or no other is tried
+    program = first
+    if previous is not None and (previous.separation.lines or previous.node.extra):
+        separation = replace(first.separation, lines=previous.separation.lines).at(first.node, first.motion(guess))
+        program = first.extended(separation, previous.node.extra)
+    solution = program.solve(guess)
+    for _ in range(rounds):
+        if solution.overloaded:
+            program = first.extended(program.separation, (*program.node.extra, *solution.overloaded))
+            solution = program.solve(first.resampled(solution, first.phases))
+            continue
+        shortfall = solution.shortfall
+        if shortfall == np.inf:
+            break
+        start = first.resampled(solution, first.phases)
+        wider = program.separation.wider(first.node, first.motion(start), shortfall)
+        motion = (solution.y, solution.v, solution.a)
+        missing_rows = program.node.missing_rows(motion, solution.forces, solution.factor)
+        if not wider and not missing_rows:
+            break
+        extra = (*program.node.extra, *missing_rows)
+        candidates: list[tuple[JumpProgram, JumpSolution]] = []
+        for separation in wider or [program.separation]:
+            other = first.extended(separation, extra)
+            candidates.append((other, other.solve(start)))
+            if candidates[-1][1].converged:
+                break
+        program, solution = min(candidates, key=lambda candidate: candidate[1].shortfall)
+        if shortfall > TOLERATED_SHORTFALL and solution.shortfall > least_progress * shortfall:
+            break
+    return program, solution
 
 
 Result = TypeVar("Result")
@@ -283,9 +340,9 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     time = problem.flight.duration
     flight_bounds = (time, time) if "duration" in request.fixed else None
     phases = (
-        *side_phases("takeoff", takeoff_contacts, unit, _duration_bounds(request, "takeoff", len(takeoff))),
+        *side_phases("takeoff", takeoff_contacts, unit, duration_bounds(request, "takeoff", len(takeoff))),
         *side_phases("flight", [()], unit, [flight_bounds], turns),
-        *side_phases("landing", landing_contacts, unit, _duration_bounds(request, "landing", len(landing))),
+        *side_phases("landing", landing_contacts, unit, duration_bounds(request, "landing", len(landing))),
     )
     _check_frames(problem, takeoff_contacts, landing_contacts)
     flight_ends = []
@@ -464,7 +521,7 @@ def _side(
     return contacts, posture
 
 
-def _duration_bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple[float, float] | None]:
+def duration_bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple[float, float] | None]:
     """Bounds of the durations of a side's phases, s."""
     durations = getattr(request, side).durations
     if durations is None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
-from floatplan.arguments import by_name, positive
+from floatplan.arguments import by_name, number, optional, pair, positive
 from floatplan.errors import InputError
 from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.robot import Robot
@@ -108,9 +108,20 @@ class JumpLanding(JumpSide):
     contacts, durations : as of :class:`JumpSide`
     to : "standing", or mapping of joints to rad
         Posture it comes to, by joint, or "standing": the one that it stood in before.
+    displacement : (float, float), m, optional
+        In space: how far its centre of mass has come, along x and y of the world, from standing to standing; where it
+        lands is free if left out.
     """
 
     to: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
+    displacement: Annotated[
+        tuple[float, float] | None,
+        Key(
+            "In space: from standing to standing, along x and y",
+            "m",
+            check=optional(pair(number(Range(-10.0, 10.0, "m")))),
+        ),
+    ] = None
     outer: ClassVar[int] = -1
     wrong: ClassVar[str] = "leave the ground after it has landed"
 
@@ -166,12 +177,17 @@ class JumpRequest(Keyed):
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     """What a robot lacks of what a jump names: frames, joints."""
+    is_planar = robot.base == "planar"
+    frames = robot.frames if is_planar else dict.fromkeys(robot.frame_names)
+    if is_planar and jump.landing.displacement is not None:
+        advice = "leave it out: where a jump in a plane lands is free"
+        yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
         for index, group in enumerate(side.contacts or ()):
             for frame in group:
-                frame_name = frame if frame in robot.frames else frame.rpartition(".")[0]
+                frame_name = frame if frame in frames else frame.rpartition(".")[0]
                 element = f"jump.{name}.contacts[{index}]"
-                if frame_name not in robot.frames:
+                if frame_name not in frames:
                     yield InputError(
                         f"the robot has no frame {frame!r}", element=element, advice="name a link or a joint"
                     )

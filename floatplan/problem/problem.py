@@ -237,9 +237,8 @@ class Problem(Checked):
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
 
     def _errors_in_space(self) -> Iterator[InputError]:
-        """What flights in space do not support yet; and a rotation whose direction is left open."""
-        if self.jump:
-            yield InputError(resolution.NOT_IN_SPACE, element="jump", advice="leave it out")
+        """What is wrong in space: with the jump around the flight, and a rotation whose direction is left open."""
+        yield from () if self.jump is None else jump_errors(self.robot, self.jump)
         if hasattr(self, "initial") and hasattr(self, "final"):
             yield from resolution.attitude_errors(self.initial, self.final)
 

@@ -62,7 +62,7 @@ def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
     damping_time = 0.017  # [s] damping over stiffness: nearly critical
     robot = jump.problem.robot
     model = robot.model
-    com = pin.centerOfMass(model, model.createData(), jump.at(0.0).positions[0]) @ robot.plane.vertical
+    com = pin.centerOfMass(model, model.createData(), jump.at(0.0).positions[0]) @ robot.up
     standing = robot.mass * jump.problem.flight.gravity * float(com - jump.ground)
     takeoff, landing = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
     postures = jump.at(np.linspace(takeoff, landing, 33)).positions

@@ -15,8 +15,8 @@ from long_cases import cases
 from once import made_once
 
 import floatplan as fp
-from floatplan.jumps.jump import load_jump
 from floatplan.jumps.planner import jump
+from floatplan.jumps.reading import load_jump
 
 
 def test_it_is_found_and_checked() -> None:

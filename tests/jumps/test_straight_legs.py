@@ -9,8 +9,7 @@ import floatplan as fp
 from floatplan.jumps import planner
 from floatplan.jumps.planner import completed
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rounds import solve_in_rounds
-from floatplan.jumps.setup import Setup, jump_setup
+from floatplan.jumps.setup import Setup, jump_setup, solve_in_rounds
 from floatplan.jumps.variables import JumpSolution
 from floatplan.problem.parts import Flight
 

@@ -14,7 +14,7 @@ from long_cases import cases
 
 from floatplan.errors import InputError
 from floatplan.jumps.check import judged
-from floatplan.jumps.jump import load_jump
+from floatplan.jumps.reading import load_jump
 
 Spoil = Callable[[dict[str, Any]], object]
 STANCES = range(4)

@@ -82,7 +82,8 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
     (LANDS, {"frame": "nose"}, f"{LANDS}.frame", "the robot has no frame 'nose'"),
     ("start.velocities", "takeoff", "start.velocities", NOT_YET),
     ("goal.velocities", "landing", "goal.velocities", NOT_YET),
-    ("jump", {}, "jump", NOT_YET),
+    ("jump", {"landing": {"displacement": [1]}}, "jump.landing.displacement", "is not two numbers"),
+    ("jump", {"takeoff": {"contacts": [["paw"]]}}, "jump.takeoff.contacts[0]", "the robot has no frame 'paw'"),
     (OBSTACLE, [{"kind": "circle", "center": [0, 0], "radius": 1}], f"{OBSTACLE}[0]", KINDS),
     (OBSTACLE, [{"kind": "half-plane", "normal": [0, 1]}], f"{OBSTACLE}[0]", KINDS),
     (

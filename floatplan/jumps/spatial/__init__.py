@@ -1,0 +1,15 @@
+"""Jumps in space: rolls, twists and turns, from standing to standing, on feet that are points.
+
+In order of reading: standing and contacts say what stands where; model, pieces and program solve for the nodes; ends,
+pendulum and stances make motions of a solution, which check judges; planner calls them.
+
+Glossary
+--------
+y, v, a : (6+n,) centre of mass, m, three Euler angles of the base and planned joints q, rad; their derivatives
+b, b', b'' : the same with the base's origin in position of the centre of mass
+axes : the letters of the angles' axes, R = R_a R_b R_c; chosen so that the middle one stays small
+node, border : an instant of the program; the one at which two phases meet
+kind : what holds at a node: which feet track their places, which arrive, which bear forces
+World axes are those of the root link at the identity, z up; the origin of a program is below the centre of mass where
+the robot stands, on the ground.
+"""

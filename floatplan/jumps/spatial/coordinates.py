@@ -1,0 +1,204 @@
+"""From base, angles and joints to Pinocchio's coordinates, and back; and what the motion of a robot asks of its feet.
+
+Motions are arrays (3, 6+n, N): the base's origin, m, its angles about ``axes`` and planned joints, rad, at N instants,
+with their first and second derivatives.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.jumps.spatial.model import BASE, skew
+from floatplan.jumps.spatial.standing import Foot
+from floatplan.robot.robot import Robot
+
+
+def rotations_about(axes: str, angles: Array) -> Array:
+    """Rotations (N, 3, 3) by angles (3, N) about axes."""
+    rotation = np.broadcast_to(np.eye(3), (angles.shape[1], 3, 3))
+    for letter, angle in zip(axes, angles, strict=True):
+        cross = skew(np.eye(3)["xyz".index(letter)])
+        turned = np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
+        rotation = rotation @ turned
+    return np.asarray(rotation)
+
+
+def turned(axes: str, motion: Array) -> tuple[Array, Array, Array]:
+    """Rotations (N, 3, 3), angular velocities and accelerations (N, 3), in the world, of angles (3, 3, N)."""
+    count = motion.shape[2]
+    rotation = np.broadcast_to(np.eye(3), (count, 3, 3))
+    rate = np.zeros((count, 3))
+    rate_change = np.zeros((count, 3))
+    for letter, angle, angle_rate, acceleration in zip(axes, *motion, strict=True):
+        local = np.eye(3)["xyz".index(letter)]
+        axis = rotation @ local
+        rate_change = rate_change + axis * acceleration[:, None] + np.cross(rate, axis) * angle_rate[:, None]
+        rate = rate + axis * angle_rate[:, None]
+        cross = skew(local)
+        own = np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
+        rotation = rotation @ own
+    return np.asarray(rotation), rate, rate_change
+
+
+def angles_of(axes: str, rotations: Array, rates: Array, rate_changes: Array, near: Array) -> Array:
+    """Angles with two derivatives (3, 3, N) about axes, next to angles ``near`` (3, N); the inverse of :func:`turned`.
+
+    Newton's steps, which need the middle angle to be away from where the other two are one.
+    """
+    angles = near.copy()
+    for _ in range(20):
+        own = rotations_about(axes, angles)
+        offset = np.array([pin.log3(goal @ now.T) for goal, now in zip(rotations, own, strict=True)])
+        step = np.linalg.solve(_rate_map(axes, angles), offset[:, :, None])[:, :, 0].T
+        angles += step
+        if np.abs(step).max() < 1e-14:
+            break
+    rate_map = _rate_map(axes, angles)
+    angle_rates = np.linalg.solve(rate_map, rates[:, :, None])[:, :, 0].T
+    zero = np.zeros_like(angles)
+    bias = turned(axes, np.stack((angles, angle_rates, zero)))[2]
+    accelerations = np.linalg.solve(rate_map, (rate_changes - bias)[:, :, None])[:, :, 0].T
+    return np.stack((angles, angle_rates, accelerations))
+
+
+def _rate_map(axes: str, angles: Array) -> Array:
+    """Matrices (N, 3, 3) from rates of angles (3, N) to angular velocities in the world."""
+    columns = []
+    for index in range(3):
+        local = np.eye(3)["xyz".index(axes[index])]
+        before = rotations_about(axes[:index], angles[:index]) if index else np.eye(3)[None]
+        columns.append(np.broadcast_to(before @ local, (angles.shape[1], 3)))
+    return np.stack(columns, axis=2)
+
+
+class Mechanics:
+    """A robot's places, velocities and forces at single instants, by Pinocchio, with gravity.
+
+    Attributes
+    ----------
+    robot : Robot
+    axes : of the base's angles
+    model : pinocchio.Model, the robot's with gravity and a frame for each foot
+    """
+
+    def __init__(self, robot: Robot, axes: str, gravity: float, feet: Sequence[Foot]) -> None:
+        self.robot = robot
+        self.axes = axes
+        self.gravity = gravity
+        self.model = robot.model.copy()
+        self.model.gravity.linear = np.array([0.0, 0.0, -gravity])
+        self.frames: dict[str, int] = {}
+        for foot in feet:
+            if foot.frame not in self.frames:
+                placement = pin.SE3(np.eye(3), np.array(foot.local))
+                frame = pin.Frame(f"contact of {foot.frame}", foot.body, 0, placement, pin.FrameType.OP_FRAME)
+                self.frames[foot.frame] = self.model.addFrame(frame)
+        self.data = self.model.createData()
+        self.legs = {foot.frame: self._leg(foot) for foot in feet}
+
+    def _leg(self, foot: Foot) -> list[int]:
+        """Indices of the planned joints that carry a foot."""
+        carrying = set()
+        joint = foot.body
+        while joint > 1:
+            carrying.add(self.model.joints[joint].idx_v)
+            joint = self.model.parents[joint]
+        selection = self.robot.selection
+        return [index for index in range(selection.shape[1]) if carrying & set(np.flatnonzero(selection[:, index]))]
+
+    def coordinates(self, motion: Array) -> tuple[Array, Array, Array]:
+        """Pinocchio's q (N, nq), v and a (N, nv) of a motion (3, 6+n, N)."""
+        robot = self.robot
+        rotation, rate, rate_change = turned(self.axes, motion[:, 3:BASE])
+        base = motion[:, :3].transpose(0, 2, 1)
+        joints = motion[:, BASE:].transpose(0, 2, 1) @ robot.selection[BASE:].T
+        back = rotation.transpose(0, 2, 1)
+        linear = np.einsum("nij,nj->ni", back, base[1])
+        angular = np.einsum("nij,nj->ni", back, rate)
+        linear_change = np.einsum("nij,nj->ni", back, base[2]) - np.cross(angular, linear)
+        angular_change = np.einsum("nij,nj->ni", back, rate_change)
+        quaternions = np.array([pin.Quaternion(one).coeffs() for one in rotation])
+        q = np.hstack((base[0], quaternions, robot.reference[BASE + 1 :] + joints[0]))
+        v = np.hstack((linear, angular, joints[1]))
+        a = np.hstack((linear_change, angular_change, joints[2]))
+        return q, v, a
+
+    def wrench(self, motion: Array) -> Array:
+        """Forces (N, nv) on all coordinates that a motion takes, by RNEA, gravity's included."""
+        rows = zip(*self.coordinates(motion), strict=True)
+        return np.array([pin.rnea(self.model, self.data, *row) for row in rows])
+
+    def base_wrench(self, motion: Array) -> Array:
+        """Force, N, and moment about the base's origin, N m, in the world's axes (N, 6), that a motion takes."""
+        rotation = rotations_about(self.axes, motion[0, 3:BASE])
+        wrench = self.wrench(motion)
+        force = np.einsum("nij,nj->ni", rotation, wrench[:, :3])
+        moment = np.einsum("nij,nj->ni", rotation, wrench[:, 3:BASE])
+        return np.hstack((force, moment))
+
+    def centre(self, motion: Array) -> tuple[Array, Array]:
+        """Centre of mass with two derivatives (3, 3, N), and angular momentum about it (3, N)."""
+        centres = np.empty((3, 3, motion.shape[2]))
+        momenta = np.empty((3, motion.shape[2]))
+        for index, (q, v, a) in enumerate(zip(*self.coordinates(motion), strict=True)):
+            pin.centerOfMass(self.model, self.data, q, v, a)
+            centres[:, :, index] = self.data.com[0], self.data.vcom[0], self.data.acom[0]
+            pin.computeCentroidalMomentum(self.model, self.data, q, v)
+            momenta[:, index] = self.data.hg.angular
+        return centres, momenta
+
+    def from_centre(self, motion: Array) -> Array:
+        """A motion whose first rows are the base's origin, from one whose are the centre of mass."""
+        still = motion.copy()
+        still[:, :3] = 0.0
+        centres, _ = self.centre(still)
+        moved = motion.copy()
+        moved[:, :3] -= centres
+        return moved
+
+    def feet(self, motion: Array, frames: Sequence[str]) -> tuple[Array, Array]:
+        """Places of feet with two derivatives (3, N, F, 3), and Jacobians by planned joints (N, F, 3, n)."""
+        count = motion.shape[2]
+        places = np.empty((3, count, len(frames), 3))
+        jacobians = np.empty((count, len(frames), 3, self.robot.selection.shape[1]))
+        aligned = pin.LOCAL_WORLD_ALIGNED
+        for index, (q, v, a) in enumerate(zip(*self.coordinates(motion), strict=True)):
+            pin.forwardKinematics(self.model, self.data, q, v, a)
+            pin.computeJointJacobians(self.model, self.data, q)
+            pin.updateFramePlacements(self.model, self.data)
+            for column, frame in enumerate(frames):
+                number = self.frames[frame]
+                places[0, index, column] = self.data.oMf[number].translation
+                places[1, index, column] = pin.getFrameVelocity(self.model, self.data, number, aligned).linear
+                acceleration = pin.getFrameClassicalAcceleration(self.model, self.data, number, aligned)
+                places[2, index, column] = acceleration.linear
+                jacobian = pin.getFrameJacobian(self.model, self.data, number, aligned)[:3]
+                jacobians[index, column] = jacobian @ self.robot.selection
+        return places, jacobians
+
+    def close(self, motion: Array, places: dict[str, Array]) -> Array:
+        """The motion with legs whose feet stand at places (3,), with the least changes of their joints."""
+        frames = list(places)
+        targets = np.array([places[frame] for frame in frames])
+        closed = motion.copy()
+        if not frames:
+            return closed
+        for _ in range(12):
+            now, jacobians = self.feet(closed, frames)
+            gaps = targets - now[0]
+            self._step(closed[0], frames, jacobians, gaps)
+            if np.abs(gaps).max() < 1e-12:
+                break
+        for order in (1, 2):
+            now, jacobians = self.feet(closed, frames)
+            self._step(closed[order], frames, jacobians, -now[order])
+        return closed
+
+    def _step(self, rows: Array, frames: Sequence[str], jacobians: Array, gaps: Array) -> None:
+        """Add to rows (6+n, N) of a motion what moves feet by gaps (N, F, 3)."""
+        for column, frame in enumerate(frames):
+            leg = self.legs[frame]
+            inverse = np.linalg.pinv(jacobians[:, column][:, :, leg])
+            rows[[BASE + joint for joint in leg]] += np.einsum("nij,nj->in", inverse, gaps[:, column])

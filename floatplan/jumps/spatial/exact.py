@@ -1,0 +1,232 @@
+"""Stances in space that satisfy the dynamics between the program's nodes too, and meet the flight at its ends.
+
+The program's base and joints are taken as they are, but next to the flight, where the base's rates and accelerations
+are made those of free fall with feet that do not move; legs that stand follow from where their feet are. Three feet and
+more bear any motion of the base. On two the moment about the line through them takes no force: the whole robot is
+turned about that line by an angle that follows from this moment, an inverted pendulum, from the flight's end on. What a
+phase ends with goes into the next by a quintic that vanishes at its other end.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.errors import FloatplanError
+from floatplan.jumps.motion import quintic, refined
+from floatplan.jumps.spatial.coordinates import Mechanics
+from floatplan.jumps.spatial.model import BASE
+from floatplan.jumps.spatial.pendulum import Line, balanced
+from floatplan.jumps.spatial.phases import SpatialPhase
+from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
+from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
+
+
+class NoExactStanceError(FloatplanError):
+    """A solution whose stances cannot be made exact."""
+
+
+@dataclass(frozen=True, eq=False)
+class FlightEnds:
+    """What stances and flight have in common.
+
+    Attributes
+    ----------
+    motion : (3, 6+n, 2) at takeoff and landing
+    momentum : (3,) kg m^2/s, about the centre of mass
+    com_velocity : (3,) m/s at takeoff
+    duration : s
+    """
+
+    motion: Array
+    momentum: Array
+    com_velocity: Array
+    duration: float
+
+
+def feet_places(program: SpatialProgram, solution: SpatialSolution, side: str) -> dict[str, Array]:
+    """Where the feet of a side stand, (3,) m."""
+    shift = solution.origin.copy()
+    if side == "landing":
+        shift[:2] = solution.y[:2, -1]
+    return {frame: position + shift for frame, position in program.ends.places[side].items()}
+
+
+def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> FlightEnds:
+    """Return takeoff and landing of a flight that both stances can meet.
+
+    The takeoff's pose and rates are the program's; the landing's attitude too, while its height, its rates and the legs
+    that land follow from the parabola, the momentum and the feet, which stand still.
+    """
+    flight = program.flight
+    duration = float(solution.durations[flight])
+    columns = [program.borders[flight], program.borders[flight + 1]]
+    from_program = np.stack((solution.y, solution.v, solution.a))[:, :, columns]
+    motion = mechanics.from_centre(from_program)
+    before = _standing_places(program, solution, program.phases[flight - 1])
+    after = _standing_places(program, solution, program.phases[flight + 1])
+    takeoff = mechanics.close(motion[:, :, :1], before)
+    takeoff = _falling(mechanics, takeoff, before)
+    centres, momenta = mechanics.centre(takeoff)
+    momentum = momenta[:, 0]
+    position = centres[0, :, 0]
+    velocity = centres[1, :, 0]
+    fallen = np.array([0.0, 0.0, mechanics.gravity * duration])
+    landing_centre = position + velocity * duration - fallen * duration / 2
+    landing = _placed(mechanics, motion[:, :, 1:], after, landing_centre)
+    landing = _moving(mechanics, landing, after, velocity - fallen, momentum)
+    landing = _falling(mechanics, landing, after)
+    return FlightEnds(np.concatenate((takeoff, landing), axis=2), momentum, velocity, duration)
+
+
+def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: SpatialPhase) -> dict[str, Array]:
+    places = feet_places(program, solution, phase.side)
+    return {frame: places[frame] for frame in phase.frames}
+
+
+def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centre: Array) -> Array:
+    """The motion (3, 6+n, 1) with its centre of mass at a point (3,), its attitude as it is, its feet at places."""
+
+    def missing(base: Array) -> tuple[Array, Array]:
+        placed = motion.copy()
+        placed[0, :3, 0] = base
+        placed = mechanics.close(placed, places)
+        return centre - mechanics.centre(placed)[0][0, :, 0], placed
+
+    base = motion[0, :3, 0].copy()
+    step = 1e-6  # [m] of the differences
+    for _ in range(12):
+        gap, placed = missing(base)
+        if np.abs(gap).max() < 1e-13:
+            return placed
+        if not np.isfinite(gap).all():
+            break
+        jacobian = np.stack([(missing(base + step * axis)[0] - gap) / step for axis in np.eye(3)], axis=1)
+        base = base - np.linalg.solve(jacobian, gap)
+    raise NoExactStanceError("the legs do not reach the ground where the flight lands")
+
+
+def _moving(mechanics: Mechanics, motion: Array, places: dict[str, Array], velocity: Array, momentum: Array) -> Array:
+    """The motion (3, 6+n, 1) with base rates of a centre's velocity and a momentum, the feet standing still."""
+
+    def missing(rates: Array) -> tuple[Array, Array]:
+        moving = motion.copy()
+        moving[1, :BASE, 0] = rates
+        moving = mechanics.close(moving, places)
+        centres, momenta = mechanics.centre(moving)
+        return np.concatenate((centres[1, :, 0] - velocity, momenta[:, 0] - momentum)), moving
+
+    return _affine_root(missing, motion[1, :BASE, 0])
+
+
+def _falling(mechanics: Mechanics, motion: Array, places: dict[str, Array]) -> Array:
+    """The motion (3, 6+n, 1) with base accelerations for which nothing bears it, the feet not accelerating."""
+
+    def missing(accelerations: Array) -> tuple[Array, Array]:
+        falling = motion.copy()
+        falling[2, :BASE, 0] = accelerations
+        falling = mechanics.close(falling, places)
+        return mechanics.base_wrench(falling)[0], falling
+
+    return _affine_root(missing, motion[2, :BASE, 0])
+
+
+def _affine_root(function: Callable[[Array], tuple[Array, Array]], start: Array) -> Array:
+    """The motion where an affine function (6,) of six numbers vanishes; a second step takes rounding away."""
+    point = start.copy()
+    value, motion = function(point)
+    columns = [function(point + direction)[0] - value for direction in np.eye(len(start))]
+    jacobian = np.stack(columns, axis=1)
+    for _ in range(2):
+        point = point - np.linalg.solve(jacobian, value)
+        value, motion = function(point)
+    return motion
+
+
+def exact_stances(
+    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds, side: str
+) -> list[SpatialStance]:
+    """Return the stances of a side of the flight, in order of time."""
+    outwards = -1 if side == "takeoff" else 1
+    indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
+    junction = ends.motion[:, :, [0 if side == "takeoff" else 1]]
+    stances = []
+    for position, index in enumerate(indices[::outwards]):
+        phase = program.phases[index]
+        times, motion, shares = _fine_motion(program, solution, mechanics, index)
+        places = _standing_places(program, solution, phase)
+        near = 0 if side == "landing" else -1
+        change = junction[:, :, 0] - motion[:, :, near]
+        motion = motion + _vanishing(times, change, near)
+        motion = mechanics.close(motion, places)
+        if len(places) == 2:
+            beyond = _standing_places(program, solution, program.phases[indices[::outwards][position + 1]])
+            motion = _on_two_feet(mechanics, times, motion, places, beyond, near)
+        junction = motion[:, :, [-1 - near]] if near == 0 else motion[:, :, [0]]
+        grid = SpatialGrid(times, motion[0], motion[1], motion[2], shares)
+        model = program.model
+        stance = SpatialStance(model.robot, model.gravity, mechanics.axes, phase.feet, program.friction, grid)
+        stances.append(stance)
+    return stances[::outwards]
+
+
+def _on_two_feet(
+    mechanics: Mechanics,
+    times: Array,
+    motion: Array,
+    places: dict[str, Array],
+    beyond: dict[str, Array],
+    near: int,
+) -> Array:
+    """The motion (3, 6+n, G) balanced on two feet, with other legs that stand at the far end, in the phase beyond.
+
+    The angle about the line moves their feet, and their legs move the robot about the line: a fixed point.
+    """
+    line = Line.through(places)
+    others = {frame: position for frame, position in beyond.items() if frame not in places}
+    far = -1 - near if near == 0 else 0
+    changed = motion.copy()
+    for _ in range(30):
+        result = balanced(mechanics, line, times, changed, near)
+        at_junction = result[:, :, [far]]
+        change = (mechanics.close(at_junction, others) - at_junction)[:, :, 0]
+        scale = (times[-1] - times[0]) ** np.arange(3)
+        if np.abs(change * scale[:, None]).max() < 1e-9:
+            return result
+        changed += _vanishing(times, change, far)
+    raise NoExactStanceError("on two feet the other legs do not reach the ground where they stand")
+
+
+def _vanishing(times: Array, change: Array, near: int) -> Array:
+    """Quintics (3, rows, G) that are a change (3, rows) at one end of some times, and vanish at the other."""
+    span = times[[0, -1]]
+    zero = np.zeros_like(change)
+    first, last = (change, zero) if near == 0 else (zero, change)
+    return quintic(times, span, first, last)
+
+
+def _fine_motion(
+    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, index: int
+) -> tuple[Array, Array, Array]:
+    """Times (G,), the motion (3, 6+n, G) with accelerations that are linear between nodes, and forces (3 F, G)."""
+    begin, end = program.borders[index], program.borders[index + 1]
+    coarse = program.times(solution.durations)[begin : end + 1]
+    times = refined(coarse, 6)
+    interval = np.minimum(np.searchsorted(coarse, times, "right") - 1, len(coarse) - 2)
+    step = np.diff(coarse)[interval]
+    since = times - coarse[interval]
+    y, v, a = (rows[:, begin + interval] for rows in (solution.y, solution.v, solution.a))
+    jerk = (solution.a[:, begin + interval + 1] - a) / step
+    of_program = np.stack(
+        (
+            y + since * v + since**2 / 2 * a + since**3 / 6 * jerk,
+            v + since * a + since**2 / 2 * jerk,
+            a + since * jerk,
+        )
+    )
+    shares = []
+    for foot in program.phases[index].feet:
+        nodes = [solution.forces[node].get(foot.frame, np.zeros(3)) for node in range(begin, end + 1)]
+        shares += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
+    return times, mechanics.from_centre(of_program), np.array(shares)

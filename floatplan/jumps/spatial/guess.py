@@ -1,0 +1,86 @@
+"""Where the search for a jump in space begins."""
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from floatplan.arrays import Array
+from floatplan.jumps.spatial.model import BASE
+from floatplan.jumps.spatial.program import SpatialProgram
+
+
+def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Array:
+    """Return the generic guess (size,); with random numbers a perturbed one.
+
+    Joints go from posture to posture, the centre of mass rises to 1.15 of its height, flies, and comes down; the
+    base turns by a smoothstep from the takeoff's last phase to the landing's first.
+    """
+    durations = np.array([phase.duration for phase in program.phases])
+    if rng is not None:
+        low, high = np.transpose([phase.bounds for phase in program.phases])
+        durations = np.clip(durations * rng.uniform(0.8, 1.25, len(durations)), low, high)
+    n = program.model.size
+    times = program.times(durations)
+    y = np.empty((n, program.nodes))
+    v = np.zeros((n, program.nodes))
+    share = np.linspace(0.0, 1.0, program.nodes)
+    begin, end = times[program.borders[[max(program.flight - 1, 0), min(program.flight + 2, len(program.phases))]]]
+    if program.flight == 1:  # one phase before it: the base turns in its second half
+        begin = times[program.borders[1]] / 2
+    if program.flight == len(program.phases) - 2:
+        end = (times[program.borders[-2]] + times[-1]) / 2
+    progress = np.clip((times - begin) / (end - begin), 0.0, 1.0)
+    smooth = progress**2 * (3 - 2 * progress)
+    first, last = program.ends.y
+    y[3:6] = first[3:6, None] + np.outer(last[3:6] - first[3:6], smooth)
+    v[3:6] = np.outer(last[3:6] - first[3:6], 6 * progress * (1 - progress) / (end - begin))
+    y[BASE:] = first[BASE:, None] + np.outer(last[BASE:] - first[BASE:], smooth)
+    if rng is not None:
+        bumps = np.sin(np.pi * share[None] * rng.integers(1, 4, (n - BASE, 1)))
+        y[BASE:] += rng.uniform(-0.2, 0.2, (n - BASE, 1)) * bumps
+    takeoff, landing = times[program.borders[[program.flight, program.flight + 1]]]
+    y[:3], v[:3], lift = _guessed_centre(program, times, takeoff, landing)
+    raw = np.zeros(program.size)
+    for node, kind in enumerate(program.kinds):
+        at = program.begins[node]
+        raw[at : at + n] = y[:, node]
+        raw[at + n : at + 2 * n] = v[:, node]
+        forces = np.arange(at + 3 * n, program.begins[node + 1])
+        if len(forces):
+            raw[forces[2::3]] = max(lift[node], 0.0) / len(kind.bearing)
+    raw[program.size - len(program.phases) :] = durations
+    return raw
+
+
+def _guessed_centre(
+    program: SpatialProgram, times: Array, takeoff: float, landing: float
+) -> tuple[Array, Array, Array]:
+    """Centre of mass and its velocity (3, K+1), and vertical force over the weight (K+1,)."""
+    gravity = program.model.gravity
+    speed = gravity * (landing - takeoff) / 2
+    first, last = program.ends.y[:, :3]
+    displacement = np.zeros(2) if program.ends.displacement is None else program.ends.displacement - first[:2]
+    horizontal = displacement / (landing - takeoff) * 0.8  # of the way in the air
+    knots = [0.0, takeoff, landing, times[-1]]
+    high = 1.15
+    way = horizontal * (landing - takeoff)
+    middle = (displacement - way) / 2
+    places = np.array(
+        [
+            first,
+            [*(first[:2] + middle), high * first[2]],
+            [*(first[:2] + middle + way), high * last[2]],
+            [*(first[:2] + displacement), last[2]],
+        ]
+    )
+    rates = np.array([np.zeros(3), [*horizontal, speed], [*horizontal, -speed], np.zeros(3)])
+    curve = CubicHermiteSpline(knots, places, rates)
+    in_flight = (times >= takeoff) & (times <= landing)
+    y = curve(times).T
+    v = curve(times, 1).T
+    lift = 1 + curve(times, 2)[:, 2] / gravity
+    since = times[in_flight] - takeoff
+    drop = (last[2] - first[2]) * high / (landing - takeoff)
+    y[2, in_flight] = high * first[2] + (speed + drop) * since - gravity * since**2 / 2
+    v[2, in_flight] = speed + drop - gravity * since
+    lift[in_flight] = 0.0
+    return y, v, lift

@@ -1,0 +1,139 @@
+"""A robot on two feet: turned as a whole about the line through them, so that the moment about it vanishes.
+
+With a motion of base and joints at hand, its feet at a and b, n along b - a and Q(d) the rotation by d about n, the
+robot is where ``a + Q (x - a)`` is of its points x. Of its acceleration ``d''`` the moment about the line is affine:
+two evaluations of the inverse dynamics give the differential equation of d, an inverted pendulum's.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.jumps.motion import hermite, refined, values
+from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
+from floatplan.jumps.spatial.model import BASE
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """The line through two feet: a point (3,) of it, m, and its direction (3,)."""
+
+    point: Array
+    direction: Array
+
+    @classmethod
+    def through(cls, places: dict[str, Array]) -> "Line":
+        """Through the places of two feet."""
+        first, second = places.values()
+        along = second - first
+        return cls(first, along / np.linalg.norm(along))
+
+    def turned(self, axes: str, motion: Array, angle: Array) -> Array:
+        """A motion (3, 6+n, N) turned by an angle with two derivatives (3, N)."""
+        n = self.direction
+        rotation, rate, rate_change = turned(axes, motion[:, 3:BASE])
+        own = np.array([pin.exp3(n * one) for one in angle[0]])
+        of_time = angle[:, :, None]
+
+        def by_own(vectors: Array) -> Array:
+            return np.asarray(np.einsum("nij,nj->ni", own, vectors))
+
+        arm = by_own(motion[0, :3].T - self.point)
+        velocity = by_own(motion[1, :3].T)
+        acceleration = by_own(motion[2, :3].T)
+        across = np.cross(n, arm)
+        result = motion.copy()
+        result[0, :3] = (self.point + arm).T
+        result[1, :3] = (velocity + of_time[1] * across).T
+        inwards = np.cross(n, across)
+        coriolis = 2 * of_time[1] * np.cross(n, velocity)
+        result[2, :3] = (acceleration + coriolis + of_time[2] * across + of_time[1] ** 2 * inwards).T
+        turning = by_own(rate)
+        rates = turning + of_time[1] * n
+        changes = by_own(rate_change) + of_time[2] * n + of_time[1] * np.cross(n, turning)
+        result[:, 3:BASE] = angles_of(axes, own @ rotation, rates, changes, motion[0, 3:BASE])
+        return result
+
+
+class Pendulum:
+    """The differential equation of the angle at some instants: ``d'' = f(d, d')``.
+
+    It is that of the robot as it is, in a world that turns about the line with it: gravity turns the other way.
+    """
+
+    def __init__(self, mechanics: Mechanics, line: Line, motion: Array) -> None:
+        self.mechanics = mechanics
+        self.line = line
+        self.gravity = np.array(mechanics.model.gravity.linear)
+        self.model = mechanics.model.copy()
+        self.data = self.model.createData()
+        self.q, self.v, self.a = mechanics.coordinates(motion)
+        rotations, self.rates, _ = turned(mechanics.axes, motion[:, 3:BASE])
+        self.back = rotations.transpose(0, 2, 1)
+        self.arms = motion[0, :3].T - line.point
+        self.velocities = motion[1, :3].T
+
+    def acceleration(self, index: int, angle: float, rate: float) -> float:
+        """The angle's acceleration at an instant."""
+        self.model.gravity.linear = pin.exp3(-angle * self.line.direction) @ self.gravity
+        moment = self._moment(index, rate, 0.0)
+        return -moment / (self._moment(index, rate, 1.0) - moment)
+
+    def _moment(self, index: int, rate: float, acceleration: float) -> float:
+        """Moment about the line, N m, with the robot turning about it as well."""
+        n = self.line.direction
+        back = self.back[index]
+        arm = self.arms[index]
+        across = np.cross(n, arm)
+        turning = rate * n
+        # Accelerations of the base's origin, and of its turning, in addition to those of the motion.
+        pushed = (
+            2 * np.cross(turning, self.velocities[index]) + acceleration * across + np.cross(turning, rate * across)
+        )
+        spun = acceleration * n + np.cross(turning, self.rates[index])
+        v = self.v[index].copy()
+        v[:3] += back @ (rate * across)
+        v[3:BASE] += back @ turning
+        # Pinocchio's acceleration of the base is the derivative of its velocity in its own axes.
+        a = self.a[index].copy()
+        a[:3] += back @ pushed - np.cross(v[3:BASE], v[:3]) + np.cross(self.v[index, 3:BASE], self.v[index, :3])
+        a[3:BASE] += back @ spun
+        wrench = pin.rnea(self.model, self.data, self.q[index], v, a)
+        force = back.T @ wrench[:3]
+        return float((back.T @ wrench[3:BASE] + np.cross(arm, force)) @ n)
+
+
+def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:
+    """The motion (3, 6+n, G) turned about a line by an angle that begins with nothing at one end, 0 or -1.
+
+    Its moment about the line vanishes.
+    """
+    curve = hermite(times, motion)
+    count = 4  # [-] half steps of a step of the grid, of two Runge-Kutta steps
+    fine = refined(times, count)[:: 1 if near == 0 else -1]
+    pendulum = Pendulum(mechanics, line, values(curve, np.clip(fine, times[0], times[-1])))
+    angle = np.zeros((3, len(times)))
+    state = np.zeros(2)
+    for index in range(len(times)):
+        at = index * count
+        angle[:2, index] = state
+        angle[2, index] = pendulum.acceleration(at, state[0], state[1])
+        if index < len(times) - 1:
+            for begin in range(at, at + count, 2):
+                state = _runge_kutta(pendulum, begin, state, fine[begin + 2] - fine[begin])
+    return line.turned(mechanics.axes, motion, angle[:, :: 1 if near == 0 else -1])
+
+
+def _runge_kutta(pendulum: Pendulum, begin: int, state: Array, step: float) -> Array:
+    """Angle and rate (2,) after a step from the instant ``begin`` to the second one after it."""
+
+    def slope(index: int, at: Array) -> Array:
+        return np.array([at[1], pendulum.acceleration(index, at[0], at[1])])
+
+    first = slope(begin, state)
+    second = slope(begin + 1, state + step / 2 * first)
+    third = slope(begin + 1, state + step / 2 * second)
+    fourth = slope(begin + 2, state + step * third)
+    return np.asarray(state + step / 6 * (first + 2 * second + 2 * third + fourth))

@@ -1,0 +1,135 @@
+"""Phases of a jump in space, and which feet stand when.
+
+Those over which the robot tips leave last; those that are lower where 30 degrees are missing land first.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.jumps.phases import Side
+from floatplan.jumps.spatial.standing import Foot, Kinematics
+from floatplan.problem.attitude import Attitude
+from floatplan.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class SpatialPhase:
+    """A time in which the contacts do not change.
+
+    Attributes
+    ----------
+    side : "takeoff", "flight" or "landing"
+    feet : that stand
+    duration : guessed, s
+    bounds : of the duration, s
+    intervals : between the nodes of the program
+    """
+
+    side: Side
+    feet: tuple[Foot, ...]
+    duration: float
+    bounds: tuple[float, float]
+    intervals: int
+
+    @property
+    def shares(self) -> Array:
+        """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
+        even = np.linspace(0.0, 1.0, self.intervals + 1)
+        if self.side == "flight":
+            return even
+        first = 0.3  # [-] of an even step is the step next to the flight; steps grow linearly from there
+        from_flight = 1 - even if self.side == "takeoff" else even
+        spaced = from_flight * (first + (1 - first) * from_flight)
+        return 1 - spaced if self.side == "takeoff" else spaced
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the feet that stand."""
+        return tuple(foot.frame for foot in self.feet)
+
+    @property
+    def name(self) -> str:
+        """Side and feet, for a person."""
+        return f"{self.side} on {' and '.join(self.frames)}" if self.feet else self.side
+
+
+def side_phases(
+    side: Side,
+    groups: Sequence[tuple[Foot, ...]],
+    unit: float,
+    bounds: Sequence[tuple[float, float] | None],
+    intervals: Sequence[int] | None = None,
+) -> list[SpatialPhase]:
+    """Return the phases of a side of the flight, or the flight, with generic durations.
+
+    Parameters
+    ----------
+    side : "takeoff", "flight" or "landing"
+    groups : feet of its one or two phases, in order of time
+    unit : sqrt(height / g) of the centre of mass where the robot stands, s
+    bounds : of their durations, s; None for generic ones
+    intervals : of each phase, if not the usual numbers
+    """
+    # Durations over sqrt(height / g), and intervals, of jumps of quadrupeds.
+    usual = {
+        ("flight", 1): [(2.57, 12)],
+        ("takeoff", 1): [(2.73, 20)],
+        ("takeoff", 2): [(1.9, 12), (1.03, 8)],
+        ("landing", 1): [(3.16, 20)],
+        ("landing", 2): [(0.9, 8), (2.3, 12)],
+    }[side, len(groups)]
+    phases = []
+    for index, (feet, (guess, count), fixed) in enumerate(zip(groups, usual, bounds, strict=True)):
+        low, high = fixed or (0.6 * guess * unit, 1.8 * guess * unit)
+        duration = min(max(guess * unit, low), high)
+        phases.append(SpatialPhase(side, feet, duration, (low, high), count if intervals is None else intervals[index]))
+    return phases
+
+
+def usual_groups(
+    robot: Robot, feet: Sequence[Foot], start: Attitude, goal: Attitude, joints: Array
+) -> tuple[list[tuple[Foot, ...]], list[tuple[Foot, ...]]]:
+    """Return the feet of the phases before takeoff and after landing.
+
+    The base turns in proportion from start to goal. Of its feet those leave last that are lower where it is 30 degrees
+    from level for the first time, and those land first that are lower where it is so for the last time.
+    """
+    shares = np.linspace(0.0, 1.0, 721)  # half a degree apart
+    path = np.array([attitude_between(start, goal, share).matrix for share in shares])
+    tilts = np.arccos(np.clip(path[:, 2, 2], -1.0, 1.0))
+    tilted = np.flatnonzero(tilts > math.radians(30.0))
+    everything = tuple(feet)
+    if not len(tilted):
+        return [everything], [everything]
+    last = _lower(robot, feet, path[tilted[0]], joints)
+    first = _lower(robot, feet, path[tilted[-1]], joints)
+    return (
+        [everything, last] if last != everything else [everything],
+        [first, everything] if first != everything else [everything],
+    )
+
+
+def _lower(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -> tuple[Foot, ...]:
+    """The feet that are lower than the mean of all where the base is rotated; all where none is by much."""
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.zeros(3), rotation, joints)
+    points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])
+    apart = np.linalg.norm(points[:, None] - points, axis=2).max()
+    heights = points[:, 2]
+    least = 0.125  # [-] of the largest distance of two feet: with less difference in height none is lower
+    if np.ptp(heights) < least * apart:
+        return tuple(feet)
+    low = heights < (heights.max() + heights.min()) / 2
+    return tuple(foot for foot, is_low in zip(feet, low, strict=True) if is_low)
+
+
+def attitude_between(start: Attitude, goal: Attitude, share: float) -> Attitude:
+    """Return the attitude at a share of the way, in the goal's angles."""
+    assert goal.axes is not None
+    first = start.angles_about(goal.axes)
+    angles = first + share * (np.array(goal.angles) - first)
+    return Attitude(angles=tuple(angles.tolist()), axes=goal.axes)

@@ -1,0 +1,167 @@
+"""Pieces of a program: functions of a few variables with sparse derivatives, mapped over nodes and intervals.
+
+All nodes of a kind share one expression, its Jacobian and its Hessian, evaluated for all of them at once. What they
+give is put into the program's own sparse matrices by constant ones: so a program of thousands of variables is built in
+the time of its few kinds.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from floatplan.arrays import Array, IntArray
+from floatplan.jumps.model import casadi
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One expression at many instants.
+
+    Attributes
+    ----------
+    variables, parameters : symbols (w,) and (p,)
+    rows : (m,) expressions, bounded
+    cost : expression
+    indices : (w, N) of the program's variables
+    values : (p, N) of the parameters
+    low, high : (m, N) bounds
+    labels : (m,) for a person
+    """
+
+    variables: Any
+    parameters: Any
+    rows: Any
+    cost: Any
+    indices: IntArray
+    values: Array
+    low: Array
+    high: Array
+    labels: tuple[str, ...]
+
+
+class Assembly:
+    """Rows and cost of all pieces, with derivatives, as functions of the program's variables x (size,).
+
+    The cost has a proximal term, ``rho / 2 sum_k weights_k (x_k - near_k)^2``, whose ``near`` and ``rho`` are the
+    program's parameters.
+
+    Attributes
+    ----------
+    low, high : bounds (rows,)
+    labels : (rows,) for a person
+    functions : of IPOPT's problem, by CasADi's option names
+    """
+
+    def __init__(self, pieces: Sequence[Piece], weights: Array) -> None:
+        ca = casadi()
+        size = len(weights)
+        self.size = size
+        self.low = np.concatenate([piece.low.ravel(order="F") for piece in pieces])
+        self.high = np.concatenate([piece.high.ravel(order="F") for piece in pieces])
+        self.labels = [label for piece in pieces for label in piece.labels * piece.indices.shape[1]]
+        x = ca.MX.sym("x", size)
+        parameters = ca.MX.sym("p", size + 1)
+        of_cost = ca.MX.sym("lam_f")
+        of_rows = ca.MX.sym("lam_g", len(self.low))
+        parts = _Parts()
+        begin = 0
+        for piece in pieces:
+            count = piece.low.size
+            parts.add(piece, x, of_cost, of_rows[begin : begin + count], begin)
+            begin += count
+        rho = parameters[size]
+        offset = x - parameters[:size]
+        scaled = ca.DM(weights) * offset
+        cost = parts.cost + rho / 2 * ca.dot(offset, scaled)
+        gradient = parts.gradient(size) + rho * scaled
+        rows = ca.vertcat(*parts.rows)
+        jacobian = _assembled(parts.jacobian_values, parts.jacobian, (begin, size))
+        diagonal = (np.arange(size), np.arange(size))
+        hessian = _assembled(
+            [*parts.hessian_values, of_cost * rho * ca.DM(weights)], [*parts.hessian, diagonal], (size, size)
+        )
+        names = ["x", "p"]
+        symbols = [x, parameters]
+        self.problem = {"x": x, "p": parameters, "f": cost, "g": rows}
+        self.functions = {
+            "grad_f": ca.Function("nlp_grad_f", symbols, [cost, gradient], names, ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", symbols, [rows, jacobian], names, ["g", "jac_g_x"]),
+            "hess_lag": ca.Function(
+                "nlp_hess_l",
+                [*symbols, of_cost, of_rows],
+                [hessian],
+                [*names, "lam_f", "lam_g"],
+                ["triu_hess_gamma_x_x"],
+            ),
+        }
+        self.evaluate = ca.Function("rows", symbols, [rows])
+
+
+@dataclass
+class _Parts:
+    """What pieces give so far: rows, cost, and the non-zero entries of derivatives with their positions."""
+
+    cost: Any = 0.0
+    rows: list[Any] = field(default_factory=list)
+    gradients: list[tuple[IntArray, Any]] = field(default_factory=list)
+    jacobian_values: list[Any] = field(default_factory=list)
+    jacobian: list[tuple[IntArray, IntArray]] = field(default_factory=list)
+    hessian_values: list[Any] = field(default_factory=list)
+    hessian: list[tuple[IntArray, IntArray]] = field(default_factory=list)
+
+    def add(self, piece: Piece, x: Any, of_cost: Any, of_rows: Any, begin: int) -> None:
+        """Add a piece whose first row is the program's row ``begin``."""
+        ca = casadi()
+        width, count = piece.indices.shape
+        height = piece.low.shape[0]
+        w = piece.variables
+        sigma = ca.SX.sym("sigma")
+        multipliers = ca.SX.sym("multipliers", height)
+        jacobian = ca.jacobian(piece.rows, w)
+        gradient = ca.gradient(piece.cost, w)
+        lagrangian = sigma * piece.cost + ca.dot(multipliers, piece.rows)
+        hessian = ca.triu(ca.hessian(lagrangian, w)[0])
+        symbols = [w, piece.parameters]
+        values = ca.Function("values", symbols, [piece.rows, piece.cost]).map(count)
+        derivatives = ca.Function("first", symbols, [jacobian.nz[:], gradient]).map(count)
+        curvature = ca.Function("second", [*symbols, sigma, multipliers], [hessian.nz[:]]).map(count)
+        columns = ca.reshape(x[piece.indices.ravel(order="F").tolist()], width, count)
+        numbers = ca.DM(piece.values)
+        rows, costs = values(columns, numbers)
+        jacobian_values, gradients = derivatives(columns, numbers)
+        hessian_values = curvature(columns, numbers, ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count))
+        self.cost += ca.sum2(costs)
+        self.rows.append(ca.vec(rows))
+        self.gradients.append((piece.indices.ravel(order="F"), ca.vec(gradients)))
+        row, column = map(np.array, jacobian.sparsity().get_triplet())
+        places = np.arange(count)[:, None] * height + row + begin
+        self.jacobian.append((places.ravel(), piece.indices[column].T.ravel()))
+        self.jacobian_values.append(ca.vec(jacobian_values))
+        row, column = map(np.array, hessian.sparsity().get_triplet())
+        first = piece.indices[row].T.ravel()
+        second = piece.indices[column].T.ravel()
+        self.hessian.append((np.minimum(first, second), np.maximum(first, second)))  # the upper triangle
+        self.hessian_values.append(ca.vec(hessian_values))
+
+    def gradient(self, size: int) -> Any:
+        """Gradient (size,) of the cost."""
+        ca = casadi()
+        indices = np.concatenate([index for index, _ in self.gradients])
+        values = ca.vertcat(*(value for _, value in self.gradients))
+        gather = sp.csc_matrix((np.ones(len(indices)), (indices, np.arange(len(indices)))), (size, len(indices)))
+        return ca.densify(ca.mtimes(ca.DM(gather), values))
+
+
+def _assembled(values: Sequence[Any], positions: Sequence[tuple[IntArray, IntArray]], shape: tuple[int, int]) -> Any:
+    """A sparse matrix whose entries are sums of values at the same position."""
+    ca = casadi()
+    rows = np.concatenate([row for row, _ in positions])
+    columns = np.concatenate([column for _, column in positions])
+    flat = columns.astype(np.int64) * shape[0] + rows
+    distinct, entry = np.unique(flat, return_inverse=True)
+    gather = sp.csc_matrix((np.ones(len(flat)), (entry, np.arange(len(flat)))), (len(distinct), len(flat)))
+    sparsity = ca.Sparsity.triplet(*shape, (distinct % shape[0]).tolist(), (distinct // shape[0]).tolist())
+    return ca.MX(sparsity, ca.densify(ca.mtimes(ca.DM(gather), ca.vertcat(*values))))

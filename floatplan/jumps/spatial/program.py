@@ -1,0 +1,502 @@
+"""The program of a jump in space over all phases: variables, rows, guess, and the search by IPOPT in two stages.
+
+A border of two phases is one node, at which feet that leave or arrive bear no force; what arrives is
+in position, still and without acceleration. Between nodes accelerations are linear:
+``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
+``acc + 50 vel + 625 (pos - position) = 0`` at nodes, which brings back what the steps let drift. The squared shares of
+torque limits, summed over nodes, are minimised.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array, IntArray
+from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.model import BASE, SpatialModel
+from floatplan.jumps.spatial.phases import SpatialPhase
+from floatplan.jumps.spatial.pieces import Assembly, Piece
+from floatplan.jumps.spatial.standing import ClearancePoint, Foot
+
+MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
+PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialBounds:
+    """Limits of a program.
+
+    Attributes
+    ----------
+    torque : (m,) N m, of motors
+    stall, slope : (m,) N m and N m s/rad of motors' torque-speed curves
+    velocity : (n,) rad/s
+    position : (n, 2) rad
+    friction : [-]
+    clearance : m, of what is no foot from the ground
+    """
+
+    torque: Array
+    stall: Array
+    slope: Array
+    velocity: Array
+    position: Array
+    friction: float
+    clearance: float
+
+
+@dataclass(frozen=True)
+class NodeKind:
+    """What holds at a node.
+
+    Attributes
+    ----------
+    side : of the flight, whose places feet have
+    tracking : feet that stand
+    arriving : feet that touch down there
+    bearing : feet with forces
+    is_end : whether the robot stands still there, in a fixed posture
+    """
+
+    side: str
+    tracking: tuple[Foot, ...]
+    arriving: tuple[Foot, ...]
+    bearing: tuple[Foot, ...]
+    is_end: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialSolution:
+    """Values at the K+1 nodes of a jump.
+
+    Attributes
+    ----------
+    raw : (size,) variables
+    y, v, a : (6+n, K+1)
+    forces : of each node, frame -> (3,) N
+    durations : (phases,) s
+    worst : largest violation of a row, scaled; and which it is
+    iterations : int
+    converged : whether every row holds
+    origin : (3,) m, of the program in the world of y
+    """
+
+    raw: Array
+    y: Array
+    v: Array
+    a: Array
+    forces: list[dict[str, Array]]
+    durations: Array
+    worst: tuple[float, str]
+    iterations: int
+    converged: bool
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+
+    def moved(self, origin: Array) -> "SpatialSolution":
+        """The same where the program's origin is elsewhere in the world, (3,) m."""
+        y = self.y.copy()
+        y[:3] += (origin - self.origin)[:, None]
+        return replace(self, y=y, origin=origin)
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialEnds:
+    """Where the robot stands before and after.
+
+    Attributes
+    ----------
+    y : (2, 6+n) centre of mass, angles and joints; the landing's centre is above the origin, its position is free
+    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's position
+    displacement : (2,) m of the centre of mass, where it is fixed; else None
+    """
+
+    y: Array
+    places: dict[str, dict[str, Array]]
+    displacement: Array | None = None
+
+
+@dataclass(eq=False)
+class SpatialProgram:
+    """A jump's program.
+
+    Attributes
+    ----------
+    model : SpatialModel
+    phases : in order of time, the flight among them
+    ends : SpatialEnds
+    points : that stay above the ground
+    bounds : SpatialBounds
+    friction : that is allowed; the bounds' has a margin
+    """
+
+    model: SpatialModel
+    phases: tuple[SpatialPhase, ...]
+    ends: SpatialEnds
+    points: Sequence[ClearancePoint]
+    bounds: SpatialBounds
+    friction: float
+    kinds: list[NodeKind] = field(init=False)
+    phase_of: IntArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Lay out nodes and variables."""
+        model = self.model
+        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        self.borders = np.cumsum([0, *(phase.intervals for phase in self.phases)])
+        self.nodes = int(self.borders[-1]) + 1
+        self.phase_of = np.minimum(
+            np.searchsorted(self.borders[1:], np.arange(self.nodes), "right"), len(self.phases) - 1
+        )
+        self.kinds = [self._kind(node) for node in range(self.nodes)]
+        self.height = float(self.ends.y[0, 2])
+        self.weight = model.mass * model.gravity
+        self.unit = math.sqrt(self.height / model.gravity)
+        widths = [3 * model.size + 3 * len(kind.bearing) for kind in self.kinds]
+        self.begins = np.cumsum([0, *widths])
+        self.size = int(self.begins[-1]) + len(self.phases)
+
+    def _kind(self, node: int) -> NodeKind:
+        """What holds at a node."""
+        border = np.flatnonzero(self.borders == node)
+        if node in (0, self.nodes - 1):
+            phase = self.phases[0 if node == 0 else -1]
+            return NodeKind(phase.side, (), (), phase.feet, is_end=True)
+        if not len(border):
+            phase = self.phases[self.phase_of[node]]
+            return NodeKind(phase.side, phase.feet, (), phase.feet)
+        before = self.phases[int(border[0]) - 1]
+        after = self.phases[int(border[0])]
+        bearing = tuple(foot for foot in before.feet if foot in after.feet)
+        if after.side == "landing":
+            arriving = tuple(foot for foot in after.feet if foot not in before.feet)
+            return NodeKind("landing", before.feet, arriving, bearing)
+        return NodeKind("takeoff", before.feet, (), bearing)
+
+    @cached_property
+    def assembly(self) -> Assembly:
+        """Rows, cost and derivatives."""
+        nodes_of: dict[NodeKind, list[int]] = {}
+        for node, kind in enumerate(self.kinds):
+            nodes_of.setdefault(kind, []).append(node)
+        pieces = [self._node_piece(kind, nodes) for kind, nodes in nodes_of.items()]
+        pieces += [self._interval_piece(index) for index in range(len(self.phases))]
+        return Assembly(pieces, self._weights())
+
+    def _weights(self) -> Array:
+        """Weights (size,) of the proximal term."""
+        n = self.model.size
+        weights = np.full(self.size, PROXIMAL["duration"])
+        for node, kind in enumerate(self.kinds):
+            begin = self.begins[node]
+            weights[begin : begin + n] = PROXIMAL["y"]
+            weights[begin + n : begin + 2 * n] = PROXIMAL["v"]
+            weights[begin + 2 * n : begin + 3 * n] = PROXIMAL["a"]
+            weights[begin + 3 * n : begin + 3 * n + 3 * len(kind.bearing)] = PROXIMAL["force"]
+        return weights
+
+    def _node_piece(self, kind: NodeKind, nodes: Sequence[int]) -> Piece:
+        """Rows of all nodes of a kind."""
+        ca = casadi()
+        model = self.model
+        weight = self.weight
+        shares = {foot.frame: ca.SX.sym(f"F_{foot.frame}", 3) for foot in kind.bearing}
+        forces = {frame: weight * share for frame, share in shares.items()}
+        displacement = ca.SX.sym("d", 2)
+        parameters = ca.SX.sym("p", 0)
+        of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
+        stiffness = 625.0  # [1/s^2] and
+        damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
+        sides = 8  # [-] of the pyramid inside the friction cone
+        rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
+        balance = model.balance(forces)
+        for index in range(6):
+            scale = weight if index < 3 else weight * self.height
+            rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
+        uses_displacement = kind.side == "landing" and (kind.tracking or kind.arriving)
+        for foot in (*kind.tracking, *kind.arriving):
+            _, (position, velocity, acceleration) = model.foot(foot.frame)
+            position = ca.SX(self.ends.places[kind.side][foot.frame])
+            if kind.side == "landing":
+                position = position + ca.vertcat(displacement, 0)
+            gap = position - position
+            label = f"position of {foot.frame}"
+            for index in range(3):
+                if foot in kind.arriving:
+                    rows.append((gap[index] / self.height, 0.0, 0.0, label))
+                    rows.append((velocity[index] / (model.gravity * self.unit), 0.0, 0.0, label))
+                    rows.append((acceleration[index] / model.gravity, 0.0, 0.0, label))
+                else:
+                    pulled = acceleration[index] + damping * velocity[index] + stiffness * gap[index]
+                    rows.append((pulled / model.gravity, 0.0, 0.0, label))
+        for foot in kind.bearing:
+            share = shares[foot.frame]
+            steepest = self.bounds.friction * math.cos(math.pi / sides)
+            for side in range(sides):
+                angle = 2 * math.pi * side / sides
+                along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
+                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.frame}"))
+        motor_rows, cost = self._motor_rows(forces)
+        height_rows: list[tuple[Any, float, float, str]] = []
+        if not kind.is_end:
+            rows += motor_rows
+            height_rows = self._height_rows(kind)
+        cost += 1e-5 * ca.sumsqr(model.a) + 1e-2 * sum((ca.sumsqr(share) for share in shares.values()), ca.SX(0))
+        low = np.array([row[1] for row in rows])[:, None] * np.ones(len(nodes))
+        high = np.array([row[2] for row in rows])[:, None] * np.ones(len(nodes))
+        if height_rows:
+            least = np.stack([self._least_heights(kind, node) for node in nodes], axis=1)
+            low = np.vstack((low, least))
+            high = np.vstack((high, np.full(least.shape, np.inf)))
+        indices = np.array([np.arange(self.begins[node], self.begins[node + 1]) for node in nodes]).T
+        variables = of_node
+        if uses_displacement:
+            variables = ca.vertcat(of_node, displacement)
+            last = self.begins[self.nodes - 1]
+            indices = np.vstack((indices, np.tile([[last], [last + 1]], len(nodes))))
+        everything = [*rows, *height_rows]
+        where = self.phases[self.phase_of[nodes[0]]].name
+        return Piece(
+            variables=variables,
+            parameters=parameters,
+            rows=ca.vertcat(*(row[0] for row in everything)),
+            cost=cost,
+            indices=indices,
+            values=np.zeros((0, len(nodes))),
+            low=low,
+            high=high,
+            labels=tuple(f"{row[3]} ({where})" for row in everything),
+        )
+
+    def _motor_rows(self, forces: dict[str, Any]) -> tuple[list[tuple[Any, float, float, str]], Any]:
+        """Rows of torques within limits and curves, and the sum of squared shares of the limits."""
+        ca = casadi()
+        robot = self.model.robot
+        bounds = self.bounds
+        torques = ca.mtimes(ca.sparsify(ca.DM(robot.transmission[BASE:].T)), self.model.torques(forces))
+        rates = ca.mtimes(ca.sparsify(ca.DM(robot.motor_ratios)), self.model.v[BASE:])
+        rows: list[tuple[Any, float, float, str]] = []
+        cost = ca.SX(0)
+        for index, name in enumerate(robot.motors):
+            limit = min(bounds.torque[index], bounds.stall[index])
+            scale = limit if math.isfinite(limit) else self.weight * self.height
+            share = torques[index] / scale
+            cost += share**2
+            if math.isfinite(bounds.torque[index]):
+                most = bounds.torque[index] / scale
+                rows.append((share, -most, most, f"torque of {name}"))
+            if math.isfinite(bounds.stall[index]):
+                lost = bounds.slope[index] * rates[index] / scale
+                most = bounds.stall[index] / scale
+                label = f"torque-speed curve of {name}"
+                rows.append((share + lost, -most, most, label))
+                rows.append((share - lost, -most, most, label))
+        return rows, cost
+
+    def _heights(self, kind: NodeKind) -> list[tuple[str, int, Any, float]]:
+        """What stays above the ground at nodes of a kind: label, body, point in it, and height of the ground below."""
+        standing = {foot.frame for foot in (*kind.tracking, *kind.arriving)}
+        heights = [(point.link, point.body, point.local, point.radius) for point in self.points]
+        in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.frame not in standing}
+        for foot in sorted(in_the_air, key=lambda foot: foot.body):
+            heights += [(foot.frame, foot.body, foot.local, foot.depth)]
+        return heights
+
+    def _height_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+        rows = []
+        for name, body, local, depth in self._heights(kind):
+            position, _, _ = self.model.placed(self.model.bodies[body - 1].point(np.array(local)))
+            rows.append(((position[2] - depth) / self.height, 0.0, np.inf, f"height of {name}"))
+        return rows
+
+    def _least_heights(self, kind: NodeKind, node: int) -> Array:
+        """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
+        foot_lift = 0.02  # [m] of feet in the middle of the flight
+        air_lift = 0.003  # [m] of feet in the air in stance
+        feet = {foot.frame for phase in self.phases for foot in phase.feet}
+        share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
+        in_flight = 0.0 < share < 1.0
+        arc = 16 * (share * (1 - share)) ** 2 if in_flight else 0.0
+        least = []
+        for name, *_ in self._heights(kind):
+            if name in feet:
+                lift = foot_lift * min(1.0, arc) if in_flight else air_lift
+                least.append(lift)
+            else:
+                least.append(self.bounds.clearance)
+        return np.array(least) / self.height
+
+    def _interval_piece(self, index: int) -> Piece:
+        """Rows of the intervals of a phase: y and v follow from accelerations that are linear."""
+        ca = casadi()
+        n = self.model.size
+        phase = self.phases[index]
+        first = [ca.SX.sym(f"{name}0", n) for name in "yva"]
+        second = [ca.SX.sym(f"{name}1", n) for name in "yva"]
+        duration = ca.SX.sym("T")
+        share = ca.SX.sym("share")
+        step = share * duration
+        places = second[0] - first[0] - step * first[1] - step**2 * (first[2] / 3 + second[2] / 6)
+        rates = (second[1] - first[1] - step / 2 * (first[2] + second[2])) * self.unit
+        nodes = np.arange(self.borders[index], self.borders[index + 1])
+        offsets = np.arange(3 * n)[:, None]
+        indices = np.vstack(
+            (
+                self.begins[nodes] + offsets,
+                self.begins[nodes + 1] + offsets,
+                np.full((1, len(nodes)), self.size - len(self.phases) + index),
+            )
+        )
+        zero = np.zeros((2 * n, len(nodes)))
+        return Piece(
+            variables=ca.vertcat(*first, *second, duration),
+            parameters=share,
+            rows=ca.vertcat(places, rates),
+            cost=ca.SX(0),
+            indices=indices,
+            values=np.diff(phase.shares)[None],
+            low=zero,
+            high=zero,
+            labels=(f"motion between nodes ({phase.name})",) * (2 * n),
+        )
+
+    @cached_property
+    def box(self) -> tuple[Array, Array]:
+        """Bounds (size,) of the variables."""
+        n = self.model.size
+        bounds = self.bounds
+        low = np.full(self.size, -np.inf)
+        high = np.full(self.size, np.inf)
+        for node, kind in enumerate(self.kinds):
+            begin = self.begins[node]
+            if kind.is_end:
+                low[begin : begin + 3 * n] = high[begin : begin + 3 * n] = 0.0
+                y = self.ends.y[0 if node == 0 else 1]
+                low[begin : begin + n] = high[begin : begin + n] = y
+                if node and self.ends.displacement is not None:
+                    low[begin : begin + 2] = high[begin : begin + 2] = self.ends.displacement
+                elif node:
+                    low[begin : begin + 2] = -np.inf
+                    high[begin : begin + 2] = np.inf
+            else:
+                low[begin + 4] = -MIDDLE_ANGLE
+                high[begin + 4] = MIDDLE_ANGLE
+                low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T
+                low[begin + n + BASE : begin + 2 * n] = -bounds.velocity
+                high[begin + n + BASE : begin + 2 * n] = bounds.velocity
+            forces = np.arange(begin + 3 * n, self.begins[node + 1])
+            low[forces[2::3]] = 0.0
+        durations = self.size - len(self.phases)
+        low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
+        return low, high
+
+    def times(self, durations: Array) -> Array:
+        """Instants (K+1,) of the nodes, s."""
+        times = [0.0]
+        for phase, duration in zip(self.phases, durations, strict=True):
+            times += (times[-1] + duration * phase.shares[1:]).tolist()
+        return np.array(times)
+
+    def resampled(self, solution: SpatialSolution, other: "SpatialProgram") -> Array:
+        """Return the solution of another program of these phases, with other numbers of nodes, as a guess (size,)."""
+        n = self.model.size
+        other_shares = other.shares
+        raw = np.zeros(self.size)
+        raw[self.size - len(self.phases) :] = solution.durations
+        motion = np.vstack((solution.y, solution.v, solution.a))
+        motion[:3] -= solution.origin[:, None]
+        for node, kind in enumerate(self.kinds):
+            at = self.begins[node]
+            share = self.shares[node]
+            raw[at : at + 3 * n] = [np.interp(share, other_shares, row) for row in motion]
+            for column, foot in enumerate(kind.bearing):
+                forces = [of_node.get(foot.frame, np.zeros(3)) for of_node in solution.forces]
+                begin = at + 3 * n + 3 * column
+                own = [np.interp(share, other_shares, row) for row in np.transpose(forces)]
+                raw[begin : begin + 3] = np.array(own) / self.weight
+        return raw
+
+    @property
+    def shares(self) -> Array:
+        """Positions (K+1,) of the nodes in the phases: 1.5 is the middle of the second one."""
+        shares = [0.0]
+        for index, phase in enumerate(self.phases):
+            shares += (index + phase.shares[1:]).tolist()
+        return np.array(shares)
+
+    def solve(self, guess: Array, is_near: bool = False) -> SpatialSolution:
+        """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from its result.
+
+        A guess that ``is_near`` a solution needs no loose stage.
+        """
+        ca = casadi()
+        assembly = self.assembly
+        low, high = self.box
+        limits = {"lbx": low, "ubx": high, "lbg": assembly.low, "ubg": assembly.high}
+        raw = np.clip(guess, low, high)
+        iterations = 0
+        violation = np.inf
+        for stage in range(1 if is_near else 0, 5):
+            solver = ca.nlpsol("jump", "ipopt", assembly.problem, self._options(loose=stage == 0))
+            weight = 0.1 if stage == 0 else 1.0
+            result = solver(x0=raw, p=np.append(raw, weight), **limits)
+            values = np.asarray(result["x"]).ravel()
+            iterations += int(solver.stats()["iter_count"])
+            if not np.isfinite(values).all():
+                break
+            raw = values
+            violation, _ = self._worst(raw)
+            if stage and solver.stats()["success"] and violation < 1e-6:
+                break
+        return self.solution(raw, iterations, violation < 1e-6)
+
+    def _options(self, loose: bool) -> dict[str, Any]:
+        """Options of IPOPT for the first stage, or the following ones."""
+        common = {"print_level": 0, "sb": "yes", "mumps_pivot_order": 0, "mumps_mem_percent": 20}
+        common |= {"max_hessian_perturbation": 1e8, "constr_viol_tol": 1e-7}
+        if loose:
+            common |= {"tol": 1e-3, "max_iter": 70, "mu_strategy": "adaptive", "constr_viol_tol": 1e-4}
+            # It is enough that all rows nearly hold.
+            common |= {"acceptable_iter": 1, "acceptable_constr_viol_tol": 1e-3}
+            common |= {f"acceptable_{name}": 1e20 for name in ("tol", "dual_inf_tol", "compl_inf_tol")}
+        else:
+            common |= {"tol": 1e-5, "max_iter": 60, "mu_strategy": "monotone", "mu_init": 1e-3, "mu_target": 1e-4}
+            common |= {"bound_push": 1e-4, "bound_frac": 1e-4, "dual_inf_tol": 1e-1}
+            # It is enough that the cost does not change any more: internal forces and durations hardly count.
+            common |= {"acceptable_iter": 5, "acceptable_obj_change_tol": 1e-3, "acceptable_constr_viol_tol": 1e-6}
+            common |= {f"acceptable_{name}": 1e20 for name in ("tol", "dual_inf_tol", "compl_inf_tol")}
+        return {"ipopt": common, "print_time": False, "error_on_fail": False, **self.assembly.functions}
+
+    def _worst(self, raw: Array) -> tuple[float, str]:
+        """Largest violation of a row, and its label."""
+        assembly = self.assembly
+        values = np.asarray(assembly.evaluate(raw, np.zeros(self.size + 1))).ravel()
+        violations = np.maximum(np.maximum(assembly.low - values, values - assembly.high), 0.0)
+        index = int(violations.argmax())
+        return float(violations[index]), assembly.labels[index]
+
+    def solution(self, raw: Array, iterations: int, converged: bool) -> SpatialSolution:
+        """Variables (size,) as matrices."""
+        n = self.model.size
+        motion = np.stack([raw[begin : begin + 3 * n] for begin in self.begins[:-1]], axis=1)
+        forces = []
+        for node, kind in enumerate(self.kinds):
+            shares = raw[self.begins[node] + 3 * n : self.begins[node + 1]].reshape(-1, 3)
+            of_node = {}
+            for foot, share in zip(kind.bearing, shares, strict=True):
+                of_node[foot.frame] = self.weight * share
+            forces.append(of_node)
+        return SpatialSolution(
+            raw=raw,
+            y=motion[:n],
+            v=motion[n : 2 * n],
+            a=motion[2 * n :],
+            forces=forces,
+            durations=raw[self.size - len(self.phases) :],
+            worst=self._worst(raw),
+            iterations=iterations,
+            converged=converged,
+        )

@@ -1,0 +1,329 @@
+"""From a problem in space and a request to the program of a jump: feet, standing postures, phases, bounds."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.jumps.phases import Side
+from floatplan.jumps.setup import NodeMargins, duration_bounds
+from floatplan.jumps.spatial.model import SpatialModel
+from floatplan.jumps.spatial.phases import SpatialPhase, side_phases, usual_groups
+from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialBounds, SpatialEnds, SpatialProgram
+from floatplan.jumps.spatial.standing import (
+    Foot,
+    Kinematics,
+    clearance_points,
+    feet_links,
+    foot_at,
+    not_standing,
+    standing_joints,
+)
+from floatplan.problem.attitude import Attitude, required
+from floatplan.problem.jump import JumpRequest, Standing
+from floatplan.problem.problem import Problem
+from floatplan.robot.robot import Robot
+
+IN_PLANE = "is for jumps in a plane, so far"
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialSetup:
+    """A jump in space as it is requested: all but the margins of the program by which it is planned.
+
+    Attributes
+    ----------
+    problem : Problem
+    request : JumpRequest
+    axes : of the base's angles
+    phases : of the jump
+    ends : where the robot stands before and after, its centre of mass above the origin at first
+    origin : (3,) m, where that origin is in the problem's world: on the ground
+    """
+
+    problem: Problem
+    request: JumpRequest
+    axes: str
+    phases: tuple[SpatialPhase, ...]
+    ends: SpatialEnds
+    origin: Array
+
+    @property
+    def feet(self) -> list[Foot]:
+        """All feet."""
+        return list({foot.frame: foot for phase in self.phases for foot in phase.feet}.values())
+
+    def program(self, margins: NodeMargins) -> SpatialProgram:
+        """Return the program with some margins."""
+        problem = self.problem
+        request = self.request
+        torque_share = request.margin["torque"] * margins.torque
+        torque = np.array(problem.motor_torque_limits)
+        if not np.isfinite(torque).any():
+            torque[: len(problem.torque_limits)] = problem.torque_limits
+        limits = np.asarray(problem.position_limits)
+        reserve = np.minimum(margins.range, np.ptp(limits, axis=1) / 4)
+        ranges = limits + np.stack((reserve, -reserve), axis=1)
+        standing = self.ends.y[:, 6:]
+        ranges[:, 0] = np.minimum(ranges[:, 0], standing.min(axis=0))
+        ranges[:, 1] = np.maximum(ranges[:, 1], standing.max(axis=0))
+        bounds = SpatialBounds(
+            torque=torque_share * torque,
+            stall=torque_share * problem.motor_stall,
+            slope=problem.motor_slope,
+            velocity=request.margin["velocity"] * margins.velocity * problem.velocity_limits,
+            position=ranges,
+            friction=margins.friction * request.friction,
+            clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
+        )
+        phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
+        model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity))
+        points = clearance_points(problem.robot, self.feet)
+        return SpatialProgram(model, phases, self.ends, points, bounds, request.friction)
+
+    @property
+    def _lowest(self) -> float:
+        """Height of the lowest clearance point where the robot stands before, m."""
+        kinematics = Kinematics(self.problem.robot)
+        attitude = required(self.problem.initial.attitude)
+        kinematics.pose(np.zeros(3), attitude.matrix, self.ends.y[0, 6:])
+        foot = self.feet[0]
+        ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
+        points = clearance_points(self.problem.robot, self.feet)
+        heights = [kinematics.point(point.body, point.local)[2] - point.radius - ground for point in points]
+        return max(min(heights, default=0.0), 0.0)
+
+
+def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
+    """Resolve what a problem in space and a request ask for.
+
+    Raises
+    ------
+    InputError
+        No frame takes off, a contact cannot be one, the ends are not level, there is no standing posture, or the
+        request asks for what only jumps in a plane have.
+    """
+    robot = problem.robot
+    robot.check_shapes()
+    if not problem.flight.gravity > 0:
+        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    _refuse_what_is_planar(problem, request)
+    start = required(problem.initial.attitude)
+    goal = required(problem.final.attitude)
+    axes = goal.axes or "zyx"
+    start, goal = (Attitude(angles=tuple(end.angles_about(axes).tolist()), axes=axes) for end in (start, goal))
+    _refuse_tilted_ends(start, goal)
+    before = _target(robot, request.takeoff.from_)
+    after = before if request.landing.to == "standing" else _target(robot, request.landing.to)
+    feet = _named_feet(problem, request, start, before)
+    joints = np.empty((2, len(robot.joints)))
+    heights = np.empty(2)
+    for index, (target, attitude, side) in enumerate(((before, start, "takeoff"), (after, goal, "landing"))):
+        joints[index], heights[index] = _standing(problem, request, feet, attitude, target, side)
+    takeoff, landing = usual_groups(robot, feet, start, goal, joints[0])
+    if request.takeoff.contacts:
+        takeoff = _groups(request.takeoff.contacts, feet)
+    if request.landing.contacts:
+        landing = _groups(request.landing.contacts, feet)
+    for side, groups in (("takeoff", takeoff), ("landing", landing)):
+        for group in groups:
+            if len(group) < 2:
+                reason = f"{group[0].frame!r} would stand on its own"
+                raise InputError(reason, element=f"jump.{side}.contacts", advice="name two feet at least in each phase")
+    ends, origin = _ends(problem, request, axes, feet, (start, goal), joints, heights)
+    unit = math.sqrt(float(ends.y[0, 2]) / float(problem.flight.gravity))
+    time = problem.flight.duration
+    flight_bounds = (time, time) if "duration" in request.fixed else None
+    _check_frames(problem, takeoff, landing)
+    phases = (
+        *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
+        *side_phases("flight", [()], unit, [flight_bounds]),
+        *side_phases("landing", landing, unit, duration_bounds(request, "landing", len(landing))),
+    )
+    return SpatialSetup(problem, request, axes, phases, ends, origin)
+
+
+def _refuse_what_is_planar(problem: Problem, request: JumpRequest) -> None:
+    """Refuse what jumps in space have not yet."""
+    if request.objective != "torque":
+        raise InputError(f"{request.objective!r} {IN_PLANE}", element="jump.objective", advice='leave it out: "torque"')
+    if request.feet == "rolling":
+        advice = "leave it out: feet rotate about their frames' origins"
+        raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
+    for name in request.fixed:
+        if name != "duration":
+            raise InputError(f"{name!r} {IN_PLANE}", element="jump.fixed", advice="leave it out")
+    landing = problem.flight.landing
+    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[-1]
+    if abs(rise) > 0.2:  # m: frames of feet are not all as high
+        reason = f"a jump lands on the ground that it leaves, not {rise:.3g} m up"
+        advice = "leave it out, or plan the flight alone with floatplan plan"
+        raise InputError(reason, element="flight.landing.height", advice=advice)
+
+
+def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
+    """Refuse ends in which the base is not level, and axes about which its angles are no coordinates."""
+    axes = goal.axes
+    assert axes is not None
+    if axes[0] == axes[2]:
+        advice = (
+            'name three different ones: "xyz" of a roll, "yxz" or "yzx" of a flip, "zyx" of a jump about the vertical'
+        )
+        raise InputError(
+            f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice
+        )
+    for key, attitude in (("start", start), ("goal", goal)):
+        assert attitude.angles is not None
+        middle = attitude.angles[1]
+        if abs(middle) > MIDDLE_ANGLE:
+            reason = f"the middle angle, about {axes[1]}, is {math.degrees(middle):.4g} degrees, beyond 75"
+            advice = "name other axes, the largest rotation's first: their middle angle has to stay small"
+            raise InputError(reason, element=f"{key}.orientation", advice=advice)
+        tilt = math.acos(min(1.0, float(attitude.matrix[2, 2])))
+        level = 1e-3  # [rad] by which a base that stands may be tilted
+        if tilt > level:
+            reason = f"a jump ends as level as it begins: it would be tilted by {math.degrees(tilt):.3g} degrees"
+            advice = "ask for angles that leave it level, or plan the flight alone with floatplan plan"
+            raise InputError(reason, element=f"{key}.orientation", advice=advice)
+
+
+def _target(robot: Robot, requested: Standing) -> Array:
+    """Joints (n,) rad that are requested, others being in the reference posture."""
+    by_joint = requested if isinstance(requested, Mapping) else {}
+    return np.array(
+        [by_joint.get(name, angle) for name, angle in zip(robot.joints, robot.resting.tolist(), strict=True)]
+    )
+
+
+def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints: Array) -> list[Foot]:
+    """All feet: those of the outer phases, or else the limbs' ends that are as low as the takeoff's frame."""
+    robot = problem.robot
+    key = "jump.takeoff.contacts"
+    if request.takeoff.contacts:
+        names = list(request.takeoff.contacts[0])
+    elif request.landing.contacts:
+        names = list(request.landing.contacts[-1])
+        key = "jump.landing.contacts"
+    else:
+        names = _lowest_frames(problem, start, joints)
+    feet: list[Foot] = []
+    for name in names:
+        foot = foot_at(robot, name, start, joints, key)
+        for other in feet:
+            if other.body == foot.body:
+                reason = f"{name!r} stands twice: on the same leg as {other.frame!r}"
+                raise InputError(reason, element=key, advice="name one foot of each leg")
+        feet.append(foot)
+    for side, groups in (("takeoff", request.takeoff.contacts), ("landing", request.landing.contacts)):
+        for index, group in enumerate(groups or ()):
+            unknown = set(group) - {foot.frame for foot in feet}
+            if unknown:
+                reason = f"{min(unknown)!r} is not among what stands at first: {', '.join(names)}"
+                element = f"jump.{side}.contacts[{index}]"
+                raise InputError(reason, element=element, advice="name the same feet before and after")
+        outer = (groups or (names,))[0 if side == "takeoff" else -1]
+        left_out = {foot.frame for foot in feet} - set(outer)
+        if left_out:
+            reason = f"{min(left_out)!r} would be left in the air"
+            raise InputError(reason, element=f"jump.{side}.contacts", advice="name all feet in the outer phase")
+    return feet
+
+
+def _lowest_frames(problem: Problem, start: Attitude, joints: Array) -> list[str]:
+    """Links at the ends of limbs that reach as low as that of the takeoff's frame."""
+    robot = problem.robot
+    within = 0.02  # [m] of the takeoff frame's link
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.zeros(3), start.matrix, joints)
+    model = robot.model
+    carrying = set(model.parents)
+    ends: dict[int, tuple[float, str]] = {}
+    for link in {solid.link for solid in robot.solids}:
+        body = next(solid.body for solid in robot.solids if solid.link == link)
+        if body > 1 and body not in carrying:
+            ends[body] = min(ends.get(body, (math.inf, "")), (kinematics.lowest([link]), link))
+    lowest = min((height for height, _ in ends.values()), default=math.inf)
+    names = [link for body, (height, link) in sorted(ends.items()) if height < lowest + within]
+    if not names:
+        raise InputError("nothing stands on the ground", element="jump.takeoff.contacts", advice="name the feet")
+    return names
+
+
+def _standing(
+    problem: Problem, request: JumpRequest, feet: Sequence[Foot], attitude: Attitude, target: Array, side: Side | str
+) -> tuple[Array, float]:
+    """Joints (n,) in which the robot stands still on all feet, and the height of the base, m."""
+    robot = problem.robot
+    requested = request.takeoff.from_ if side == "takeoff" else request.landing.to
+    key = f"jump.{side}.contacts"
+    if isinstance(requested, Mapping):
+        key = "jump.takeoff.from" if side == "takeoff" else "jump.landing.to"
+        for name, angle, (low, high) in zip(robot.joints, target, problem.position_limits, strict=True):
+            if not low <= angle <= high:
+                reason = f"{angle:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
+                raise InputError(reason, element=f"{key}.{name}")
+    joints, height = standing_joints(robot, feet, attitude, target, np.asarray(problem.position_limits))
+    reason = not_standing(robot, feet, attitude, joints)
+    if not reason and isinstance(requested, Mapping) and np.abs(joints - target).max() > 0.1:  # rad
+        reason = "its feet are not level"
+    if reason:
+        advice = "give another posture, or other contacts"
+        raise InputError(f"the posture is not static: {reason}", element=key, advice=advice)
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, joints)
+    on_ground = 5e-3  # [m] above it: what is as low stands too
+    for link in {solid.link for solid in robot.solids} - feet_links(robot, feet):
+        if kinematics.lowest([link]) < on_ground:
+            reason = f"{link!r} is on the ground too"
+            raise InputError(reason, element=key, advice="name all feet in the outer phase, or bend that leg")
+    return joints, height
+
+
+def _groups(contacts: Sequence[Sequence[str]], feet: Sequence[Foot]) -> list[tuple[Foot, ...]]:
+    """Feet of phases, from their names."""
+    by_name = {foot.frame: foot for foot in feet}
+    return [tuple(by_name[name] for name in group) for group in contacts]
+
+
+def _ends(
+    problem: Problem,
+    request: JumpRequest,
+    axes: str,
+    feet: Sequence[Foot],
+    attitudes: tuple[Attitude, Attitude],
+    joints: Array,
+    heights: Array,
+) -> tuple[SpatialEnds, Array]:
+    """Where the robot stands before and after, and the origin (3,) in the problem's world, m."""
+    kinematics = Kinematics(problem.robot)
+    rows = []
+    places: dict[str, dict[str, Array]] = {}
+    for attitude, side, own, height in zip(attitudes, ("takeoff", "landing"), joints, heights, strict=True):
+        q = kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, own)
+        com = pin.centerOfMass(kinematics.model, kinematics.data, q).copy()
+        shift = np.array([com[0], com[1], 0.0])
+        rows.append(np.concatenate(([0.0, 0.0, com[2]], attitude.angles_about(axes), own)))
+        places[side] = {foot.frame: kinematics.point(foot.body, foot.local) - shift for foot in feet}
+    displacement = None if request.landing.displacement is None else np.array(request.landing.displacement)
+    frame = problem.takeoff.frame
+    origin = np.zeros(3)
+    if frame in places["takeoff"]:
+        depth = next(foot.depth for foot in feet if foot.frame == frame)
+        origin = np.array(problem.takeoff.position) - places["takeoff"][frame]
+        origin[2] = problem.takeoff.position[-1] - depth
+    return SpatialEnds(np.array(rows), places, displacement), origin
+
+
+def _check_frames(problem: Problem, takeoff: Sequence[tuple[Foot, ...]], landing: Sequence[tuple[Foot, ...]]) -> None:
+    """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
+    flight = problem.flight
+    for side, requested, feet in (("takeoff", flight.takeoff, takeoff[0]), ("landing", flight.landing, landing[0])):
+        frames = [foot.frame for foot in feet]
+        if requested is not None and requested.frame not in frames:
+            reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
+            advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
+            raise InputError(reason, element=f"flight.{side}.frame", advice=advice)

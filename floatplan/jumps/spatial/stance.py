@@ -1,0 +1,195 @@
+"""The motion of a stance in space, from what is saved: places of base and joints, and how feet share the forces."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import nnls
+
+from floatplan.arrays import Array, read_only
+from floatplan.jumps.motion import JumpState, hermite, values
+from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
+from floatplan.jumps.spatial.model import BASE
+from floatplan.jumps.spatial.standing import Foot
+from floatplan.robot.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialGrid:
+    """A stance on G instants, quintics between them.
+
+    Attributes
+    ----------
+    times : (G,) s, from the jump's start
+    y, v, a : (6+n, G) position of the base's origin, m, its angles and joints, rad, with their derivatives
+    shares : (3 F, G) forces of the feet, N, next to which the actual ones are, linear between instants
+    """
+
+    times: Array
+    y: Array
+    v: Array
+    a: Array
+    shares: Array
+
+    @cached_property
+    def curve(self) -> object:
+        """Piecewise polynomial of y."""
+        return hermite(self.times, np.stack((self.y, self.v, self.a)))
+
+    def at(self, times: Array) -> Array:
+        """y, y', y'' (3, 6+n, N) at times (N,)."""
+        return values(self.curve, times)
+
+
+@dataclass(frozen=True, eq=False)
+class SpatialStance:
+    """One stance phase.
+
+    Attributes
+    ----------
+    robot : Robot
+    gravity : m/s^2
+    axes : of the base's angles
+    contacts : feet that stand
+    friction : coefficient, within whose cone the feet share the forces where they can
+    grid : SpatialGrid
+    """
+
+    robot: Robot
+    gravity: float
+    axes: str
+    contacts: tuple[Foot, ...]
+    friction: float
+    grid: SpatialGrid
+
+    @cached_property
+    def mechanics(self) -> Mechanics:
+        """The robot with these feet."""
+        return Mechanics(self.robot, self.axes, self.gravity, self.contacts)
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """Begin and end, s."""
+        return float(self.grid.times[0]), float(self.grid.times[-1])
+
+    @property
+    def ground(self) -> float:
+        """Height of the ground below its feet, m."""
+        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].frame])
+        return float(places[0, 0, 0, 2] - self.contacts[0].depth)
+
+    def joints(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s."""
+        return np.asarray(self.grid.at(times)[0, BASE:].T)
+
+    def at(self, times: Array) -> JumpState:
+        """State at times (N,) s from the jump's start."""
+        motion = self.grid.at(times)
+        mechanics = self.mechanics
+        frames = [foot.frame for foot in self.contacts]
+        places, _ = mechanics.feet(motion, frames)
+        wrench = mechanics.wrench(motion)
+        rotation = rotations_about(self.axes, motion[0, 3:BASE])
+        base = np.hstack(
+            (
+                np.einsum("nij,nj->ni", rotation, wrench[:, :3]),
+                np.einsum("nij,nj->ni", rotation, wrench[:, 3:BASE]),
+            )
+        )
+        shares = np.array([np.interp(times, self.grid.times, row) for row in self.grid.shares]).T
+        arms = places[0] - motion[0, :3].T[:, None]
+        weight = self.gravity * self.robot.mass
+        forces = shared_forces(base, arms, shares.reshape(len(times), len(frames), 3), weight, self.friction)
+        # What is left on the base: force and moment in its own axes, as RNEA has them.
+        left = base - np.hstack((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)))
+        torques = wrench.copy()
+        torques[:, :3] = np.einsum("nji,nj->ni", rotation, left[:, :3])
+        torques[:, 3:BASE] = np.einsum("nji,nj->ni", rotation, left[:, 3:])
+        torques[:, BASE:] -= self._carried(motion, forces)
+        q, v, a = mechanics.coordinates(motion)
+        return JumpState(
+            times=read_only(times),
+            positions=read_only(continuous(q)),
+            velocities=read_only(v),
+            accelerations=read_only(a),
+            forces={frame: read_only(forces[:, column]) for column, frame in enumerate(frames)},
+            torques=read_only(torques),
+            points={frame: read_only(places[0][:, column]) for column, frame in enumerate(frames)},
+        )
+
+    def _carried(self, motion: Array, forces: Array) -> Array:
+        """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model."""
+        mechanics = self.mechanics
+        carried = np.zeros((motion.shape[2], self.robot.model.nv - BASE))
+        for index, q in enumerate(mechanics.coordinates(motion)[0]):
+            pin.computeJointJacobians(mechanics.model, mechanics.data, q)
+            pin.updateFramePlacements(mechanics.model, mechanics.data)
+            for column, foot in enumerate(self.contacts):
+                number = mechanics.frames[foot.frame]
+                jacobian = pin.getFrameJacobian(mechanics.model, mechanics.data, number, pin.LOCAL_WORLD_ALIGNED)
+                carried[index] += jacobian[:3, BASE:].T @ forces[index, column]
+        return carried
+
+
+def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float, friction: float) -> Array:
+    """Forces (N, F, 3) at points that make a wrench (N, 6), next to shares (N, F, 3): by least squares.
+
+    What bears little changes little: squares are over vertical shares, so that feet are released gently. Where a force
+    leaves the friction cone, the nearest forces inside it are taken.
+
+    Parameters
+    ----------
+    wrench : (N, 6) force, N, and moment about the base's origin, N m
+    arms : (N, F, 3) of the points from that origin, m
+    shares : (N, F, 3) N
+    weight : of the robot, N
+    friction : coefficient
+    """
+    count, feet, _ = arms.shape
+    lightest = 1e-6  # [-] of the weight: a foot that bears nothing takes next to nothing
+    loads = np.repeat(np.maximum(shares[:, :, 2], 0.0) / weight + lightest, 3, axis=1)
+    arm_map = np.zeros((count, 6, 3 * feet))
+    for foot in range(feet):
+        arm_map[:, :3, 3 * foot : 3 * foot + 3] = np.eye(3)
+        x, y, z = arms[:, foot].T
+        arm_map[:, 3, 3 * foot + 1] = -z
+        arm_map[:, 3, 3 * foot + 2] = y
+        arm_map[:, 4, 3 * foot] = z
+        arm_map[:, 4, 3 * foot + 2] = -x
+        arm_map[:, 5, 3 * foot] = -y
+        arm_map[:, 5, 3 * foot + 1] = x
+    flat = shares.reshape(count, -1)
+    missing = wrench - np.einsum("nij,nj->ni", arm_map, flat)
+    scaled = arm_map * np.sqrt(loads)[:, None]
+    change = np.sqrt(loads) * np.einsum("nij,nj->ni", np.linalg.pinv(scaled, rcond=1e-9), missing)
+    forces = (flat + change).reshape(count, feet, 3)
+    horizontal = np.linalg.norm(forces[:, :, :2], axis=2)
+    leaves = (horizontal > friction * np.maximum(forces[:, :, 2], 0.0) + 1e-9 * weight).any(axis=1)
+    for index in np.flatnonzero(leaves):
+        forces[index] = _in_cones(arm_map[index], wrench[index], flat[index], loads[index], weight, friction)
+    return np.asarray(forces)
+
+
+def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight: float, friction: float) -> Array:
+    """Forces (F, 3) inside pyramids of 16 sides in the friction cones that make a wrench (6,), next to shares (3 F,).
+
+    They are sums of the pyramids' edges, with factors that are not negative.
+    """
+    sides = 16  # [-] the pyramid has 0.98 of the cone's width
+    heavier = 1e-4  # [-] of the nearness to the shares over the wrench, which is met to its square
+    angles = 2 * np.pi * np.arange(sides) / sides
+    edges = np.stack((friction * np.cos(angles), friction * np.sin(angles), np.ones(sides)))
+    feet = len(share) // 3
+    generators = np.kron(np.eye(feet), edges)
+    nearness = heavier / np.sqrt(loads)
+    rows = np.vstack((arm_map @ generators, nearness[:, None] * generators))
+    factors, _ = nnls(rows, np.concatenate((wrench, nearness * share)) / weight)
+    return np.asarray((generators @ factors * weight).reshape(feet, 3))
+
+
+def continuous(q: Array) -> Array:
+    """Configurations (N, nq) whose quaternions do not change their sign from one to the next."""
+    signs = np.cumprod(np.where((q[1:, 3:7] * q[:-1, 3:7]).sum(axis=1) < 0, -1.0, 1.0))
+    q[1:, 3:7] *= signs[:, None]
+    return q

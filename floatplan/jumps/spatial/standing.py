@@ -1,0 +1,229 @@
+"""Where a robot stands: its feet as points, the posture in which all are on level ground, and what stays above it."""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from scipy.optimize import least_squares
+from scipy.spatial import ConvexHull, QhullError
+
+from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.problem.attitude import Attitude
+from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import frame_position
+
+DOWN = np.array([0.0, 0.0, -1.0])
+LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
+
+
+@dataclass(frozen=True)
+class Foot:
+    """A point on which the robot stands.
+
+    Attributes
+    ----------
+    frame : its name; the origin of this link or joint is the point
+    body : joint of the robot's model that carries it
+    local : (3,) m, in that joint's frame
+    depth : height of the point over the ground where it stands, m
+    """
+
+    frame: str
+    body: int
+    local: tuple[float, float, float]
+    depth: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its points, by which forces are listed."""
+        return (self.frame,)
+
+    @property
+    def name(self) -> str:
+        """The point's name."""
+        return self.frame
+
+    @property
+    def radius(self) -> float:
+        """Of a ball on which it rolls: 0, since it turns about its point."""
+        return 0.0
+
+
+class Kinematics:
+    """Places of a robot's points in configurations, by Pinocchio."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+        self.model = robot.model
+        self.data = robot.model.createData()
+
+    def pose(self, base: Array, rotation: Array, joints: Array) -> Array:
+        """Set the base's origin (3,), m, and rotation (3, 3), and planned joints (n,); return the configuration."""
+        q = self.robot.configuration(joints)
+        q[:3] = base
+        q[3:7] = pin.Quaternion(rotation).coeffs()
+        pin.forwardKinematics(self.model, self.data, q)
+        return q
+
+    def point(self, body: int, local: Sequence[float] | Array) -> Array:
+        """Where a point of a body is, (3,) m, in the configuration that was set last."""
+        return np.asarray(self.data.oMi[body].act(np.asarray(local, float)))
+
+    def lowest(self, links: Sequence[str]) -> float:
+        """Height of the lowest point of the solids of links, m."""
+        heights = []
+        for solid in self.robot.solids:
+            if solid.link in links:
+                placement = self.data.oMi[solid.body]
+                reach = solid.reach((DOWN @ placement.rotation)[None])[0]
+                heights.append(placement.translation[2] - reach)
+        return float(min(heights, default=math.inf))
+
+
+def foot_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: str) -> Foot:
+    """Return the foot of a frame, which is a point, as deep as its link reaches below it in a posture that stands.
+
+    Raises
+    ------
+    InputError
+        Its link has no shape, or stands on a sole.
+    """
+    body, local = frame_position(robot.model, robot.joint_tree, frame)
+    link = frame if frame in robot.joint_tree.links else robot.joint_tree.joint[frame].child
+    own = robot.contact_link(link)
+    if own is None or body < 2:
+        reason = f"{frame!r} has no shape with which it could stand on the ground, or is the base"
+        raise InputError(reason, element=key, advice="name a foot")
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.zeros(3), attitude.matrix, joints)
+    point = kinematics.point(body, local)
+    depth = float(point[2] - kinematics.lowest([own]))
+    reach = 0.0
+    for solid in robot.solids:
+        if solid.link == own:
+            placement = kinematics.data.oMi[solid.body]
+            placed = solid.points @ placement.rotation.T + placement.translation - point
+            low = placed[placed[:, 2] < placed[:, 2].min() + 5e-3]  # m: what is on the ground, or nearly
+            reach = max(reach, float(np.linalg.norm(low[:, :2], axis=1).max()))
+    largest = 0.06  # [m] from a foot's point to the end of a sole: larger ones stand on soles, not on points
+    if reach > largest or depth < 0:
+        reason = f"{frame!r} stands on a sole; jumps in space are of robots whose feet are points, so far"
+        raise InputError(reason, element=key, advice="plan the jump in a plane: leave [robot] base out")
+    return Foot(frame, body, tuple(local.tolist()), depth)
+
+
+def standing_joints(
+    robot: Robot, feet: Sequence[Foot], attitude: Attitude, target: Array, limits: Array
+) -> tuple[Array, float]:
+    """Return the joints (n,) nearest to a target with which all feet are level, and the height of the base, m."""
+    kinematics = Kinematics(robot)
+
+    def heights(joints: Array) -> Array:
+        kinematics.pose(np.zeros(3), attitude.matrix, joints)
+        return np.array([kinematics.point(foot.body, foot.local)[2] - foot.depth for foot in feet])
+
+    def residual(joints: Array) -> Array:
+        ground = heights(joints)
+        nearness = 1e-6  # [-] weight of the distance from the target: feet are level to LEVEL
+        return np.concatenate(((ground - ground.mean()) * 1e3, nearness * (joints - target)))
+
+    joints = np.clip(target, limits[:, 0], limits[:, 1])
+    if np.ptp(heights(joints)) > LEVEL:
+        joints = least_squares(residual, joints, bounds=(limits[:, 0] - 1e-9, limits[:, 1] + 1e-9), xtol=1e-15).x
+    return joints, float(-heights(joints).mean())
+
+
+def not_standing(robot: Robot, feet: Sequence[Foot], attitude: Attitude, joints: Array) -> str:
+    """Why a robot does not stand still on feet in a posture, for a person; empty where it does."""
+    kinematics = Kinematics(robot)
+    q = kinematics.pose(np.zeros(3), attitude.matrix, joints)
+    points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])
+    ground = points[:, 2] - [foot.depth for foot in feet]
+    if np.ptp(ground) > 2 * LEVEL:
+        return (
+            f"its feet are {1e3 * np.ptp(ground):.0f} mm apart in height, {feet[int(ground.argmax())].name!r} highest"
+        )
+    links = [link for link in {solid.link for solid in robot.solids} if link not in feet_links(robot, feet)]
+    dip = float(ground.mean()) - kinematics.lowest(links)
+    if dip > 0:
+        return f"something but its feet is {1e3 * dip:.0f} mm below the ground"
+    com = pin.centerOfMass(kinematics.model, kinematics.data, q)[:2]
+    try:
+        hull = ConvexHull(points[:, :2])
+    except (QhullError, ValueError):
+        return "its feet are on a line, or fewer than three"
+    inside = -float((hull.equations[:, :2] @ com + hull.equations[:, 2]).max())
+    if inside < 0.02:  # m: less than that and a step of the program is a fall
+        return f"its centre of mass is {1e3 * -inside:.0f} mm outside its feet, or {1e3 * inside:.0f} mm inside"
+    return ""
+
+
+def feet_links(robot: Robot, feet: Sequence[Foot]) -> set[str | None]:
+    """Links with whose shapes feet stand on the ground."""
+    links = set()
+    for foot in feet:
+        tree = robot.joint_tree
+        link = foot.frame if foot.frame in tree.links else tree.joint[foot.frame].child
+        links.add(robot.contact_link(link))
+    return links
+
+
+@dataclass(frozen=True)
+class ClearancePoint:
+    """A ball of a link that stays above the ground: body, centre (3,) m in its joint's frame, and radius, m."""
+
+    link: str
+    body: int
+    local: tuple[float, float, float]
+    radius: float
+
+
+def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]:
+    """Return corners of the base, and ends of the limbs' capsules but for what is near the feet.
+
+    Of those that are nearly one in every posture, as a knee's of thigh and shank, only one is returned.
+    """
+    near_foot = 0.1  # [m] from a foot's point: the end of the shank
+    small = 0.05  # [m] across: sensors on the base
+    points: list[ClearancePoint] = []
+    for solid in robot.solids:
+        low = solid.points.min(axis=0)
+        high = solid.points.max(axis=0)
+        if solid.body != 1 or np.linalg.norm(high - low) < small:
+            continue
+        radius = float(np.linalg.norm(solid.axes, axis=0).max())
+        for x, y, z in itertools.product(*zip(low.tolist(), high.tolist(), strict=True)):
+            corner = ClearancePoint(solid.link, 1, (x, y, z), radius)
+            points.append(corner)
+    standing = feet_links(robot, feet)
+    for capsule in robot.solid_capsules:
+        if capsule.body == 1 or capsule.link in standing:
+            continue
+        for end in (capsule.start, capsule.end):
+            is_near = [foot.body == capsule.body and math.dist(foot.local, end) < near_foot for foot in feet]
+            if not any(is_near):
+                x, y, z = end.tolist()
+                points.append(ClearancePoint(capsule.link, capsule.body, (x, y, z), capsule.radius))
+    return _distinct(robot, points)
+
+
+def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearancePoint]:
+    """The points without those that are within 3 cm of a larger one in every posture."""
+    near = 0.03  # [m]
+    kinematics = Kinematics(robot)
+    places = []
+    for joints in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(robot.joints))):
+        kinematics.pose(np.zeros(3), np.eye(3), joints)
+        places.append([kinematics.point(point.body, point.local) for point in points])
+    positions = np.array(places)
+    distinct: list[int] = []
+    for index in sorted(range(len(points)), key=lambda index: -points[index].radius):
+        distances = np.linalg.norm(positions[:, distinct] - positions[:, [index]], axis=2).max(axis=0)
+        is_box = points[index].body == 1
+        if is_box or (distances > near).all():
+            distinct.append(index)
+    return [points[index] for index in distinct]

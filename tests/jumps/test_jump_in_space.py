@@ -1,0 +1,158 @@
+"""Whole jumps in space: found, checked, saved and read; and what is refused."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import floatplan as fp
+from floatplan.jumps.spatial.setup import spatial_setup
+
+
+@pytest.fixture(scope="module")
+def problem(root):
+    return fp.load_problem(root / "problems" / "jumps" / "space" / "go2_roll.toml")
+
+
+@pytest.fixture(scope="module")
+def roll(problem):
+    """A Go2 that rolls once, from its right legs to its left ones."""
+    return fp.jump(problem, starts=1)
+
+
+def test_it_is_found_and_checked(roll):
+    assert roll.ok, roll.check.sentences[0]
+    figures = roll.check.figures
+    assert figures["residual"] < 1e-6
+    assert figures["drift"] < 1e-4
+    assert figures["foot_speed"] < 5e-3
+    assert figures["takeoff_seam"] < 1e-8
+    assert figures["landing_seam"] < 1e-8
+    assert figures["torque"] <= 0.85
+    assert figures["velocity"] <= 0.88
+
+
+def test_it_rolls_and_stands(roll):
+    ends = roll.q([0.0, roll.duration])
+    first, last = (pin.Quaternion(q[3:7]).matrix() for q in ends)
+    assert np.abs(last - first).max() < 1e-9
+    quaternions = roll.q(np.linspace(0.0, roll.duration, 201))[:, 3:7]
+    assert np.abs(quaternions[0] + quaternions[-1]).max() < 1e-9  # after one turn it has the other sign
+    assert np.abs(ends[0, 7:] - ends[1, 7:]).max() < 1e-9
+    assert [phase.kind for phase in roll.phases] == ["stance", "stance", "flight", "stance", "stance"]
+    weight = roll.robot.mass * 9.81
+    forces = roll.forces([0.0, roll.duration])
+    assert np.abs(sum(forces.values()) - [0.0, 0.0, weight]).max() < 1e-6 * weight
+
+
+def test_momentum_changes_by_what_the_feet_exert(roll):
+    """The moment about the centre of mass, integrated, by an independent sum over contact forces."""
+    times = np.linspace(0.0, roll.takeoff_time, 4001)
+    state = roll.state(times)
+    forces = roll.forces(times)
+    points = roll.contact_points(times)
+    arms = {name: np.nan_to_num(points[name] - state.com_position) for name in forces}  # NaN in the air, without force
+    moment = sum(np.cross(arms[name], forces[name]) for name in forces)
+    gained = np.trapezoid(moment, times, axis=0)
+    assert np.abs(gained - state.angular_momentum[-1]).max() < 1e-4
+    flight = roll.flight
+    assert np.abs(state.angular_momentum[-1] - flight.angular_momentum).max() < 1e-9
+
+
+def test_its_file_holds_it(roll, tmp_path):
+    path = roll.save(tmp_path / "jump.json")
+    content = json.loads(path.read_text())
+    assert content["format"] == "floatplan.jump/2"
+    assert content["flight"]["format"] == "floatplan.plan/2"
+    again = fp.load_jump(path)
+    assert again.check.figures == roll.check.figures
+    content["stances"][0]["y"][8][40] += 0.02
+    path.write_text(json.dumps(content))
+    assert not fp.load_jump(path).ok
+    content["stances"][0]["contacts"][0]["frame"] = "paw"
+    path.write_text(json.dumps(content))
+    with pytest.raises(fp.InputError, match="no frame 'paw'"):
+        fp.load_jump(path)
+
+
+def test_it_is_handed_on(roll, tmp_path):
+    sample = roll.sample(100.0)
+    assert sample.q.shape == (len(sample.times), roll.robot.nq)
+    assert roll.export("npz", tmp_path / "jump.npz").exists()
+    with pytest.raises(fp.InputError, match="pictures of jumps in space"):
+        roll.show(tmp_path / "report.html", browse=False)
+    with pytest.raises(fp.InputError, match="not yet for flights in space"):
+        fp.replay_jump(roll, flights=1)
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("go2_roll", {"FR_foot", "RR_foot"}, {"FL_foot", "RL_foot"}),
+        ("go2_half_flip_half_twist", {"RL_foot", "RR_foot"}, {"RL_foot", "RR_foot"}),
+        ("a1_roll", {"FR_foot", "RR_foot"}, {"FL_foot", "RL_foot"}),
+    ],
+)
+def test_feet_over_which_it_tips_leave_last(root, name, before, after):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    phases = spatial_setup(problem, problem.jump).phases
+    assert [phase.side for phase in phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
+    assert set(phases[1].frames) == before
+    assert set(phases[3].frames) == after
+
+
+@pytest.mark.parametrize("name", ["go2_quarter_turn", "go2_side", "a1_diagonal"])
+def test_without_tilt_all_feet_stand(root, name):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    phases = spatial_setup(problem, problem.jump).phases
+    assert [len(phase.feet) for phase in phases] == [4, 0, 4]
+
+
+ALL = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+
+
+def sides(takeoff, landing=(ALL,)):
+    return {"takeoff": fp.JumpTakeoff(contacts=takeoff), "landing": fp.JumpLanding(contacts=landing)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "element", "words"),
+    [
+        (sides([ALL, ("RR_foot",)]), "jump.takeoff.contacts", "would stand on its own"),
+        (sides([(*ALL, "FL_calf")]), "jump.takeoff.contacts", "stands twice: on the same leg as 'FL_foot'"),
+        (sides([ALL], [ALL[:3]]), "jump.landing.contacts", "'RR_foot' would be left in the air"),
+        (sides([ALL[:3]], [ALL[:3]]), "jump.takeoff.contacts", "'RR_foot' is on the ground too"),
+        (sides([ALL], [("FL_hip", *ALL)]), "jump.landing.contacts", "'FL_hip' is not among what stands at first"),
+        ({"objective": "limits"}, "jump.objective", "is for jumps in a plane"),
+        ({"feet": "rolling"}, "jump.feet", "is for jumps in a plane"),
+        ({"fixed": ("goal",)}, "jump.fixed", "is for jumps in a plane"),
+    ],
+)
+def test_requests_that_no_jump_meets_are_refused(problem, changes, element, words):
+    with pytest.raises(fp.InputError, match=words) as error:
+        spatial_setup(problem, replace(problem.jump, **changes))
+    assert error.value.element.startswith(element)
+
+
+@pytest.mark.parametrize(
+    ("angles", "axes", "words"),
+    [
+        ((0.0, np.pi, 0.0), "xyz", "the middle angle, about y, is 180 degrees, beyond 75"),
+        ((np.pi, 0.0, 0.0), "xyz", "a jump ends as level as it begins"),
+        ((np.pi, 0.0, 0.0), "zxz", "not defined where the base is level"),
+    ],
+)
+def test_goals_that_are_not_level_are_refused(problem, angles, axes, words):
+    goal = replace(problem.goal, orientation=fp.Attitude(angles=angles, axes=axes))
+    start = replace(problem.start, orientation=fp.Attitude(angles=(0.0, 0.0, 0.0), axes=axes))
+    with pytest.raises(fp.InputError, match=words) as error:
+        fp.jump(replace(problem, start=start, goal=goal), starts=1)
+    assert error.value.element == "goal.orientation"
+
+
+def test_a_displacement_is_for_jumps_in_space(root):
+    planar = fp.load_problem(root / "problems" / "jumps" / "go2.toml")
+    with pytest.raises(fp.InputError, match="is for jumps in space"):
+        replace(planar, jump=replace(planar.jump, landing=fp.JumpLanding(displacement=(0.1, 0.0))))

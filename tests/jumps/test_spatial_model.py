@@ -1,0 +1,140 @@
+"""The model of jumps in space: against Pinocchio; and pieces of a program against finite differences."""
+
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
+from floatplan.jumps.spatial.model import BASE, SpatialModel
+from floatplan.jumps.spatial.pendulum import Line, Pendulum
+from floatplan.jumps.spatial.pieces import Assembly, Piece
+from floatplan.jumps.spatial.stance import shared_forces
+from floatplan.jumps.spatial.standing import foot_at
+from floatplan.problem.attitude import Attitude
+
+FEET = ("FL_foot", "RR_foot")
+
+
+@pytest.fixture(scope="module")
+def go2():
+    return fp.Robot.from_urdf(
+        "example-robot-data:go2_description/urdf/go2.urdf", base="free-flyer", reference="standing", armature=0.01
+    )
+
+
+@pytest.fixture(scope="module")
+def mechanics(go2):
+    level = Attitude(angles=(0.0, 0.0, 0.0), axes="xyz")
+    feet = [foot_at(go2, frame, level, go2.resting, "contacts") for frame in FEET]
+    return Mechanics(go2, "yxz", 9.81, feet)
+
+
+def sampled_motion(robot, count=4):
+    """Base, angles whose middle one is small, and joints, with derivatives (3, 6+n, count)."""
+    rng = np.random.default_rng(0)
+    motion = rng.uniform(-1.0, 1.0, (3, BASE + len(robot.joints), count)) * [[[1.0]], [[5.0]], [[50.0]]]
+    motion[0, 3] *= 3.0
+    return motion
+
+
+def test_torques_and_balance_are_pinocchios(go2, mechanics):
+    model = SpatialModel(go2, "yxz", 9.81)
+    ca = casadi()
+    symbols = {frame: ca.SX.sym(frame, 3) for frame in FEET}
+    feet = ca.vertcat(*(order for frame in FEET for order in model.foot(frame)[1]))
+    function = ca.Function(
+        "model", [model.y, model.v, model.a, *symbols.values()], [model.torques(symbols), model.balance(symbols), feet]
+    )
+    motion = sampled_motion(go2)
+    centres, _ = mechanics.centre(motion)
+    wrenches = mechanics.wrench(motion)
+    rotations = turned("yxz", motion[:, 3:BASE])[0]
+    places, jacobians = mechanics.feet(motion, FEET)
+    forces = np.random.default_rng(1).uniform(-100.0, 100.0, (2, 3))
+    for index in range(motion.shape[2]):
+        of_centre = motion[:, :, index].copy()
+        of_centre[:, :3] = centres[:, :, index]
+        torques, balance, positions = (np.array(part) for part in function(*of_centre, *forces))
+        carried = np.einsum("fin,fi->n", jacobians[index], forces)
+        expected = wrenches[index, BASE:] - carried
+        assert np.abs(torques.ravel() - expected).max() < 1e-12 * max(1.0, np.abs(expected).max())
+        force = rotations[index] @ wrenches[index, :3]
+        arm = motion[0, :3, index] - centres[0, :, index]
+        moment = rotations[index] @ wrenches[index, 3:BASE] + np.cross(arm, force)
+        arms = places[0, index] - centres[0, :, index]
+        left = np.concatenate((force - forces.sum(axis=0), moment - np.cross(arms, forces).sum(axis=0)))
+        assert np.abs(balance.ravel() - left).max() < 1e-12 * np.abs(left).max()
+        scale = np.abs(places[:, index]).max(axis=(1, 2))
+        off = np.abs(positions.reshape(2, 3, 3).transpose(1, 0, 2) - places[:, index]).max(axis=(1, 2))
+        assert (off < 1e-13 * scale).all()
+
+
+def test_angles_are_the_inverse_of_turning(go2):
+    motion = sampled_motion(go2, 20)
+    angles = motion[:, 3:BASE]
+    off = angles[0] + np.random.default_rng(2).uniform(-0.1, 0.1, angles[0].shape)
+    assert np.abs(angles_of("yxz", *turned("yxz", angles), off) - angles).max() < 1e-10
+
+
+def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
+    motion = sampled_motion(go2, 3)
+    places, _ = mechanics.feet(motion[:, :, :1], FEET)
+    line = Line.through(dict(zip(FEET, places[0, 0], strict=True)))
+    pendulum = Pendulum(mechanics, line, motion)
+    state = np.array([0.3, -1.2])
+    for index in range(3):
+        angle = np.array([*state, pendulum.acceleration(index, *state)])[:, None]
+        turned_motion = line.turned("yxz", motion[:, :, [index]], angle)
+        wrench = mechanics.base_wrench(turned_motion)[0]
+        arm = turned_motion[0, :3, 0] - line.point
+        moment = wrench[3:] + np.cross(arm, wrench[:3])
+        assert abs(moment @ line.direction) < 1e-10 * np.abs(moment).max()
+
+
+def test_forces_make_the_wrench_inside_the_cones():
+    arms = np.array([[[0.2, 0.15, -0.3], [0.2, -0.15, -0.3], [-0.2, 0.15, -0.3], [-0.2, -0.15, -0.3]]])
+    shares = np.zeros((1, 4, 3))
+    shares[0, :, 2] = [60.0, 30.0, 20.0, 40.0]
+    wrench = np.array([[60.0, -20.0, 150.0, 3.0, -18.0, 1.0]])
+    forces = shared_forces(wrench, arms, shares, 150.0, 0.6)
+    made = np.concatenate((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)), axis=1)
+    assert np.abs(made - wrench).max() < 1e-4 * 150.0
+    assert (np.linalg.norm(forces[0, :, :2], axis=1) <= 0.6 * forces[0, :, 2] + 1e-6).all()
+    unlimited = shared_forces(wrench, arms, shares, 150.0, 100.0)
+    assert np.abs(unlimited.sum(axis=1) - wrench[:, :3]).max() < 1e-9
+
+
+def test_derivatives_of_pieces_are_those_of_differences():
+    """Two kinds of pieces that share variables: Jacobian, gradient and Hessian of the whole program."""
+    ca = casadi()
+    w = ca.SX.sym("w", 3)
+    p = ca.SX.sym("p")
+    rows = ca.vertcat(w[0] * w[1] * p, ca.sin(w[2]) * w[0])
+    nodes = Piece(w, p, rows, w[0] ** 2 * w[1] + p * w[2], np.array([[0, 3], [1, 4], [2, 2]]), np.array([[2.0, 3.0]]),
+                  np.zeros((2, 2)), np.ones((2, 2)), ("a", "b"))  # fmt: skip
+    pairs = ca.SX.sym("pairs", 2)
+    between = Piece(pairs, ca.SX.sym("q", 0), pairs[0] * pairs[1] ** 2, ca.SX(0), np.array([[1], [4]]),
+                    np.zeros((0, 1)), np.zeros((1, 1)), np.zeros((1, 1)), ("c",))  # fmt: skip
+    assembly = Assembly([nodes, between], np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
+    assert assembly.labels == ["a", "b", "a", "b", "c"]
+    rng = np.random.default_rng(0)
+    x = rng.uniform(0.5, 1.5, 5)
+    parameters = np.append(rng.uniform(0.5, 1.5, 5), 0.7)
+    multipliers = rng.uniform(-1.0, 1.0, 5)
+
+    def lagrangian(point):
+        cost, _ = assembly.functions["grad_f"](point, parameters)
+        return 1.3 * float(cost) + multipliers @ np.array(assembly.evaluate(point, parameters)).ravel()
+
+    def gradient(point):
+        _, of_cost = assembly.functions["grad_f"](point, parameters)
+        _, jacobian = assembly.functions["jac_g"](point, parameters)
+        return 1.3 * np.array(of_cost).ravel() + multipliers @ np.array(jacobian)
+
+    step = 1e-6 * np.eye(5)
+    differences = [(lagrangian(x + one) - lagrangian(x - one)) / 2e-6 for one in step]
+    assert np.abs(gradient(x) - differences).max() < 1e-8
+    hessian = np.array(assembly.functions["hess_lag"](x, parameters, 1.3, multipliers))
+    second = np.array([(gradient(x + one) - gradient(x - one)) / 2e-6 for one in step])
+    assert np.abs(hessian - np.triu(second)).max() < 1e-8
