@@ -22,13 +22,13 @@ PACKAGE = Path(floatplan.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (40_010, 26_500),
+    "statements": (40_930, 26_500),
     "statements of the largest file": (407, 405),
     "packs `a, b = x, y` per 1000 lines": (1.1, 4),
-    "comprehensions per 1000 lines": (27.0, 25),
-    "module constants": (725, 600),
-    "private words": (1_250, 2_514),
-    "lines that ask in_plane or in_space": (67, 70),
+    "comprehensions per 1000 lines": (26.7, 25),
+    "module constants": (704, 600),
+    "private words": (1_170, 2_514),
+    "lines that ask in_plane or in_space": (68, 70),
     "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords
     "files of a folder": (20, 20),
