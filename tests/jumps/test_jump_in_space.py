@@ -139,9 +139,8 @@ def test_requests_that_no_jump_meets_are_refused(problem, changes, element, word
 @pytest.mark.parametrize(
     ("angles", "axes", "words"),
     [
-        ((0.0, np.pi, 0.0), "xyz", "the middle angle, about y, is 180 degrees, beyond 75"),
+        ((0.0, np.pi, 0.0), "xyz", "its second angle about 'xyz' is 180 degrees"),
         ((np.pi, 0.0, 0.0), "xyz", "a jump ends as level as it begins"),
-        ((np.pi, 0.0, 0.0), "zxz", "not defined where the base is level"),
     ],
 )
 def test_goals_that_are_not_level_are_refused(problem, angles, axes, words):

@@ -159,6 +159,12 @@ def exact_stances(
         near = 0 if side == "landing" else -1
         change = junction[:, :, 0] - motion[:, :, near]
         motion = motion + _vanishing(times, change, near)
+        if position == len(indices) - 1:  # there it stands still, to more than the program's tolerance
+            far = -1 - near if near == 0 else 0
+            at_rest = np.zeros((3, program.model.size, 1))
+            at_rest[0, :, 0] = solution.y[:, 0 if side == "takeoff" else -1]
+            still = mechanics.from_centre(at_rest)[:, :, 0]
+            motion = motion + _vanishing(times, still - motion[:, :, far], far)
         motion = mechanics.close(motion, places)
         if len(places) == 2:
             beyond = _standing_places(program, solution, program.phases[indices[::outwards][position + 1]])

@@ -27,6 +27,7 @@ from floatplan.problem.attitude import Attitude, required
 from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import frame_position
 
 IN_PLANE = "is for jumps in a plane, so far"
 
@@ -212,12 +213,12 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
         names = _lowest_frames(problem, start, joints)
     feet: list[Foot] = []
     for name in names:
-        foot = foot_at(robot, name, start, joints, key)
+        body, _ = frame_position(robot.model, robot.joint_tree, name)
         for other in feet:
-            if other.body == foot.body:
+            if other.body == body:
                 reason = f"{name!r} stands twice: on the same leg as {other.frame!r}"
                 raise InputError(reason, element=key, advice="name one foot of each leg")
-        feet.append(foot)
+        feet.append(foot_at(robot, name, start, joints, key))
     for side, groups in (("takeoff", request.takeoff.contacts), ("landing", request.landing.contacts)):
         for index, group in enumerate(groups or ()):
             unknown = set(group) - {foot.frame for foot in feet}
@@ -267,12 +268,6 @@ def _standing(
                 reason = f"{angle:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
                 raise InputError(reason, element=f"{key}.{name}")
     joints, height = standing_joints(robot, feet, attitude, target, np.asarray(problem.position_limits))
-    reason = not_standing(robot, feet, attitude, joints)
-    if not reason and isinstance(requested, Mapping) and np.abs(joints - target).max() > 0.1:  # rad
-        reason = "its feet are not level"
-    if reason:
-        advice = "give another posture, or other contacts"
-        raise InputError(f"the posture is not static: {reason}", element=key, advice=advice)
     kinematics = Kinematics(robot)
     kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, joints)
     on_ground = 5e-3  # [m] above it: what is as low stands too
@@ -280,6 +275,12 @@ def _standing(
         if kinematics.lowest([link]) < on_ground:
             reason = f"{link!r} is on the ground too"
             raise InputError(reason, element=key, advice="name all feet in the outer phase, or bend that leg")
+    reason = not_standing(robot, feet, attitude, joints)
+    if not reason and isinstance(requested, Mapping) and np.abs(joints - target).max() > 0.1:  # rad
+        reason = "its feet are not level"
+    if reason:
+        advice = "give another posture, or other contacts"
+        raise InputError(f"the posture is not static: {reason}", element=key, advice=advice)
     return joints, height
 
 
