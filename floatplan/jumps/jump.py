@@ -49,7 +49,7 @@ class Jump(Outputs, JumpMotion):
 
     status: str = "not_found"
     explanation: str = ""
-    format: ClassVar[str] = FORMAT
+    _format: ClassVar[str] = FORMAT
 
     @property
     def ok(self) -> bool:
@@ -127,7 +127,7 @@ class Jump(Outputs, JumpMotion):
         """The content of ``jump.json``."""
         sides = (("takeoff", self.before), ("landing", self.after))
         content = {
-            "format": self.format,
+            "format": self._format,
             "status": self.status,
             "explanation": self.explanation,
             "robot": robot_record(self.problem.robot).to_dict(),

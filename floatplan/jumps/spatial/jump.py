@@ -28,7 +28,7 @@ ARRAYS_IN_SPACE = ("times", "y", "v", "a", "shares")
 class SpatialJump(SpatialJumpMotion, Jump):
     """A jump in space from standing to standing; see :class:`~floatplan.jumps.jump.Jump`."""
 
-    format: ClassVar[str] = FORMAT_IN_SPACE
+    _format: ClassVar[str] = FORMAT_IN_SPACE
 
     @cached_property
     @one_thread
