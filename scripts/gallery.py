@@ -1,7 +1,7 @@
 """Plans the problems of problems/jumps/, space/ and gallery/: prints docs/gallery.md's tables, draws its pictures.
 
-Run it from anywhere. ``jumps``, ``space`` or ``flights`` does these alone; with names only some of them; with
-``--no-picture`` the tables alone. Without ``--launch`` the column of that name is left empty: it takes minutes.
+Run it from anywhere. ``jumps``, ``jumps-in-space``, ``space`` or ``flights`` does these alone; with names only some of
+them; with ``--no-picture`` the tables alone. Without ``--launch`` the column of that name is left empty: it takes minutes.
 """
 
 from __future__ import annotations
@@ -173,18 +173,28 @@ class JumpEntry:
 
     @property
     def turn(self) -> float:
-        """Of the base from start to goal, rad."""
+        """Of the base from start to goal, rad, in its plane."""
         return self.jump.problem.final.orientation - self.jump.problem.initial.orientation
+
+    @property
+    def stunt(self) -> str:
+        """What it does, in a word; in space the name of its file tells."""
+        robot = self.jump.problem.robot
+        if robot.base == "free-flyer":
+            return self.name.partition("_")[2].replace("_", " ")
+        if not self.turn:
+            return "none"
+        return "back" if self.turn * robot.plane.turn > 0 else "forwards"
 
     def row(self) -> list[str]:
         """Cells of the table, under ``JUMP_COLUMNS``."""
-        jump, robot, figures = self.jump, self.jump.problem.robot, self.jump.check.figures
-        turn = self.turn
+        jump, figures = self.jump, self.jump.check.figures
         assert jump.flight is not None
         proved = jump.flight.certificate is not None and jump.flight.certificate.proved
+        title = self.name.partition("_")[0] if jump.problem.robot.base == "free-flyer" else self.name
         return [
-            title_of(self.name),
-            ("back" if turn * robot.plane.turn > 0 else "forwards") if turn else "none",
+            title_of(title),
+            self.stunt,
             f"{jump.duration:.2f}",
             f"{jump.flight.duration:.2f}",
             *(f"{figures[name]:.2f}" if figures[name] else "no limit" for name in ("torque", "velocity", "friction")),
@@ -196,17 +206,24 @@ class JumpEntry:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kind", nargs="?", choices=("all", "jumps", "space", "flights"), default="all")
+    parser.add_argument(
+        "kind", nargs="?", choices=("all", "jumps", "jumps-in-space", "space", "flights"), default="all"
+    )
     parser.add_argument("names", nargs="*")
     parser.add_argument("--no-picture", action="store_true")
     parser.add_argument("--launch", action="store_true")
     arguments = parser.parse_args()
     if arguments.kind in ("all", "jumps"):
-        jumps = [jumped(name) for name in arguments.names or sorted(path.stem for path in JUMPS.glob("*.toml"))]
+        jumps = [jumped(JUMPS / f"{name}.toml") for name in arguments.names or names_in(JUMPS)]
         print(table(JUMP_COLUMNS, [entry.row() for entry in jumps]))
         if not arguments.no_picture:
             with styled():
                 save(strips([jump for jump in jumps if jump.turn]), STRIPS)
+    if arguments.kind in ("all", "jumps-in-space"):
+        folder = JUMPS / "space"
+        print(
+            table(JUMP_COLUMNS, [jumped(folder / f"{name}.toml").row() for name in arguments.names or names_in(folder)])
+        )
     if arguments.kind in ("all", "space"):
         entries = [planned(SPACE / f"{name}.toml") for name in arguments.names or SPACE_TITLES]
         print(table(SPACE_COLUMNS, [entry.row_in_space() for entry in entries]))
@@ -226,13 +243,18 @@ def title_of(name: str) -> str:
     return {**TITLES, **NAMES}.get(name, name).partition(",")[0]
 
 
-def jumped(name: str) -> JumpEntry:
+def names_in(folder: Path) -> list[str]:
+    """Names of the problem files of a folder, in order."""
+    return sorted(path.stem for path in folder.glob("*.toml"))
+
+
+def jumped(path: Path) -> JumpEntry:
     began = time.process_time()
-    jump = fp.jump(JUMPS / f"{name}.toml")
+    jump = fp.jump(path)
     if not jump.ok or jump.flight is None:
-        raise SystemExit(f"{name}: {jump.explanation}")
+        raise SystemExit(f"{path.stem}: {jump.explanation}")
     jump = jump.with_certificate(fp.certify(jump.flight))
-    return JumpEntry(name, jump, time.process_time() - began)
+    return JumpEntry(path.stem, jump, time.process_time() - began)
 
 
 def planned(path: Path, launching: bool = False) -> Entry:
