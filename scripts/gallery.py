@@ -1,7 +1,7 @@
 """Plans the problems of problems/jumps/, space/ and gallery/: prints docs/gallery.md's tables, draws its pictures.
 
 Run it from anywhere. ``jumps``, ``jumps-in-space``, ``space`` or ``flights`` does these alone; with names only some of
-them; with ``--no-picture`` the tables alone. Without ``--launch`` the column of that name is left empty: it takes minutes.
+them; with ``--no-picture`` the tables alone. Without ``--launch`` the column of that name is empty: it takes minutes.
 """
 
 from __future__ import annotations
