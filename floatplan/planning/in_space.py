@@ -17,6 +17,7 @@ from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import AttemptResult, SearchResult, summary
+from floatplan.planning.robust import RobustCost, about
 from floatplan.planning.search import (
     ANNOUNCED_EVERY,
     MOST_ATTEMPTS,
@@ -177,7 +178,10 @@ class SpatialSearch(Search):
         before = self.work.done
         motion = close(start)
         usable = motion.is_closed() and motion.makes_right_turns
-        if usable and (self.spec.constraints or self.spec.problem.motion.objective not in LEAST_BY_VARIABLES):
+        objective = self.spec.problem.motion.objective
+        if usable and objective == "robust":
+            result = self._robust(motion, stop, before + most_work)
+        elif usable and (self.spec.constraints or objective not in LEAST_BY_VARIABLES):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:
@@ -186,6 +190,20 @@ class SpatialSearch(Search):
             result = self._judged(final or motion, status)
         result.work = self.work.done - before
         return result if np.isfinite(result.residual).all() else None
+
+    def _robust(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
+        """Where a closed motion ends for the objective "robust".
+
+        Where that breaks limits, it is the motion nearest to it that keeps them.
+        """
+        least = refined(descend(descend(motion), RobustCost.of))
+        if least is None:
+            return self._judged(motion, "infeasible")
+        result = self._judged(about(least), "optimal" if is_least(least, RobustCost.of) else "feasible")
+        if self.spec.constraints and not result.holds:
+            result = self._within_limits(about(least), stop, until)
+            result.status = "feasible" if result.holds else "infeasible"
+        return result
 
     def _within_limits(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Follow a closed motion with limits and objective; where h leaves its box by that, with h at the edge of it.

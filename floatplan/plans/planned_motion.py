@@ -15,6 +15,7 @@ from floatplan.motion import flight, quadrature
 from floatplan.motion.dynamics import FlightState, Peaks, PlacedShapes, WholeMotion
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion, free_part
+from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
@@ -265,6 +266,9 @@ class PlannedMotion(flight.MotionInFile):
             grid = quadrature.gauss_legendre(REFERENCE_NODES)
             positions = self.at(self.duration * grid.nodes).positions
             return distance_from(self.problem.reference, grid.nodes, grid.weights, positions)
+        if self.problem.motion.objective == "robust":
+            assert isinstance(self.whole, SpatialMotion), "the robot flies in space"
+            return self.whole.robust_size(self._size)
         if quantity is None:
             return self._size
         return self.duration * quadrature.integral_of_squares(getattr(self._resolved, quantity))
