@@ -334,9 +334,9 @@ def descend(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = Size
     return motion
 
 
-def is_least(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = SizeCost) -> bool:
-    """Whether no closed motion near a closed one costs less, to first order."""
-    change, _ = motion.step(np.zeros_like(motion.gaps), cost_of(motion).downhill(np.inf))
+def is_least(motion: LiftedMotion) -> bool:
+    """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
+    change, _ = motion.step(np.zeros_like(motion.gaps), SizeCost(motion).downhill(np.inf))
     return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * max(motion.size, LIFTING.rounding)
 
 

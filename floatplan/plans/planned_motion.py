@@ -250,6 +250,16 @@ class PlannedMotion(flight.MotionInFile):
             return None
         return read_only(np.zeros(3) if leak < 1e-12 else flight.missed_in_space(self.whole))  # is rounding
 
+    @cached_property
+    @one_thread
+    def growth_of_errors(self) -> tuple[Array, Array] | None:
+        """What errors at takeoff grow to until landing, in space; None in a plane.
+
+        They are K (3,), rad, the turn of the world at landing by ln |h|, and P (3, 3), that by a small turn at takeoff,
+        of the same motion of the joints.
+        """
+        return self.whole.growth_of_errors if isinstance(self.whole, SpatialMotion) else None
+
     @property
     def _size(self) -> float:
         """(17) in a plane; in space the root mean square of p's free part, over time and all joints, rad."""

@@ -186,7 +186,8 @@ class SpatialMotion:
     @cached_property
     def growth_of_errors(self) -> tuple[Array, Array]:
         """K (3,), rad, and P (3, 3), see :func:`~floatplan.motion.spatial.attitude.growth_of_errors`."""
-        return growth_of_errors(self.turning.landing_by_momentum(np.eye(3)), self.angular_momentum)
+        by_size, by_attitude = growth_of_errors(self.turning.landing_by_momentum(np.eye(3)), self.angular_momentum)
+        return read_only(by_size), read_only(by_attitude)
 
     def robust_size(self, size: float) -> float:
         """The objective "robust", rad, of a motion of the joints of some size, rad: root of ``size^2 + |growth|^2``."""
