@@ -30,7 +30,7 @@ Unit: TypeAlias = Literal["rad", "deg"]  # of angles
 RobotKind: TypeAlias = Literal["urdf", "mjcf"]  # what a robot's file is
 ROBOT_KINDS: tuple[RobotKind, ...] = get_args(RobotKind)
 
-Objective: TypeAlias = Literal["coefficients", "torque", "acceleration", "clip"]
+Objective: TypeAlias = Literal["coefficients", "torque", "acceleration", "clip", "robust"]
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class ObjectiveRow:
     ----------
     unit : of its value
     description : for a person
-    quantity : the joints' quantity whose square is integrated over the flight; None for the norm of (17), and for
-        how far the joints are from a recorded motion
+    quantity : the joints' quantity whose square is integrated over the flight; None for the norm of (17), for how far
+        the joints are from a recorded motion, and for how errors at takeoff grow
     """
 
     unit: str
@@ -55,8 +55,13 @@ OBJECTIVE_TABLE: dict[Objective, ObjectiveRow] = {
     "torque": ObjectiveRow("N^2 m^2 s", "integral of the squared joint torques", "torques"),
     "acceleration": ObjectiveRow("rad^2/s^3", "integral of the squared joint accelerations", "accelerations"),
     "clip": ObjectiveRow("rad", "root mean square of the joints' differences from a recorded motion, clip"),
+    "robust": ObjectiveRow("rad", "size of the motion and of what errors at takeoff grow to, in space"),
 }
-OBJECTIVES: tuple[Objective, ...] = ("coefficients", "torque", "acceleration")  # that need nothing but the problem
+OBJECTIVES: tuple[Objective, ...] = (
+    "coefficients",
+    "torque",
+    "acceleration",
+)  # in a plane and in space, that need nothing but the problem
 
 
 def describe_objectives(mark: str = "") -> str:

@@ -14,9 +14,20 @@ from floatplan.errors import InputError
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
-from floatplan.planning.lifting import LiftedFlight, LiftedMotion, close, descend, is_least, nearby, refined, starts
+from floatplan.planning.lifting import (
+    LIFTING,
+    LiftedFlight,
+    LiftedMotion,
+    close,
+    descend,
+    is_least,
+    nearby,
+    refined,
+    starts,
+)
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import AttemptResult, SearchResult, summary
+from floatplan.planning.robust import RobustCost, about
 from floatplan.planning.search import (
     ANNOUNCED_EVERY,
     MOST_ATTEMPTS,
@@ -45,6 +56,9 @@ class SpatialRules:
     share_of_fixed: float = 0.8  # [-] of budget or work, before another h than the fixed one is tried
     share_of_one: float = 0.5  # [-] of the usual work, for one start; also where a budget of seconds ends the search
     outside: float = 1e-6  # [-] of the box of h, that is rounding
+    first_radius_within: float = 0.2  # [rad] of p, root mean square, of a step down that leads out of limits
+    last_radius_within: float = 0.01  # [rad] the same, below which a step gains next to nothing
+    steps_within: int = 20  # [-] at most; under tight limits the last one still gains two per cent
 
 
 SPATIAL_RULES = SpatialRules()
@@ -177,7 +191,10 @@ class SpatialSearch(Search):
         before = self.work.done
         motion = close(start)
         usable = motion.is_closed() and motion.makes_right_turns
-        if usable and (self.spec.constraints or self.spec.problem.motion.objective not in LEAST_BY_VARIABLES):
+        objective = self.spec.problem.motion.objective
+        if usable and objective == "robust":
+            result = self._robust(motion, stop, before + most_work)
+        elif usable and (self.spec.constraints or objective not in LEAST_BY_VARIABLES):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:
@@ -186,6 +203,60 @@ class SpatialSearch(Search):
             result = self._judged(final or motion, status)
         result.work = self.work.done - before
         return result if np.isfinite(result.residual).all() else None
+
+    def _robust(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
+        """Where a closed motion ends for the objective "robust".
+
+        With limits the smallest motion is cheap, and says first whether one from here keeps them at all. Where the
+        least one breaks them, the descent goes on within, from the better one of the smallest and that near the least.
+        """
+        small = descend(motion)
+        results = [self._within_limits(small, stop, until)] if self.spec.constraints else []
+        if results and not results[0].holds:
+            return results[0]
+        least = refined(descend(small, RobustCost.of))
+        keeps_limits = False
+        if least is not None:
+            result = self._judged(about(least), "feasible")
+            keeps_limits = result.holds
+            if self.spec.constraints and not keeps_limits:
+                result = self._within_limits(about(least), stop, until)
+            results.append(result)
+        holding = [result for result in results if result.holds]
+        if not holding:
+            return results[-1] if results else self._judged(motion, "infeasible")
+        best = min(holding, key=lambda result: result.objective_value)
+        if self.spec.constraints and not keeps_limits:
+            best = self._descend_within(best, stop, until)
+        best.status = "feasible"  # it is least of those tried, and not proved to be least of those near
+        return best
+
+    def _descend_within(self, best: AttemptResult, stop: Callable[[], bool], until: float) -> AttemptResult:
+        """Make the objective "robust" smaller within limits.
+
+        The kernel finds the motion within them that is nearest to where a step down leads.
+        """
+        radius = SPATIAL_RULES.first_radius_within
+        cost = None
+        for _ in range(SPATIAL_RULES.steps_within):
+            if radius < SPATIAL_RULES.last_radius_within or stop() or self.work.done > until:
+                break
+            try:
+                if cost is None:
+                    lifted = LiftedFlight(self.spec, best.variables, self.work)
+                    cost = RobustCost.of(close(nearby(lifted, best.x)))
+                motion = cost.motion
+                beyond = close(motion.moved(*motion.step(motion.gaps, cost.downhill(radius))))
+                result = self._within_limits(about(beyond), stop, until)
+            except IntegrationError:
+                break
+            if result.holds and result.objective_value < best.objective_value * (1 - LIFTING.least_gain):
+                best = result
+                cost = None
+                radius = 2 * radius
+            else:
+                radius = LIFTING.shorter * radius
+        return best
 
     def _within_limits(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Follow a closed motion with limits and objective; where h leaves its box by that, with h at the edge of it.

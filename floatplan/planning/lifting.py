@@ -7,14 +7,17 @@ of the motion's free coefficients along motions without gaps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
+from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import basis
 from floatplan.motion.spatial.attitude import (
     LEVELS,
@@ -92,6 +95,12 @@ class LiftedFlight:
             _body=spatial_body(flight, self.variables.momentum, needs_rates=True),
             _motions=motions_struct(self.spec.problem, self.variables, of_coefficients=False),
         )
+
+    @cached_property
+    def of_any_momentum(self) -> LiftedFlight:
+        """The same joints' motions, whose further variables are the three components of h, kg m^2/s."""
+        momentum = MomentumSet(np.zeros(3), np.eye(3))
+        return LiftedFlight(self.spec, replace(self.variables, momentum=momentum), self.work)
 
     def fly(self, cells: Cells, x: Array, borders: Array) -> LiftedMotion:
         """Fly the motion x in all cells, from their borders (C, 3, 3); errors as of :func:`turn`."""
@@ -264,14 +273,43 @@ def _size(change: Array, turns: Array) -> float:
     return float(change @ change + LIFTING.rotation_weight * (turns * turns).sum() / len(turns))
 
 
-def descend(motion: LiftedMotion) -> LiftedMotion:
-    """Make a closed motion's free coefficients smaller, along closed motions with the same turns."""
+class Cost(Protocol):
+    """What is least of closed motions, at one of them."""
+
+    @property
+    def value(self) -> float:
+        """The cost, rad."""
+
+    def downhill(self, radius: float) -> Array:
+        """Change of x (size,) that promises most, where no step is longer than a radius."""
+
+
+@dataclass(frozen=True, eq=False)
+class SizeCost:
+    """The size of the free coefficients of a motion."""
+
+    motion: LiftedMotion
+
+    @property
+    def value(self) -> float:
+        """The size, rad."""
+        return self.motion.size
+
+    def downhill(self, radius: float) -> Array:
+        """Towards no free coefficients, in whatever radius."""
+        free = self.motion.lifted.variables.coefficients
+        downhill = np.zeros_like(self.motion.x)
+        downhill[:free] = -self.motion.x[:free]
+        return downhill
+
+
+def descend(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = SizeCost) -> LiftedMotion:
+    """Make the cost of a closed motion smaller, along closed motions with the same turns."""
     radius = LIFTING.first_radius
-    free = motion.lifted.variables.coefficients
+    cost = cost_of(motion)
     least = LIFTING.recorded if motion.lifted.variables.has_reference else 0.0
     for _ in range(LIFTING.descent_steps):
-        downhill = np.zeros_like(motion.x)
-        downhill[:free] = -motion.x[:free]
+        downhill = cost.downhill(radius)
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
         if length <= LIFTING.no_gradient * max(motion.size, least):
@@ -282,10 +320,14 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
             other = close(
                 motion.moved(*motion.step(motion.gaps, share * downhill)), most_steps=LIFTING.closing_steps_again
             )
+            other_cost = cost_of(other)
         except IntegrationError:
             other = motion
-        if other.is_closed() and other.size < motion.size * (1 - LIFTING.least_gain) and other.makes_right_turns:
+            other_cost = cost
+        is_less = other_cost.value < cost.value * (1 - LIFTING.least_gain)
+        if other.is_closed() and is_less and other.makes_right_turns:
             motion = other
+            cost = other_cost
             radius = 2 * min(radius, share * length)
         else:
             radius = LIFTING.shorter * min(radius, share * length)
@@ -296,11 +338,8 @@ def descend(motion: LiftedMotion) -> LiftedMotion:
 
 def is_least(motion: LiftedMotion) -> bool:
     """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
-    free = motion.lifted.variables.coefficients
     least = LIFTING.recorded if motion.lifted.variables.has_reference else LIFTING.rounding
-    downhill = np.zeros_like(motion.x)
-    downhill[:free] = -motion.x[:free]
-    change, _ = motion.step(np.zeros_like(motion.gaps), downhill)
+    change, _ = motion.step(np.zeros_like(motion.gaps), SizeCost(motion).downhill(np.inf))
     return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * max(motion.size, least)
 
 

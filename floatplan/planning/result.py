@@ -11,7 +11,8 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.sine_polynomial import SinePolynomials, basis
+from floatplan.motion.sine_polynomial import SinePolynomials, WrittenMotion, basis
+from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.plans.plan import Plan
@@ -154,7 +155,18 @@ class AttemptResult:
             return self._distance_from(self.spec.problem.reference)
         if self.spec.problem.minimises_b:
             return float(np.linalg.norm(self.written))
+        if self.spec.problem.motion.objective == "robust":
+            return self._robust_size()
         return float(np.linalg.norm(self.x[: self.variables.coefficients]))
+
+    def _robust_size(self) -> float:
+        """The objective "robust", rad."""
+        problem = self.spec.problem
+        motions, z, h = self.motion
+        joints = WrittenMotion.from_powers(motions.centre, motions.amplitude, self.written, problem.flight.duration)
+        whole = self.spec.flight.whole_motion(joints, h, problem.path)
+        assert isinstance(whole, SpatialMotion), "the robot flies in space"
+        return whole.robust_size(float(np.linalg.norm(z)))
 
     def _distance_from(self, reference: Array) -> float:
         """Root mean square, rad, of the joints' differences from a recorded motion (K, n)."""

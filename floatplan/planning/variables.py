@@ -64,7 +64,7 @@ class DecisionVariables:
         The conditions (13) where they change with h; the polynomials' own are those of the middle h.
     offset_map : (m, g), optional
         By which the offset follows a joint's fixed conditions (13), where it does.
-    has_reference : whether x = 0 is the motion nearest to a recorded one
+    has_reference : whether x = 0 is the motion nearest to a recorded one, or the one to be near to
     coefficients : number m of free coefficients
     size : number of variables
     chosen_at_ends : what the search chooses of the state at takeoff or landing
@@ -145,7 +145,7 @@ class DecisionVariables:
 
     @cached_property
     def nominal_motion(self) -> Array:
-        """The x of the motion without free coefficients, or of that nearest to a recorded one; h is in the middle."""
+        """The x of the motion without free coefficients, or of that to be near to; h is in the middle."""
         x = np.zeros(self.size)
         if self.has_reference:
             return x

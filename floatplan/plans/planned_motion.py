@@ -15,6 +15,7 @@ from floatplan.motion import flight, quadrature
 from floatplan.motion.dynamics import FlightState, Peaks, PlacedShapes, WholeMotion
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion, free_part
+from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
@@ -249,6 +250,16 @@ class PlannedMotion(flight.MotionInFile):
             return None
         return read_only(np.zeros(3) if leak < 1e-12 else flight.missed_in_space(self.whole))  # is rounding
 
+    @cached_property
+    @one_thread
+    def growth_of_errors(self) -> tuple[Array, Array] | None:
+        """What errors at takeoff grow to until landing, in space; None in a plane.
+
+        They are K (3,), rad, the turn of the world at landing by ln |h|, and P (3, 3), that by a small turn at takeoff,
+        of the same motion of the joints.
+        """
+        return self.whole.growth_of_errors if isinstance(self.whole, SpatialMotion) else None
+
     @property
     def _size(self) -> float:
         """(17) in a plane; in space the root mean square of p's free part, over time and all joints, rad."""
@@ -265,6 +276,9 @@ class PlannedMotion(flight.MotionInFile):
             grid = quadrature.gauss_legendre(REFERENCE_NODES)
             positions = self.at(self.duration * grid.nodes).positions
             return distance_from(self.problem.reference, grid.nodes, grid.weights, positions)
+        if self.problem.motion.objective == "robust":
+            assert isinstance(self.whole, SpatialMotion), "the robot flies in space"
+            return self.whole.robust_size(self._size)
         if quantity is None:
             return self._size
         return self.duration * quadrature.integral_of_squares(getattr(self._resolved, quantity))

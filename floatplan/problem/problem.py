@@ -234,6 +234,11 @@ class Problem(Checked):
     def _planar_errors(self) -> Iterator[InputError]:
         """What is wrong in the plane: with the robot, and with the jump around the flight."""
         yield from faults((partial(refuse_leak, self.robot),))
+        if self.motion.objective == "robust":
+            reason = (
+                '"robust" is for flights in space: in a plane a wrong attitude at takeoff does not grow until landing'
+            )
+            yield InputError(reason, element="motion.objective", advice="leave it out")
         yield from () if self.jump is None else jump_errors(self.robot, self.jump)
 
     def _errors_in_space(self) -> Iterator[InputError]:

@@ -28,7 +28,7 @@ from floatplan.errors import FloatplanError
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
-from floatplan.motion.spatial.rotations import of_quaternions, unwrapped_angles
+from floatplan.motion.spatial.rotations import cross_matrix, of_quaternions, unwrapped_angles
 from floatplan.problem.attitude import Reorientation, tilt
 from floatplan.tables import A_TURN_OFF, STEEPEST
 
@@ -39,6 +39,7 @@ TOLERANCES: dict[str, float] = {
     "largest": 1e6,  # [-] of |h|: beyond it the motion cannot be integrated in these cells
 }
 OUT_OF_MEMORY = 2
+WEIGHT_OF_GROWTH = 1e-3  # [rad^2] of the objective "robust": 0.1 more in |z| brought |P| from 12..169 down to 2..16
 NOTHING: dict[str, Any] = dict.fromkeys(pointers("Turning"))
 
 
@@ -137,6 +138,42 @@ class Turning:
             turn_weights=weights,
         )
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
+
+    def landing_by_momentum(self, onward: Array) -> Array:
+        """Derivative (3, 3) by h of ``onward`` (3, 3) times a small turn of the world at landing.
+
+        It is ``onward sum_j W_j M_j``, backwards through the cells, where W_j carries g of (S2) to landing.
+        """
+        transitions, weights = self.carried
+        mobility = self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2)  # M of (S2)
+        mobility = mobility.reshape(weights.shape)
+        slope = np.zeros((3, 3))
+        for cell in range(len(weights) - 1, -1, -1):
+            slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)
+            onward = onward @ transitions[cell]
+        return slope
+
+
+def growth_of_errors(landing_by_momentum: Array, angular_momentum: Array) -> tuple[Array, Array]:
+    """What errors at takeoff grow to until landing: small turns of the world, from their derivative (3, 3) by h (3,).
+
+    Returns
+    -------
+    by_size : (3,) rad
+        K, the turn at landing by ln |h|.
+    by_attitude : (3, 3)
+        P, the turn at landing by a small turn zeta at takeoff. To turn the robot but not h is to turn the world by
+        zeta, and h in it back: ``h - zeta x h``.
+    """
+    by_size = landing_by_momentum @ angular_momentum
+    by_attitude = np.eye(3) + landing_by_momentum @ cross_matrix(angular_momentum[None])[0]
+    return by_size, by_attitude
+
+
+def weighted_growth(landing_by_momentum: Array, angular_momentum: Array) -> Array:
+    """K and P (12,), rad, weighted as the objective "robust" adds their squares to that of the motion's size."""
+    by_size, by_attitude = growth_of_errors(landing_by_momentum, angular_momentum)
+    return np.asarray(np.sqrt(WEIGHT_OF_GROWTH) * np.concatenate((by_size, by_attitude.ravel())))
 
 
 def attitudes_at(cells: Cells, duration: float, borders: Array, spun: Iterable[Array], instants: Array) -> Array:

@@ -125,15 +125,7 @@ class _NominalMotion:
         """
         turning = self.turned(h)
         residual = np.asarray(logarithm((self.final_attitude.T @ turning.ends[-1])[None])[0])
-        transitions, weights = turning.carried
-        mobility = turning.attitudes @ turning.inverse_inertia @ np.swapaxes(turning.attitudes, 1, 2)  # M of (S2)
-        mobility = mobility.reshape(weights.shape)
-        onward = left_jacobian_inverse(residual) @ self.final_attitude.T
-        slope = np.zeros((3, 3))
-        for cell in range(len(weights) - 1, -1, -1):
-            slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)
-            onward = onward @ transitions[cell]
-        return residual, slope
+        return residual, turning.landing_by_momentum(left_jacobian_inverse(residual) @ self.final_attitude.T)
 
     def reaching(self, h: Array) -> Array:
         """The h from which the attitude at landing misses the goal least, by Newton's method from ``h`` on."""

@@ -17,7 +17,15 @@ from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.planar.full_model import FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
-from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn, wrong_way
+from floatplan.motion.spatial.attitude import (
+    IntegrationError,
+    Turning,
+    cells,
+    growth_of_errors,
+    turn,
+    weighted_growth,
+    wrong_way,
+)
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
 from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
@@ -174,6 +182,17 @@ class SpatialMotion:
         assert reorientation is not None, "the robot flies in space"
         missed = float(np.linalg.norm(logarithm(reorientation.goal.matrix.T[None] @ self.turning.ends[-1:])))
         return math.inf if wrong_way(reorientation, self.turning.way) else missed
+
+    @cached_property
+    def growth_of_errors(self) -> tuple[Array, Array]:
+        """K (3,), rad, and P (3, 3), see :func:`~floatplan.motion.spatial.attitude.growth_of_errors`."""
+        by_size, by_attitude = growth_of_errors(self.turning.landing_by_momentum(np.eye(3)), self.angular_momentum)
+        return read_only(by_size), read_only(by_attitude)
+
+    def robust_size(self, size: float) -> float:
+        """The objective "robust", rad, of a motion of the joints of some size, rad: root of ``size^2 + |growth|^2``."""
+        growth = weighted_growth(self.turning.landing_by_momentum(np.eye(3)), self.angular_momentum)
+        return float(np.sqrt(size * size + growth @ growth))
 
     def angles(self, axes: str) -> Array:
         """Angles (C S + 2, 3), rad, of takeoff, all stages and landing, unwrapped from those requested at takeoff."""

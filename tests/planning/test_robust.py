@@ -1,0 +1,224 @@
+"""The objective "robust" of flights in space: errors at takeoff grow less until landing, and what it says is true."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import space_reference
+from scipy.spatial.transform import Rotation
+
+import floatplan as fp
+from floatplan.motion.spatial.attitude import WEIGHT_OF_GROWTH
+from floatplan.motion.spatial.rotations import exponential
+from floatplan.planning.in_space import degrees_tried
+from floatplan.planning.lifting import LiftedFlight, close, descend, refined, starts
+from floatplan.planning.robust import RobustCost
+from floatplan.planning.spec import spec_of
+from floatplan.planning.variables import decision_variables
+
+PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
+SPACE = PROBLEMS / "space"
+NAMES = ("diver_half_twist", "go2_half_twist")
+
+
+def problem_of(name, objective):
+    problem = fp.load_problem(SPACE / f"{name}.toml")
+    return problem.with_parts(motion=replace(problem.motion, objective=objective))
+
+
+@cache
+def plan_of(name, objective):
+    return fp.plan(problem_of(name, objective), prove=True)
+
+
+def landing(record):
+    """The attitude at landing by DOP853."""
+    return space_reference.flown(record, [0.0, record.duration], with_torques=False).attitudes[-1]
+
+
+def turn_between(before, after):
+    """The small turn (3,) of the world, rad."""
+    return Rotation.from_matrix(after @ before.T).as_rotvec()
+
+
+def with_momentum(plan, factor):
+    return replace(plan.record, angular_momentum=factor * np.array(plan.record.angular_momentum))
+
+
+def size_of(growth):
+    return float(np.sqrt(sum((part**2).sum() for part in growth)))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_errors_at_takeoff_grow_less(name):
+    """P to a tenth of what it was, and two per cent of h to less than two thirds, for a motion hardly larger."""
+    robust = plan_of(name, "robust")
+    usual = plan_of(name, "coefficients")
+    for plan in (robust, usual):
+        assert plan.ok
+        assert plan.certificate.proved
+    of_robust = np.linalg.norm(robust.growth_of_errors[1])
+    of_usual = np.linalg.norm(usual.growth_of_errors[1])
+    assert of_robust < 0.1 * of_usual
+    assert robust._size < usual._size + 0.2
+    for factor in (0.98, 1.02):
+        errors = [
+            np.linalg.norm(turn_between(landing(plan.record), landing(with_momentum(plan, factor))))
+            for plan in (robust, usual)
+        ]
+        assert errors[0] < 0.65 * errors[1]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("objective", ["coefficients", "robust"])
+def test_growth_is_that_of_differences(name, objective):
+    """K and P by DOP853, of central differences."""
+    plan = plan_of(name, objective)
+    by_size, by_attitude = plan.growth_of_errors
+    small = 1e-5
+    ends = [landing(with_momentum(plan, 1 + change)) for change in (-small, small)]
+    assert turn_between(*ends) / (2 * small) == pytest.approx(by_size, abs=2e-6 * size_of([by_size, by_attitude]))
+    start = Rotation.from_quat(plan.record.orientation["start"]["quaternion_xyzw"])
+    for axis, column in enumerate(by_attitude.T):
+        ends = []
+        for change in (-small, small):
+            turned = Rotation.from_rotvec(change * np.eye(3)[axis]) * start
+            orientation = {**plan.record.orientation, "start": {"quaternion_xyzw": turned.as_quat()}}
+            ends.append(landing(replace(plan.record, orientation=orientation)))
+        assert turn_between(*ends) / (2 * small) == pytest.approx(column, abs=2e-6 * size_of([by_size, by_attitude]))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_value_is_what_it_says(name, tmp_path):
+    plan = plan_of(name, "robust")
+    growth = size_of(plan.growth_of_errors)
+    assert plan.objective_value == pytest.approx(np.sqrt(plan._size**2 + WEIGHT_OF_GROWTH * growth**2), rel=1e-12)
+    path = plan.save(tmp_path / "plan.json")
+    assert fp.load_plan(path).objective_value == pytest.approx(plan.objective_value, rel=1e-12)
+    content = json.loads(path.read_text())
+    content["objective"]["value"] *= 1 + 1e-5
+    path.write_text(json.dumps(content))
+    with pytest.raises(fp.InputError, match=r"objective\.value"):
+        fp.load_plan(path)
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def lifted(request):
+    """A closed motion on the search's own grid, made small."""
+    problem = problem_of(request.param, "robust")
+    spec = spec_of(problem)
+    variables = decision_variables(problem, degrees_tried(problem, spec.flight)[0], None, spec.momentum)
+    motion = close(next(starts(LiftedFlight(spec, variables), 0)))
+    assert motion.is_closed()
+    assert motion.makes_right_turns
+    return descend(motion)
+
+
+def test_the_kernel_s_growth_is_that_of_the_whole_motion(lifted):
+    fine = refined(lifted)
+    own = fine.lifted.turning(fine.cells, fine.x)
+    slope = own.landing_by_momentum(np.eye(3))
+    cost = RobustCost.of(fine)
+    by_size = slope @ own.angular_momentum
+    assert cost.growth[:3] == pytest.approx(np.sqrt(WEIGHT_OF_GROWTH) * by_size, abs=1e-7)
+    # P without h turned back: of each cell in turn.
+    through = np.eye(3)
+    for transition in own.carried[0]:
+        through = transition @ through
+    assert cost.growth[3:].reshape(3, 3) == pytest.approx(np.sqrt(WEIGHT_OF_GROWTH) * through, abs=1e-7)
+
+
+def test_steps_go_downhill_as_far_as_they_promise(lifted):
+    """A small step changes the cost as its derivative says, keeps the landing, and is within radius and box."""
+    cost = RobustCost.of(lifted)
+    free = lifted.lifted.variables.coefficients
+    for radius in (1e-5, 1e-2, 1.0, np.inf):
+        step = cost.downhill(radius)
+        leaves_box = np.isclose(np.abs(lifted.x + step)[free:], 1.0, atol=1e-9).any()
+        assert leaves_box or np.linalg.norm(step) <= radius * (1 + 1e-6)
+        assert np.abs(lifted.turns[-1] @ step).max() < 1e-9 * np.abs(lifted.turns[-1]).max()
+        assert np.abs((lifted.x + step)[free:]).max(initial=0.0) <= 1 + 1e-9
+    step = cost.downhill(1e-5)
+    turns = np.zeros_like(lifted.gaps)
+    turns[1:] = lifted.turns[:-1] @ step
+    costs = []
+    for sign in (1, -1):
+        borders = exponential(sign * turns) @ lifted.borders
+        costs.append(RobustCost.of(lifted.lifted.fly(lifted.cells, lifted.x + sign * step, borders)).value ** 2 / 2)
+    promised = (cost._growth_slope.T @ cost.growth) @ step + lifted.x[:free] @ step[:free]
+    assert promised < 0
+    assert (costs[0] - costs[1]) / 2 == pytest.approx(promised, rel=1e-3)
+
+
+def test_obstacles_are_kept_clear_of():
+    """The motion that is least without them goes through the bar."""
+    problem = problem_of("diver_past_a_bar", "robust")
+    free = fp.plan(problem.with_parts(obstacles=()))
+    assert free.clearances(np.linspace(0, free.duration, 1001), problem.obstacles).min() < 0
+    plan = fp.plan(problem, prove=True)
+    usual = fp.plan(problem_of("diver_past_a_bar", "coefficients"))
+    assert plan.ok
+    assert plan.certificate.proved
+    assert plan.status == "feasible"
+    assert plan.peaks.clearance >= -1e-8
+    assert np.linalg.norm(plan.growth_of_errors[1]) < 0.1 * np.linalg.norm(usual.growth_of_errors[1])
+    assert free.objective_value < plan.objective_value < 1.1 * free.objective_value
+
+
+@pytest.mark.parametrize("limits", [fp.Limits(velocity=5.0), fp.Limits(torque=30.0)], ids=["velocity", "torque"])
+def test_limits_are_kept_and_the_value_is_less_than_that_of_a_small_motion(limits):
+    usual = fp.plan(problem_of("diver_half_twist", "coefficients").with_parts(limits=limits))
+    plan = fp.plan(problem_of("diver_half_twist", "robust").with_parts(limits=limits), prove=True)
+    assert plan.ok
+    assert plan.certificate.proved
+    assert plan.objective_value < 0.3 * usual.whole.robust_size(usual._size)
+
+
+def test_where_a_small_motion_is_best_it_is_the_plan():
+    """Without momentum nothing grows: then both objectives are the same but for a constant."""
+    usual = fp.plan(problem_of("go2_levels", "coefficients"))
+    plan = fp.plan(problem_of("go2_levels", "robust"))
+    assert plan.objective_value <= usual.whole.robust_size(usual._size) * (1 + 1e-9)
+
+
+def test_several_starts_are_compared_by_the_true_value():
+    problem = problem_of("diver_half_twist", "robust")
+    one = fp.plan(problem)
+    several = fp.plan(problem, starts=4)
+    assert several.objective_value <= one.objective_value
+
+
+def test_without_momentum_nothing_grows():
+    plan = fp.plan(problem_of("cat", "robust"))
+    assert plan.ok
+    by_size, by_attitude = plan.growth_of_errors
+    assert np.abs(by_size).max() == 0.0
+    assert by_attitude == pytest.approx(np.eye(3), abs=1e-15)
+
+
+@pytest.mark.parametrize("name", ["somersault", "obstacle"])
+def test_it_is_refused_in_a_plane(name):
+    problem = fp.load_problem(PROBLEMS / f"{name}.toml")
+    with pytest.raises(fp.InputError, match=r"motion\.objective: \"robust\" is for flights in space.*leave it out"):
+        problem.with_parts(motion=replace(problem.motion, objective="robust"))
+
+
+def test_a_plan_file_in_a_plane_that_says_it_is_refused(tmp_path):
+    plan = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+    assert plan.growth_of_errors is None
+    path = plan.save(tmp_path / "plan.json")
+    content = json.loads(path.read_text())
+    content["problem"]["motion"]["objective"] = content["objective"]["name"] = "robust"
+    path.write_text(json.dumps(content))
+    with pytest.raises(fp.InputError, match="flights in space"):
+        fp.load_plan(path)
+
+
+def test_it_takes_no_recorded_motion():
+    with pytest.raises(fp.InputError, match=r'is of the objective "clip", not of "robust"'):
+        fp.Motion(objective="robust", clip=fp.ClipReference(positions=((0.0,), (1.0,))))
