@@ -142,7 +142,8 @@ class Replanner:
         positions, velocities, _ = self.motion.at(0.0)
         turning = self.views.flying.base_rate(positions, velocities)
         orientation = plan.at(0.0).orientation
-        self.update(0.0, orientation, turning, positions[0], velocities[0])  # what is made once is made now
+        # A first update, so that caches are filled before takeoff.
+        self.update(0.0, orientation, turning, positions[0], velocities[0])
         self.reset()
 
     def __copy__(self) -> Replanner:
@@ -193,7 +194,7 @@ class Replanner:
         return self._update.motions[-1]
 
     def rest(self, time: float) -> RemainingMotion:
-        """Return the same motion from a time on, s since takeoff, to the landing, written as one that begins then."""
+        """Return the present motion rewritten from ``time``, s, to the landing; corrections are not changed."""
         return self._update.rewritten(time, self._landing)
 
     @property
@@ -228,6 +229,9 @@ class Replanner:
     ) -> Correction:
         """Process a measurement and correct the motion; raises nothing.
 
+        Between corrections the measurement is only learnt from, and the last correction is returned again, with its
+        status.
+
         Parameters
         ----------
         t : s since takeoff, of the measurement; later than that of the last one
@@ -255,7 +259,7 @@ class Replanner:
         longest_delay = 0.25  # [s] of a measurement
         if not measured.time >= max(self._update.motions[0].begin, present - longest_delay, 0.0):
             return self._unchanged("invalid", "measured too long ago")
-        wrong = self._learned(measured, present)
+        wrong = self._learn(measured, present)
         if wrong:
             return self._unchanged("invalid", wrong)
         self._now = present
@@ -263,8 +267,8 @@ class Replanner:
             return self._last
         return self._correct(present)
 
-    def _learned(self, measured: Measurement, now: float) -> str:
-        """Learn from a measurement; why not, where it cannot be one."""
+    def _learn(self, measured: Measurement, now: float) -> str:
+        """Learn from a measurement; return why it was not learnt from, or ``""``."""
         estimate = self._estimate
         plausible = self._plausible
         if measured.com_position is not None and not plausible.com(measured, *estimate.com_at(measured.time)):
@@ -283,7 +287,7 @@ class Replanner:
         base = plausible.base(off, measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.again(measured)):
+        elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.believes(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
