@@ -21,7 +21,7 @@ from floatplan.inflight.measurement import PLAUSIBLE, Measurement, Plausibility,
 from floatplan.inflight.orientation import Orientations
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
-from floatplan.inflight.update import Corrected, Update
+from floatplan.inflight.update import Prediction, Update
 from floatplan.inflight.warm_starts import WarmStarts
 from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.quadrature import gauss_legendre
@@ -180,7 +180,7 @@ class Replanner:
         """The component of an angular momentum along the plan's, kg m^2/s; in a plane itself."""
         return float(self.views.flying.direction @ np.atleast_1d(angular_momentum))
 
-    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
+    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Prediction:
         """Return a motion from takeoff, corrected for an angular momentum along the plan's, kg m^2/s."""
         self.reset()
         inertial = self._estimate.inertial
@@ -331,7 +331,7 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _correction(status: Status, reason: str, corrected: Corrected, landing: float, momentum: Any) -> Correction:
+def _correction(status: Status, reason: str, corrected: Prediction, landing: float, momentum: Any) -> Correction:
     return Correction(
         status=status,
         reason=reason,
@@ -343,7 +343,7 @@ def _correction(status: Status, reason: str, corrected: Corrected, landing: floa
     )
 
 
-def _judged(corrected: Corrected) -> tuple[Status, str]:
+def _judged(corrected: Prediction) -> tuple[Status, str]:
     if corrected.share == 0.0:
         return "refused", "any correction breaks a limit"
     if corrected.share < 1.0:

@@ -96,8 +96,7 @@ def replay_jump(
     ----------
     jump : Jump, or path of a jump file
     replan : float, optional
-        Corrections in flight per second, Hz, at most, whole periods of 2 ms apart: each robot then flies with them and
-        without.
+        Corrections in flight per second at most, Hz, whole periods apart: each robot then flies with them and without.
     perturb : str or Perturbation
         Such as ``"mass=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms"``. Delays are rounded to 2 ms.
     flights : int
