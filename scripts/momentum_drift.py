@@ -24,7 +24,6 @@ from floatplan.simulation.perturbation import given_perturbation
 
 INTEGRATORS = ("IMPLICITFAST", "IMPLICIT", "RK4", "EULER")
 WHEN = 0.02  # [s] into the flight: from then on all feet are in the air
-SEED = (0, 0)
 
 
 def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, bool]]:
@@ -46,7 +45,7 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
 
     vars(jump_flight)["ContactRobot"] = Recorded
     control = jump_flight.JumpControl(jump, first_gains(jump), None)
-    control.fly(given_perturbation(""), jump.request.friction, SEED, correct=False)
+    control.fly(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
     return rows
 
 

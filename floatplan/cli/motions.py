@@ -87,11 +87,12 @@ def replay(
             min=1,
         ),
     ] = None,
-    budget: Annotated[float, option("S", "Time after which no flight begins, with --replan or of a jump, s.")] = 60.0,
+    budget: Annotated[
+        float,
+        option("S", "Time after which no flight begins, s; with --replan on a plan, flights under way are dropped."),
+    ] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
-    friction: Annotated[
-        float | None, option("MU", "Of the ground under a jump; that of its problem if left out.")
-    ] = None,
+    friction: Annotated[float | None, option("MU", "Of a jump's ground; that of its problem if left out.")] = None,
     kp: Annotated[str | None, option("K|J=K,..", "Stiffness of a jump's joints, N m/rad, of all or by name.")] = None,
     kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
     authority: Annotated[

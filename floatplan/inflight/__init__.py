@@ -2,7 +2,7 @@
 
 - `replanner.py`: :class:`~floatplan.inflight.replanner.Replanner`, the one public way in: a measurement goes in, the
   joints' motion from now to the landing comes out.
-- `planar.py`, `spatial.py`: what the two kinds of flights are made of, by the same names, and real robots of each;
+- `planar.py`, `spatial.py`: what the two kinds of flights are made of, by the same names, and ideal robots of each;
   `orientation.py`: how orientations are computed with. All else is the same for both.
 - `measurement.py`: what a measurement is, and whether it can be one; `estimate.py`: the state that follows from it.
 - `remaining_motion.py`: the remaining flight; `prediction.py`: the instants at which it is evaluated, and the rows of

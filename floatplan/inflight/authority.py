@@ -157,7 +157,7 @@ def _lands(replanner: Replanner, foreseen: Update, momentum: Array, errors: Arra
     inertial = replanner.identification(own_momentum)
     inertial.errors[:] = errors
     path = plan.ballistics
-    robot = flying.real_robot(own_momentum, errors)
+    robot = flying.ideal_robot(own_momentum, errors)
     foreseen.begin(Estimate(0.0, inertial, path.position0, path.velocity0, path.gravity))
     step = plan.duration / CORRECTIONS
     allowed = 0.01  # by which a limit may be exceeded; of distances, of 0.1 m, beyond the margin

@@ -22,7 +22,7 @@ class PlausibilitySettings:
     ----------
     gate : standard deviations of an orientation from the expected one
     noise : standard deviation of angles that is not yet an outlier's, rad
-    orientation : difference after which a robot that was hit is believed again, rad
+    orientation : largest difference at which a robot that was hit can be believed again, rad
     mistake : difference of a joint from its reference, beyond which another order or unit is suspected, rad
     unexplained : share of the joints' differences that remains at most, where that is it
     position : difference of a joint from its reference, rad
@@ -224,7 +224,7 @@ class Recovery:
         """One was as expected."""
         self._chains = [_Chain(self._orientations, measured, PLAUSIBLE.chain)]
 
-    def again(self, measured: Measurement) -> bool:
+    def believes(self, measured: Measurement) -> bool:
         """Add one that was not; return whether it is to be believed."""
         own = next((chain for chain in self._chains if chain.takes(measured)), None)
         believed = [chain for chain in self._chains if chain.count >= PLAUSIBLE.chain]

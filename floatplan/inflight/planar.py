@@ -33,14 +33,14 @@ class InPlane:
 
     Attributes
     ----------
-    orientations : how orientations are computed with
+    orientations : arithmetic of orientations
     flight : what the problem fixes
-    links : whose each of the shapes is that distances are measured to
+    links : of each shape that distances are measured to, the link it belongs to
     grids : tuple of (share, GaussGrid)
         Nodes at which the base's rate is integrated, where at most that share of the flight remains; the first always.
     instants : how many in addition, at which rows are looked at
     direction : (1,)
-        Of the momentum that is wrong in warm starts.
+        Unit vector along which warm starts vary h.
     """
 
     orientations = PlanarOrientations()
@@ -71,20 +71,20 @@ class InPlane:
         """Return the rows of the problem's limits."""
         return PlanarRows(self.flight.tree, blocks, flight=self.flight)
 
-    def compiled(self, rows: PlanarRows, gap_nodes: int) -> Compiled:
+    def kernel_input(self, rows: PlanarRows, gap_nodes: int) -> PlanarKernelInput:
         """Return what the kernel computes with: the robot of the masses that are estimated."""
-        return Compiled(self.flight, rows, gap_nodes)
+        return PlanarKernelInput(self.flight, rows, gap_nodes)
 
     def integrals(self, grid: GaussGrid) -> Array | None:
-        """Return integrals (K - N, N) from values at the nodes, to the instants that are none."""
+        """Return integrals (K - N, N) from values at the N nodes to the K - N other instants."""
         return doubles(grid.integrals[grid.nodes :])
 
-    def real_robot(self, angular_momentum: float, errors: Array) -> RealRobot:
+    def ideal_robot(self, angular_momentum: float, errors: Array) -> IdealRobot:
         """Return a robot that has an angular momentum, kg m^2/s, and relative errors (2m,) of masses and inertias."""
-        return RealRobot(self.plan, angular_momentum, errors)
+        return IdealRobot(self.plan, angular_momentum, errors)
 
 
-class Compiled:
+class PlanarKernelInput:
     """The kernel's functions and what these are given of a flight in a plane.
 
     Attributes
@@ -104,7 +104,7 @@ class Compiled:
         self.path = rows.path
         tree = flight.tree
         bodies = rows.own_bodies
-        # The robot's C is of the masses that are estimated, which the kernel writes: no longer real, for one.
+        # The kernel writes C with the estimated masses: it is complex even where the plan's is real.
         real = np.zeros_like(bodies.real)
         imaginary = np.zeros_like(bodies.real)
         link_real = np.zeros(bodies.links.shape)
@@ -159,8 +159,8 @@ class Compiled:
         return float(corrected.miss[0])
 
 
-class RealRobot:
-    """A robot in flight whose joints follow their reference exactly: its base turns by (4)."""
+class IdealRobot:
+    """A robot in flight whose joints follow their reference exactly: its base rotates by (4)."""
 
     def __init__(self, plan: Plan, angular_momentum: float, errors: Array) -> None:
         self.orientation = plan.problem.initial.orientation

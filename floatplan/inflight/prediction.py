@@ -20,13 +20,13 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import PlanarFlight, flight_of, gauss_grid
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import Form, basis
+from floatplan.planning.constraints import LENGTH_SCALE
 from floatplan.planning.kernel_input.rows import SUMMED, Block, DistanceRows, can_write
 from floatplan.plans.plan import Plan
 from floatplan.problem.problem import Problem, Shares
 from floatplan.problem.spatial_obstacles import SpatialObstacle
 from floatplan.tables import LIMIT_TABLE
 
-LENGTH_SCALE = 0.1  # [m] of clearance that is worth as much as the whole of a limit
 SHARE_AIM = 0.02  # [-] of limits, see :class:`LimitRows`
 SHARE_SOFTNESS = 0.01  # [-] likewise
 DISTANCE_AIM = 0.1  # [LENGTH_SCALE] likewise
@@ -39,9 +39,8 @@ Flying: TypeAlias = InPlane | InSpace
 class LimitRows:
     """A block of rows that applies within a window, s since takeoff.
 
-    Corrections aim at values of ``aim``, above zero; a row may miss that by ``softness`` where the landing may miss the
-    goal by sigma. Where the plan is nearer to a limit they aim at what it has: of torques where it is nearest, of all
-    else where it lands.
+    Corrections aim at row values of ``aim``. A shortfall of ``softness`` costs as much as a miss of sigma. Where the
+    plan's own motion has less, the aim is that: for torques its least over the flight, else its value at landing.
     """
 
     block: Block
@@ -51,7 +50,7 @@ class LimitRows:
     of_torques: bool = False
 
     def as_planned(self, values: Array, landing: int) -> LimitRows:
-        """Return the same with that aim, for values (rows, K) under the plan's motion, which lands at an instant."""
+        """Return the same with that aim, for values (rows, K) of the plan's motion; it lands in column ``landing``."""
         least = max(values.min(), SHARE_AIM) if self.of_torques else max(values[:, landing].min(), 0.0)
         return replace(self, aim=min(self.aim, least))
 
@@ -79,7 +78,7 @@ def limit_rows(problem: Problem) -> list[LimitRows]:
     return rows
 
 
-def sensible_rows(plan: Plan) -> list[LimitRows]:
+def acceleration_bounds(plan: Plan) -> list[LimitRows]:
     """Return a bound of the accelerations of joints that the problem does not limit: a multiple of the plan's largest.
 
     Without it a goal that cannot be reached any more would be chased harder and harder until the landing.
@@ -143,7 +142,7 @@ class Views:
         self.flying: Flying = kind(plan, obstacles)
         distances = distance_rows(problem, self.flying.links)
         self.has_distances = bool(distances)
-        self.rows = [*distances, *limit_rows(problem), *sensible_rows(plan)]
+        self.rows = [*distances, *limit_rows(problem), *acceleration_bounds(plan)]
         self._windows = np.array([obstacle.window for obstacle in obstacles if obstacle.window is not None])
         self.functions = basis(form)
         products = _second_derivatives(form)

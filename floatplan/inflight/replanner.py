@@ -21,7 +21,7 @@ from floatplan.inflight.measurement import PLAUSIBLE, Measurement, Plausibility,
 from floatplan.inflight.orientation import Orientations
 from floatplan.inflight.prediction import Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
-from floatplan.inflight.update import Corrected, Update
+from floatplan.inflight.update import Prediction, Update
 from floatplan.inflight.warm_starts import WarmStarts
 from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.quadrature import gauss_legendre
@@ -142,7 +142,8 @@ class Replanner:
         positions, velocities, _ = self.motion.at(0.0)
         turning = self.views.flying.base_rate(positions, velocities)
         orientation = plan.at(0.0).orientation
-        self.update(0.0, orientation, turning, positions[0], velocities[0])  # what is made once is made now
+        # A first update, so that caches are filled before takeoff.
+        self.update(0.0, orientation, turning, positions[0], velocities[0])
         self.reset()
 
     def __copy__(self) -> Replanner:
@@ -179,7 +180,7 @@ class Replanner:
         """The component of an angular momentum along the plan's, kg m^2/s; in a plane itself."""
         return float(self.views.flying.direction @ np.atleast_1d(angular_momentum))
 
-    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Corrected:
+    def _corrected_at_takeoff(self, motion: RemainingMotion, angular_momentum: float, evaluations: int) -> Prediction:
         """Return a motion from takeoff, corrected for an angular momentum along the plan's, kg m^2/s."""
         self.reset()
         inertial = self._estimate.inertial
@@ -193,7 +194,7 @@ class Replanner:
         return self._update.motions[-1]
 
     def rest(self, time: float) -> RemainingMotion:
-        """Return the same motion from a time on, s since takeoff, to the landing, written as one that begins then."""
+        """Return the present motion rewritten from ``time``, s, to the landing; corrections are not changed."""
         return self._update.rewritten(time, self._landing)
 
     @property
@@ -228,6 +229,9 @@ class Replanner:
     ) -> Correction:
         """Process a measurement and correct the motion; raises nothing.
 
+        Between corrections the measurement is only learnt from, and the last correction is returned again, with its
+        status.
+
         Parameters
         ----------
         t : s since takeoff, of the measurement; later than that of the last one
@@ -255,7 +259,7 @@ class Replanner:
         longest_delay = 0.25  # [s] of a measurement
         if not measured.time >= max(self._update.motions[0].begin, present - longest_delay, 0.0):
             return self._unchanged("invalid", "measured too long ago")
-        wrong = self._learned(measured, present)
+        wrong = self._learn(measured, present)
         if wrong:
             return self._unchanged("invalid", wrong)
         self._now = present
@@ -263,8 +267,8 @@ class Replanner:
             return self._last
         return self._correct(present)
 
-    def _learned(self, measured: Measurement, now: float) -> str:
-        """Learn from a measurement; why not, where it cannot be one."""
+    def _learn(self, measured: Measurement, now: float) -> str:
+        """Learn from a measurement; return why it was not learnt from, or ``""``."""
         estimate = self._estimate
         plausible = self._plausible
         if measured.com_position is not None and not plausible.com(measured, *estimate.com_at(measured.time)):
@@ -283,7 +287,7 @@ class Replanner:
         base = plausible.base(off, measured, expected)
         if base and plausible.joints(measured, expected):
             self._recovery.believe(measured)
-        elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.again(measured)):
+        elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.believes(measured)):
             return FAR_OFF
         elif not base:
             estimate.inertial.forget()
@@ -327,7 +331,7 @@ def _time(value: object) -> float:
         return math.nan
 
 
-def _correction(status: Status, reason: str, corrected: Corrected, landing: float, momentum: Any) -> Correction:
+def _correction(status: Status, reason: str, corrected: Prediction, landing: float, momentum: Any) -> Correction:
     return Correction(
         status=status,
         reason=reason,
@@ -339,7 +343,7 @@ def _correction(status: Status, reason: str, corrected: Corrected, landing: floa
     )
 
 
-def _judged(corrected: Corrected) -> tuple[Status, str]:
+def _judged(corrected: Prediction) -> tuple[Status, str]:
     if corrected.share == 0.0:
         return "refused", "any correction breaks a limit"
     if corrected.share < 1.0:

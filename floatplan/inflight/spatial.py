@@ -91,21 +91,21 @@ class InSpace:
         """Return the rows of the problem's limits."""
         return SpatialRows(self.flight, blocks)
 
-    def compiled(self, rows: SpatialRows, gap_nodes: int) -> Compiled:
+    def kernel_input(self, rows: SpatialRows, gap_nodes: int) -> SpatialKernelInput:
         """Return what the kernel computes with: the robot of the masses that are estimated."""
-        return Compiled(self.flight, rows, self.grids[0][1].cells, gap_nodes)
+        return SpatialKernelInput(self.flight, rows, self.grids[0][1].cells, gap_nodes)
 
     def integrals(self, grid: CellGrid) -> Array | None:
         """None: the cells have them."""
         return None
 
-    def real_robot(self, angular_momentum: Array, errors: Array) -> RealRobot:
+    def ideal_robot(self, angular_momentum: Array, errors: Array) -> IdealRobot:
         """Return a robot that has an angular momentum (3,) and relative errors (2m,) of masses and inertias."""
-        return RealRobot(self.flight, angular_momentum, errors)
+        return IdealRobot(self.flight, angular_momentum, errors)
 
 
-class Compiled:
-    """The kernel's functions and what these are given; members as of :class:`floatplan.inflight.planar.Compiled`."""
+class SpatialKernelInput:
+    """The kernel's functions and what they read; members as of ``floatplan.inflight.planar.PlanarKernelInput``."""
 
     room = "flight_room_in_space"
     step = "flight_in_space"
@@ -165,8 +165,8 @@ class Compiled:
         return np.array([*corrected.miss])
 
 
-class RealRobot:
-    """A robot in flight whose joints follow their reference exactly: its base turns by (S1).
+class IdealRobot:
+    """A robot in flight whose joints follow their reference exactly: its base rotates by (S1).
 
     It has an angular momentum (3,), kg m^2/s, and relative errors (2m,) of the masses and inertias of its bodies.
     """

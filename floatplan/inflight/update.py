@@ -30,7 +30,7 @@ STEPS = enumeration("Step").__members__
 
 
 @dataclass(eq=False)
-class Corrected:
+class Prediction:
     """The motion that was chosen and its prediction: its miss, rad, the least value of each block of rows.
 
     In space the miss is the vector (3,) of the rotation from the goal to the attitude at landing, in the goal's axes.
@@ -57,16 +57,16 @@ class Update:
 
     def __init__(self, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
-        flying: Any = views.flying  # whose rows and compiled part are of one kind
+        flying: Any = views.flying  # whose rows and input of the kernel are of one kind
         self.gains = CORRECTION_GAINS if flying.orientations.size == 1 else CORRECTION_GAINS_IN_SPACE
         self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
         blocks = views.rows
         grid = views.instants
         constraints = flying.rows([rows.block for rows in blocks])
-        self._compiled: Any = flying.compiled(constraints, self.gains.gap_nodes)
+        self._kernel_input: Any = flying.kernel_input(constraints, self.gains.gap_nodes)
         n = len(rewriting.first.centre)
         width = len(views.whitening)
-        motors = self._compiled.members["turns"].shape[1] - n
+        motors = self._kernel_input.members["turns"].shape[1] - n
         self._first = rewriting.first
         self._instants = grid
         self._constraints = constraints.struct
@@ -86,15 +86,15 @@ class Update:
             motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
             room=None,  # allocated below
             **dict.fromkeys(FILTER_ARRAYS),  # see begin()
-            **self._compiled.members,
+            **self._kernel_input.members,
             **_of_limits(blocks, constraints.block_first),
             **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
             **self._prepared[grid.nodes],
             **self._called,
         )
         compiled = kernel()
-        room = getattr(compiled, self._compiled.room)
-        size = room(self._compiled.robot.pointer, self._constraints.pointer, self._flight, compiled.instructions)
+        room = getattr(compiled, self._kernel_input.room)
+        size = room(self._kernel_input.robot.pointer, self._constraints.pointer, self._flight, compiled.instructions)
         self._struct.point_to(room=np.zeros(size))
 
     @property
@@ -114,7 +114,7 @@ class Update:
         flight = self._flight
         self._struct.point_to(**{name: getattr(estimate.inertial, name) for name in FILTER_ARRAYS})
         flight.known = 0
-        self._compiled.begin()
+        self._kernel_input.begin()
         self._step(STEPS["adapt_masses"])
         self.estimate = estimate
         self.motions.clear()
@@ -139,7 +139,7 @@ class Update:
         self._called["measured_velocities"][:] = measured.velocities
         self._step(STEPS["expect_state"])
         called = self._called
-        orientation = self._compiled.expected_orientation(self.estimate.inertial.orientation)
+        orientation = self._kernel_input.expected_orientation(self.estimate.inertial.orientation)
         return Expected(
             positions=called["positions"],
             velocities=called["velocities"],
@@ -152,7 +152,7 @@ class Update:
 
     def learn(self, measured: Measurement) -> None:
         """Update the filter by a measurement that is plausible."""
-        self._compiled.measure(measured.orientation)
+        self._kernel_input.measure(measured.orientation)
         self._called["measured_rate"][:] = measured.orientation_rate
         self._step(STEPS["learn_state"])
 
@@ -165,9 +165,9 @@ class Update:
     @property
     def turned(self) -> Any:
         """Rotation of the base from the last measurement that was learnt from until ``now``, rad, in space (3, 3)."""
-        return self._compiled.turned
+        return self._kernel_input.turned
 
-    def corrected(self, now: float, landing: float, evaluations: int, warm_start: Array | None = None) -> Corrected:
+    def corrected(self, now: float, landing: float, evaluations: int, warm_start: Array | None = None) -> Prediction:
         """Return the present motion from ``now`` to the landing, s, corrected; it is the present one from now on."""
         flight = self._flight
         self._evaluate_between(now, landing)
@@ -178,14 +178,14 @@ class Update:
         self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
-        return self._judged(motion)
+        return self._prediction(motion)
 
-    def predicted(self, motion: RemainingMotion) -> Corrected:
+    def predicted(self, motion: RemainingMotion) -> Prediction:
         """Return the prediction of a motion as it is; the estimate is that when it begins."""
         self._evaluate_between(motion.begin, motion.end)
         self._called["coefficients"][:] = motion.coefficients
         self._step(STEPS["predict_motion"])
-        return self._judged(motion)
+        return self._prediction(motion)
 
     @property
     def times(self) -> Array:
@@ -198,23 +198,23 @@ class Update:
         self._flight.now = now
         self._flight.landing = landing
         if self.views.has_distances:
-            position, velocity = self.estimate.com_at(self._compiled.path_begin(now))
-            self._compiled.path[:] = (*position, *velocity, self.estimate.gravity)
+            position, velocity = self.estimate.com_at(self._kernel_input.path_begin(now))
+            self._kernel_input.path[:] = (*position, *velocity, self.estimate.gravity)
         instants = self.views.between(now, landing)
         if instants is self._instants:
             return
         self._instants = instants
         self._flight.instants = len(instants.s)
         self._flight.nodes = instants.nodes
-        self._compiled.integrate_at(self._flight, instants)
+        self._kernel_input.integrate_at(self._flight, instants)
         prepared = any(instants is grid for _, grid in self.views.grids)
         self._struct.point_to(**(self._prepared[instants.nodes] if prepared else self._of_instants(instants)))
 
-    def _judged(self, motion: RemainingMotion) -> Corrected:
+    def _prediction(self, motion: RemainingMotion) -> Prediction:
         result = self._flight.corrected
-        return Corrected(
+        return Prediction(
             motion=motion,
-            miss=self._compiled.miss(result),
+            miss=self._kernel_input.miss(result),
             worst=self._called["worst"].copy(),
             torque_peak=self._called["torque_peak"].copy(),
             share=result.share,
@@ -242,9 +242,13 @@ class Update:
 
     def _step(self, step: int) -> None:
         compiled = kernel()
-        compute = getattr(compiled, self._compiled.step)
+        compute = getattr(compiled, self._kernel_input.step)
         compute(
-            self._compiled.robot.pointer, self._constraints.pointer, self._struct.pointer, step, compiled.instructions
+            self._kernel_input.robot.pointer,
+            self._constraints.pointer,
+            self._struct.pointer,
+            step,
+            compiled.instructions,
         )
 
     def _of_instants(self, grid: Any) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.remaining_motion import RemainingMotion
-from floatplan.inflight.update import Corrected
+from floatplan.inflight.update import Prediction
 from floatplan.kernel.tolerances import CORRECTION_GAINS
 from floatplan.motion.exact_polynomials import CONDITIONS
 
@@ -29,7 +29,7 @@ class WarmStarts:
     """
 
     def __init__(
-        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Corrected], planned: float
+        self, motion: RemainingMotion, corrected: Callable[[RemainingMotion, float, int], Prediction], planned: float
     ) -> None:
         self._latest = 0.1 * motion.end  # later corrections do not begin so
         free = motion.coefficients[CONDITIONS:]

@@ -1,6 +1,7 @@
 """Does a plan fly? Forward dynamics under its torques, open loop and with control, in the air and on the ground.
 
-Motions are read from records: nothing of the planner is used but, in flights with corrections, the plan itself.
+`replay.py` reads only records. Control loops use the plan or the jump itself, `closed_loop.py` a replanner also where
+nothing is corrected.
 
 - `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
   plan file states, its torques by inverse dynamics, and how it takes off.
@@ -13,8 +14,16 @@ Motions are read from records: nothing of the planner is used but, in flights wi
   `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights landed, `simulated_jump.py`: the
   motion that a robot made of a jump.
 
-To add what goes wrong: its row in `KINDS` of `perturbation.py`, a field of `Perturbation` and one of `Sample`, and the
-step that feels it. To add an engine: a class with the members of `PinocchioRobot`, and its name in `engines.py`.
+To add what goes wrong:
+
+- in `perturbation.py` its row in `KINDS`, its name in `MEASURED`, `OF_TAKEOFF` or `OF_JUMPS` where it is one of these,
+  a field of `Perturbation` and one of `Sample`, and its factors at the end of `sampled`, so that others stay the same;
+- what feels it: `Sample.perturbed` and with it `PinocchioRobot` of `engines.py`; `MujocoSpec` of `mujoco_model.py`;
+  `ContactRobot` of `contact_model.py`; at takeoff `perturbed_takeoff`, in measurements `Sensors` of `control_loop.py`;
+- in `closed_loop.py`, where it changes when the robot lands: the centre of mass is then measured;
+- its words in `cli/motions.py`, `docs/in_flight.md` and, of jumps, `docs/howto/flip_in_mujoco.md`.
+
+To add an engine: a class with the members of `PinocchioRobot`, and its name in `engines.py`.
 
 Symbols, in SI units and radians throughout:
 

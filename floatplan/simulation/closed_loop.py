@@ -57,7 +57,7 @@ def closed_loop(
     ----------
     plan : Plan, or path of a plan file
     rate : float
-        Corrections per second, Hz.
+        Corrections per second, Hz, at most: they are whole periods of 1 ms apart.
     perturb : str or Perturbation
     flights : int
     seed : int
@@ -160,10 +160,13 @@ class _Loop:
         data = true.createData()
 
         def measured_com(state: Array, measured: Array) -> tuple[Array, Array]:
+            """The exact centre of mass of the real robot: noise and wrong masses are left out."""
             position = reduced.axes @ pin.centerOfMass(true, data, *self.base.parts(state))
             return position, reduced.axes @ data.vcom[0]
 
+        # Of all that is perturbed, the rise alone changes when the robot lands, which a centre of mass is measured for.
         com = measured_com if self.perturbation.rise else None
+        self.replanner.reset()
         corrections = Corrections(self.replanner, reduced, PERIOD, com)
         guide = _PlanGuide(corrections, self.motor_columns, correct)
         sensors = Sensors(self.perturbation, sample, PERIOD, self.base)
@@ -241,7 +244,7 @@ class _FallingRobot:
     own_state: State
 
     def state(self) -> State:
-        """Positions and velocities (3 + m,), the base's first."""
+        """Configuration and velocity of the reduced model, the base's entries first."""
         return self.engine.reduced_state(*self.own_state)
 
     def move(self, torques: Array, duration: float) -> bool:

@@ -34,7 +34,7 @@ class ContactRobot:
     mujoco_robot : of the joints of ``robot.model`` in its order, on a free joint in the axes of the file
     feet : (C) names of the points that stand at some time
     touched : geoms that touched the ground
-    forces, points : (C, 3) N, m, of the feet; NaN where one is in the air
+    forces, points : (C, 3) N, m, of the feet; in the air forces are zero and points NaN
     slips : (C,) m/s, of those that press on the ground
     """
 
@@ -141,12 +141,13 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     spec = mujoco_spec.spec
     spec.option.timestep = STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # Contacts and stops are on here, which MujocoSpec turns off.
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0  # stiffness of friction over that of the normal force: feet do not creep
     spec.compiler.degree = False
     stops = np.stack((robot.model.lowerPositionLimit, robot.model.upperPositionLimit), axis=1)[BASE:]
-    for number, (name, stop) in enumerate(zip(reduced.joints, stops, strict=True), BASE + 1):
+    for number, (name, stop) in enumerate(zip(reduced.joints, stops, strict=True), reduced.base_joint + 1):
         joint = spec.joint(f"joint{number}")
         if np.isfinite(stop).all():
             joint.range = stop

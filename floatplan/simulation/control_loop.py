@@ -4,6 +4,7 @@ Each motor gets feed-forward torque and joint feedback, constant in the period, 
 are computed by a :class:`~floatplan.inflight.replanner.Replanner`, from delayed measurements.
 """
 
+import math
 import time as clock
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -92,12 +93,14 @@ class Sensors:
 
 
 class Corrections:
-    """Corrections of a flight at the rate of its replanner, from late measurements.
+    """Corrections of a flight, from late measurements; the replanner is one that was reset.
+
+    A correction is due every so many whole periods, at the replanner's rate where that is possible, else less often.
 
     Attributes
     ----------
     statuses : how often a correction had which
-    seconds : processor time of each
+    seconds : processor time of each correction
     log : time, s, predicted miss, rad, in space its size, and whether the motion was changed (1 or 0), of each
     """
 
@@ -110,11 +113,11 @@ class Corrections:
         begin: float = 0.0,
         clear: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        """Begin a flight at ``begin``, s.
+        """Corrections of a flight that takes off at ``begin``, s.
 
         ``com`` measures position and velocity of the centre of mass, in a plane by its axes, from a state as it was and
-        as it was measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until ``clear[1]``
-        before the landing.
+        as it was measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until the time
+        ``clear[1]``, s, before the landing.
         """
         self.replanner = replanner
         self.reduced = reduced
@@ -122,11 +125,12 @@ class Corrections:
         self.com = com
         self.begin = begin
         self.clear = clear
-        self.every = max(1, round(1 / (replanner.rate * period)))
+        # Rounded upwards: at a call that comes too early a replanner learns only.
+        rounding = 1e-9  # [-] of the periods between corrections
+        self.every = math.ceil(1 / (replanner.rate * period) - rounding)
         self.statuses = Counter[str]()
         self.seconds: list[float] = []
         self.log: list[tuple[float, float, float]] = []
-        replanner.reset()
 
     @property
     def landing(self) -> float:

@@ -1,7 +1,7 @@
 """Integration of forward dynamics: finely by a method of order 8, or at fixed steps by the classical one of order 4.
 
-Open loop, a replay with Pinocchio is integrated far more finely than anything it checks. MuJoCo, planar flights with a
-free base and control loops, whose torques are constant in a period, take fixed steps.
+A replay is integrated far more finely than anything that it checks, but for MuJoCo's of plans in a plane. Those, in the
+plane and on a free base, and control loops, whose torques are constant in a period, take fixed steps.
 """
 
 import math

@@ -2,7 +2,7 @@
 
 500 times a second each motor gets the jump's torque at that time and joint feedback. Feedback compares delayed
 measurements with the target at their time. With corrections a replanner gets the same measurements while the robot is
-in the air. Nothing of the planner is used: the ground pushes as MuJoCo's contacts do.
+in the air. The ground pushes as MuJoCo's contacts do.
 """
 
 from collections import Counter
@@ -40,6 +40,7 @@ class JumpControl:
         self.reduced = reduced_model(robot, jump.problem.flight.gravity, rigid=())
         self.times = np.arange(int((jump.duration + STANDING) / PERIOD) + 1) * PERIOD
         self.planned = jump.at(np.minimum(self.times, jump.duration))
+        # Quaternions with w first, as MuJoCo has them.
         self.base_ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
         self.joints = self.reduced.joints
         self.motor_joints = [self.joints.index(name) for name in robot.motors]
@@ -60,7 +61,9 @@ class JumpControl:
         least = 5e-3  # [m] as planned: a lower foot of a robot that is not as planned may touch the ground
         clear = self.times[flying][heights > least]
         # When all feet are clear of the ground, s, and how long before the landing one no longer is.
-        self.clear = (clear[0], self.landing - clear[-1]) if len(clear) else (self.takeoff, 0.0)
+        self.clear_from = float(clear[0]) if len(clear) else self.takeoff
+        self.clear_until_before_landing = float(self.landing - clear[-1]) if len(clear) else 0.0
+        self.last_in_air = int(np.searchsorted(self.times, self.landing)) - 1  # row of the planned motion
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
         self._data = robot.model.createData()
 
@@ -68,22 +71,26 @@ class JumpControl:
         self,
         perturbation: Perturbation,
         friction: float,
-        flight: tuple[int, int],
+        seed: int,
+        number: int,
         correct: bool,
         record: bool = False,
         **fixed: Any,
     ) -> SimulatedFlight[SimulatedJump]:
         """Fly one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction.
 
-        Its landing also has the trunk's largest tilt, rad, from where it should be, from the landing on.
+        Its landing also has the trunk's largest tilt, rad, from where it should be, from the landing on. In a motion
+        that is recorded, the state at the beginning of each period stands beside accelerations and contacts of its end.
         """
         assert self.jump.flight is not None
-        sample = replace(perturbation.sampled(*flight, len(self.joints), self.robot.model.njoints), **fixed)
+        sample = replace(perturbation.sampled(seed, number, len(self.joints), self.robot.model.njoints), **fixed)
         robot = ContactRobot(self.jump, self.reduced, sample.friction * friction, sample)
         robot.begin(self.base_ends[0], self.planned.positions[0])
         corrections = None
         if correct and self.replanner is not None:
-            corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff, self.clear)
+            self.replanner.reset()
+            clear = (self.clear_from, self.clear_until_before_landing)
+            corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff, clear)
         sensors = Sensors(perturbation, sample, PERIOD, base_states(self.reduced))
         guide = _JumpGuide(self, corrections)
         control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
@@ -123,7 +130,7 @@ class JumpControl:
         )
 
     def measured_com(self, state: Array, measured: Array) -> tuple[Array, Array]:
-        """Position and velocity (2,) of the centre of mass, m and m/s, from a state as it was measured."""
+        """Position and velocity (2,) of the centre of mass, m and m/s: of the planned masses, from noisy joints."""
         pin.centerOfMass(self.robot.model, self._data, *measured)
         return self.reduced.axes @ self._data.com[0], self.reduced.axes @ self._data.vcom[0]
 
@@ -174,7 +181,10 @@ class _JumpGuide:
             return target, control.torques[row]
         self.corrections.correct(tick, now, sensors)
         reference = self.corrections.replanner.reference(now - control.takeoff)
-        torques = control.torques[tick].copy()
-        torques[control.motor_joints] += reference.motors - control.motor_torques[tick]
+        # Joints without motors get the flight's planned torques, the others what their joints lose in it; in a flight
+        # that lasts longer than planned the last ones: the rows that follow are of the stance.
+        row = min(tick, control.last_in_air)
+        torques = control.torques[row].copy()
+        torques[control.motor_joints] += reference.motors - control.motor_torques[row]
         corrected = np.stack((reference.positions, reference.velocities))
         return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques

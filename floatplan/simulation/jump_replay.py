@@ -53,7 +53,7 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
         of_multiple = []
         for rotors, mass, correct in itertools.product((0.0, heaviest), (0.95, 1.05), (False, True)):
             fixed: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
-            landing = control.fly(late, friction, (seed, 0), correct, **fixed).landing
+            landing = control.fly(late, friction, seed, 0, correct, **fixed).landing
             on_feet = landing["stands"] and not landing["touched"]
             of_multiple.append((on_feet, -(min(landing["tilt"], fallen) ** 2)))
         scores.append(np.sum(of_multiple, axis=0))
@@ -96,7 +96,7 @@ def replay_jump(
     ----------
     jump : Jump, or path of a jump file
     replan : float, optional
-        Corrections in flight per second, Hz: each robot then flies with them and without.
+        Corrections in flight per second at most, Hz, whole periods apart: each robot then flies with them and without.
     perturb : str or Perturbation
         Such as ``"mass=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms"``. Delays are rounded to 2 ms.
     flights : int
@@ -134,9 +134,9 @@ def replay_jump(
     for flight in range(flights):
         if budget is not None and flight and clock.perf_counter() - start_time > budget:
             break
-        uncorrected.append(control.fly(perturbation, friction, (seed, flight), correct=False, record=not flight))
+        uncorrected.append(control.fly(perturbation, friction, seed, flight, correct=False, record=not flight))
         if replan is not None:
-            corrected.append(control.fly(perturbation, friction, (seed, flight), correct=True, record=not flight))
+            corrected.append(control.fly(perturbation, friction, seed, flight, correct=True, record=not flight))
         if progress is not None:
             progress("flight", flight + 1, flights)
     return JumpReplay(

@@ -45,7 +45,7 @@ class Perturbation(Checked):
     noise, rate_noise : rad, rad/s
         Standard deviations of all measured angles and rates; the latter ten times the former, in 1/s, where left out.
     delay : s
-        Between a measurement and the correction that uses it.
+        Between a measurement and the correction that uses it; in a jump also the joints' feedback.
 
     Raises
     ------
@@ -86,6 +86,7 @@ class Perturbation(Checked):
 
         # In this order, in which the generator's numbers are taken.
         momentum = float(factors(self.h, 1)[0])
+        # `inertia` is of both, independently; `mass` is the same factor on both.
         mass = factors(self.inertia, bodies)
         inertia = factors(self.inertia, bodies)
         torque = factors(self.torque, joints)

@@ -2,7 +2,8 @@
 
 :func:`replay` reads a plan's record and its robot, and nothing of the planner: the joints' paths come from the record's
 coefficients, the torques from inverse dynamics along them, and the landing from forward dynamics under only these
-torques. The base is free, each joint that moves gets its own torque, and locked joints are rigid.
+torques. The base is free, each joint that moves gets its own torque, and locked joints are rigid. With ``feedback``
+joints also track their paths; on MuJoCo's free base, gains keep locked and coupled joints at their positions.
 """
 
 import math
@@ -176,12 +177,12 @@ def replay(
         accelerations, on a free joint, by the same method; of a plan in a plane by one of order 4 at fixed steps, in
         the plane and also free in space.
     perturb : str or Perturbation
-        Relative errors of the angular momentum at takeoff, of masses, of torques: ``"h=1%,mass=2%,torque=1%"``.
+        As :class:`Perturbation`, such as ``"h=1%,mass=2%,torque=1%"``, but for what is of jumps or measured.
         Nothing is measured here: noise and delay are for :func:`floatplan.closed_loop`.
     feedback : float, optional
         Bandwidth, rad/s, of joint feedback that tracks the plan; left out, torques are applied open loop.
     step : float
-        s, of these fixed steps at most.
+        Longest fixed step, s, of MuJoCo in a plane; no other flight uses it.
     seed : int
         Of the random signs of errors.
 

@@ -37,7 +37,7 @@ class Trace:
 class SimulatedFlight(Generic[Motion]):
     """One flight: its ``landing``, by the fields of :class:`Landings`, its motion, and its corrections.
 
-    ``statuses`` says how often a correction had which, ``seconds`` the processor time of each.
+    ``statuses`` says how often a correction had which, ``seconds`` the processor time of each of them.
     """
 
     landing: Mapping[str, Any]
@@ -140,7 +140,7 @@ class JumpLandings(Landings):
 
     @property
     def pitch_rms(self) -> float:
-        """Root mean square of the errors at touchdown, rad, of those that landed; NaN where none did."""
+        """Root mean square of the errors at the expected landing, rad, of flights that did not diverge; else NaN."""
         came = self.pitch[np.isfinite(self.pitch)]
         return float(np.sqrt(np.mean(came**2))) if came.size else np.nan
 
@@ -203,7 +203,7 @@ class ClosedLoop(Flights):
     corrected, uncorrected : PlanLandings
         With corrections, and with the joints' control only on the plan: the same robots, the same noise.
     update_seconds : (U,) s
-        Processor time of each call of ``update`` that corrected something.
+        Processor time of each call of ``update``, also of those that were refused or invalid.
     plan_torque_peak : (m,) N m of each moving joint
     effort : (m,) N m
         Of its motor; infinite where the URDF has none.

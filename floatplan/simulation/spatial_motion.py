@@ -105,7 +105,11 @@ def recorded_motion(record: PlanRecord, reduced: ReducedModel) -> RecordedMotion
 
 
 def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, sample: Sample) -> tuple[Array, Array]:
-    """Configuration where a plan takes off, and the velocity with which the perturbed robot has its momenta there."""
+    """The plan's configuration at takeoff, and the perturbed robot's velocity there.
+
+    It has the plan's angular momentum and the velocity of its centre of mass, times the sample's factors. Its centre of
+    mass is not quite where the plan's is.
+    """
     positions, _ = recorded_motion(record, reduced).takeoff(record.angular_momentum)
     real = recorded_motion(record, replace(reduced, model=sample.perturbed(reduced.model)))
     _, velocities = real.takeoff(record.angular_momentum * sample.momentum, sample.rise)

@@ -23,6 +23,7 @@ from floatplan.inflight import prediction, update
 from floatplan.kernel.tolerances import CORRECTION_GAINS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_of
+from floatplan.planning.constraints import LENGTH_SCALE
 from floatplan.robot.urdf.tree import robots_folder
 
 SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
@@ -193,7 +194,7 @@ def test_distances_are_those_of_the_plan(bar: fp.Plan) -> None:
     segments = motion.segments(now.times)
     for obstacle, (low, high) in zip(bar.problem.obstacles, pairwise(now._block_first), strict=False):
         expected = segments.distances(obstacle, now.times).T
-        found = obstacle.margin + prediction.LENGTH_SCALE * now.row_values[low:high]
+        found = obstacle.margin + LENGTH_SCALE * now.row_values[low:high]
         exists = np.isfinite(found)
         assert exists.any()
         np.testing.assert_allclose(found[exists], expected[exists], rtol=0, atol=1e-6)

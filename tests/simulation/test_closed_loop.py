@@ -61,6 +61,14 @@ def test_a_higher_jump_lands_later(plan: fp.Plan) -> None:
     assert np.abs(result.corrected.orientation).max() < math.radians(0.3)
 
 
+def test_between_whole_periods_corrections_are_as_many_as_replanners_make(plan: fp.Plan) -> None:
+    """At 1 kHz every third period of 400 Hz; after every second one a replanner only learns."""
+    result = fp.closed_loop(plan, 400.0, perturb="h=5%", flights=1, seed=1)
+    times = result.paths[0].corrections[:, 0]
+    np.testing.assert_allclose(np.diff(times), 3e-3)
+    assert len(times) == sum(result.statuses.values()) == len(result.update_seconds)
+
+
 def test_mujoco_lands_too(plan: fp.Plan) -> None:
     try:
         import mujoco  # noqa: F401

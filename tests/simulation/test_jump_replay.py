@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.simulation.jump_flight import JumpControl, _JumpGuide
 from floatplan.view.report.flights import write_jump_pages
 
 if not INSTALLED:
@@ -38,6 +40,18 @@ def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
     assert -0.12 < ends.pitch[0] < 0.02
     assert 0.5 < ends.torque[0] < 1
     assert 0 < ends.slid[0] < 0.1
+
+
+def test_a_flight_that_lasts_longer_gets_no_torques_of_the_stance() -> None:
+    control = JumpControl(backflip(), np.ones((2, 12)), 250.0)
+    late = SimpleNamespace(landing=control.landing + 0.05, replanner=control.replanner, correct=lambda *_: None)
+    of_stance = control.times >= control.landing
+    control.torques[of_stance] = np.nan
+    control.motor_torques = np.where(of_stance[:, None], np.nan, control.motor_torques)
+    tick = int(np.flatnonzero(of_stance)[10])
+    target, torques = _JumpGuide(control, late).target(tick, control.times[tick], None)
+    assert np.isfinite(target).all()
+    assert np.isfinite(torques).all()
 
 
 def test_soft_joints_do_not_turn_it_short_of_its_landing() -> None:
