@@ -1,4 +1,8 @@
-"""Whether a jump holds between its nodes: its motion at 2 kHz, judged by Pinocchio alone."""
+"""Whether a jump holds between its nodes: its motion at 2 kHz.
+
+Forces, torques and the motion of feet are Pinocchio's; distances from the ground, from obstacles and between links are
+of the planar tree, which the program uses too.
+"""
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -16,11 +20,12 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
-SEAM = 1e-6  # [m, rad, per second; over the time unit per second squared] of steps of the motion
+SEAM = 1e-6  # [m, rad; rates and accelerations times sqrt(1 m / g) and 1 m / g] of steps of the motion
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
 TOUCHDOWN = 0.06  # [s] from landing on, after which one that is not as planned has become a stance
 
@@ -117,7 +122,11 @@ class JumpCheck:
 
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
-    """Check the stances of a jump at 2 kHz, independently of the program that they come from."""
+    """Check the stances of a jump at 2 kHz, at instants of its own.
+
+    Forces, torques and the motion of feet are by Pinocchio, independently of the program that the jump comes from;
+    distances are by the planar tree, as in the program.
+    """
     with np.errstate(all="ignore"):  # what files may hold overflows: such figures are infinite, and do not hold
         return _checked(jump)
 
@@ -173,16 +182,14 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     """Balance of forces, shares of limits, joint ranges, and whether derivatives belong to the positions."""
     robot = stance.robot
     problem = jump.problem
-    torques = state.torques
     model = robot.model
     weight = robot.mass * stance.gravity
     com_height = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(com_height) - stance.ground
     lever = height if height > 0 else float(np.finfo(float).tiny)  # what is not above the ground does not stand on it
-    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * lever]).max()
+    yield "residual", (np.abs(state.torques[:, :BASE]) / [weight, weight, weight * lever]).max()
     for name, shares in limit_shares(problem, state).items():
         yield name, shares.max(initial=0.0)
-    yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
     joints = state.planned(robot)[0, 1:].T
     low, high = np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
@@ -195,21 +202,35 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
 def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
     """Shares of limits at N instants, by ``SHARES``.
 
-    (N, motors) of torque and torque-speed curve, (N, n) of rates, (N, locked) of the efforts of locked joints.
+    (N, motors + n) of torques, of motors and then the generalised ones, each of a leader with its followers;
+    (N, motors) of torque-speed curves, (N, n) of rates, (N, locked) of the efforts of locked joints. The columns are in
+    the order of :func:`limited_names`.
     """
     robot = problem.robot
     model = robot.model
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     efforts = [robot.joint_tree.joint[name].effort for name in robot.locked]
     torques = np.abs(state.torques @ robot.transmission)
+    generalised = np.abs(state.torques @ robot.selection)
     rates = state.velocities @ np.linalg.pinv(robot.selection).T
     slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     return {
-        "torque": torques / problem.motor_torque_limits,
+        "torque": np.hstack((torques / problem.motor_torque_limits, generalised / problem.torque_limits)),
         "torque_speed": (torques + slowed) / problem.motor_stall,
         "velocity": np.abs(rates) / problem.velocity_limits,
         "held_torque": np.abs(state.torques[:, locked]) / efforts,
     }
+
+
+def limited_names(robot: Robot, name: str) -> tuple[str, ...]:
+    """Motors and joints of the columns of :func:`limit_shares` of a name."""
+    columns = {
+        "torque": (*robot.motors, *robot.joints),
+        "torque_speed": robot.motors,
+        "velocity": robot.joints,
+        "held_torque": robot.locked,
+    }
+    return tuple(columns[name])
 
 
 def unlimited_figures(problem: Problem) -> frozenset[str]:

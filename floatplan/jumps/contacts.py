@@ -39,7 +39,8 @@ class GroundContact:
     suffix : ".heel" or ".toe" for an end of a sole, ".tip" for that of a leg, which have no frames of their own
     spots : the points, in the order of the frames
     depth : its height over the ground where it stands, m; where it rolls, the radius
-    vertical : whether it only presses: a heel, whose toe takes the horizontal force of the sole
+    vertical : whether it is a heel, which in the program only presses, so that its toe takes the horizontal force of
+        the sole; in exact stances both share that by their loads
     """
 
     frames: tuple[str, ...]

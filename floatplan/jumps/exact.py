@@ -153,7 +153,7 @@ class StanceDynamics:
         if len(grid.ratios) != 1:
             return grid.ratios
         motion = grid.motion
-        light = 0.01 * self.model.robot.mass  # [N] a force of less has no ratio
+        light = 0.01 * self.model.robot.mass  # [N] at 0.01 m/s^2, about a thousandth of the weight: less has no ratio
         horizontal, vertical = (np.asarray(component) for component in self.ground_force(*motion))
         same = horizontal / np.maximum(vertical, light)
         if self.phase.others[0].vertical:
@@ -335,7 +335,7 @@ def _fine_grid(program: JumpProgram, solution: JumpSolution, index: int) -> Grid
     vertical = solution.forces[index][1::2]
     ratios = np.zeros((len(vertical), len(fine)))
     for row, (along, load) in enumerate(zip(horizontal, vertical, strict=True)):
-        light = load < 1e-3 * program.node.weight  # there the ratio is that of the nodes around
+        light = load < 1e-3 * program.node.weight  # [N] there the ratio is that of the nodes around
         if not light.all():
             at = np.flatnonzero(~light)
             of_nodes = np.interp(np.arange(len(load)), at, along[at] / load[at])
@@ -355,14 +355,15 @@ def _one_point(
     if beyond is None:
         return _to_standing(stance, nodes, start, home)
     ends = nodes.times[[0, -1]]
-    outwards = 1 if stance.times[0] > stance.times[-1] else -1
+    is_landing = stance.times[0] < stance.times[-1]
+    order = -1 if is_landing else 1  # of (junction, flight) in time
     span = ends[1] - ends[0]
     scale = np.array([[1.0], [1 / span], [1 / span**2]])
     rows = [index - 1 for index in beyond.dependent]
     sampled = stance.sampled
     of_nodes = _joints_at(nodes, sampled)
     # Quintics (3, 3, N) of which value, first or second derivative is 1 at the junction; all are 0 at the other end.
-    units = (np.eye(3), np.zeros((3, 3)))[::outwards]
+    units = (np.eye(3), np.zeros((3, 3)))[::order]
     shapes = [quintic(times, ends, *units) for times in sampled]
 
     def follow(unknown: Array) -> Array:

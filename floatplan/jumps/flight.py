@@ -116,7 +116,8 @@ def tighter_limits(problem: Problem, program: JumpProgram, solution: JumpSolutio
     velocity = program.node.bounds.velocity
     limited = np.isfinite(problem.velocity_limits)
     rate_shares = (velocity[limited] / problem.velocity_limits[limited]).tolist()
-    shares = [program.node.bounds.locked, *(share / request.margin["velocity"] for share in rate_shares)]
+    torque_share = program.node.bounds.locked  # the margin of torques, which is that of efforts of locked joints too
+    shares = [torque_share, *(share / request.margin["velocity"] for share in rate_shares)]
     least = solution.factor * max(shares)
     tighter = []
     for beyond in (1.0, 1.04, 1.12):  # times the least share, for joints that are polynomials

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,11 +13,11 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, function, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.check import SHARES, judged, limit_shares, stance_figures
+from floatplan.jumps.check import SHARES, judged, limit_shares, limited_names, stance_figures
 from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.model import PlanarModel, casadi
-from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
+from floatplan.jumps.motion import Grid, JumpState, Stance, flight_state, quintic
 from floatplan.jumps.phases import FlightEnd, instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.setup import NodeMargins, Setup, corrected, side_setup, solve_in_rounds
@@ -27,6 +27,7 @@ from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
+from floatplan.problem.problem import Problem
 from floatplan.tables import RELATIVE
 
 STARTS = 3
@@ -49,7 +50,8 @@ class Launch:
     ok : whether one was found within the limits, and holds at 2 kHz
     ratio : largest share of its limits that a torque or rate takes, at least; infinite where none was found
     limit : of the figures ``torque``, ``torque_speed``, ``velocity`` and ``held_torque`` the one; "" where none is
-    joint : the motor whose share it is; "" where there is none
+    joint : the motor whose share it is; or the joint, of a rate, or of the torque of a leader with its followers; ""
+        where there is none
     sentences : for a person
     figures : as of :class:`floatplan.jumps.check.JumpCheck`
     impossible : whether it is shown that there is none, because of what stands where the flight begins or ends
@@ -292,7 +294,7 @@ def _completed(
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     limit = max(SHARES, key=lambda name: figures[name])
     ratio = figures[limit]
-    joint = _joint(plan, stances, limit)
+    joint = largest_user(plan.problem, [stance.at(stance.grid.times) for stance in stances], limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
     others = {name: value for name, value in figures.items() if name not in SHARES}
     failing, _ = judged(request, others)
@@ -395,13 +397,10 @@ def smooth_guess(program: JumpProgram, met: FlightEnd, rates: Array, shares: Arr
     return program.join(guess)
 
 
-def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
-    """The motor whose share of a limit is the largest at the stances' instants."""
-    robot = plan.robot
-    names: Sequence[str] = robot.motors
-    if limit == "velocity":
-        names = robot.joints
-    elif limit == "held_torque":
-        names = list(robot.locked)
-    shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
-    return names[int(np.concatenate(shares).max(axis=0).argmax())]
+def largest_user(problem: Problem, states: Iterable[JumpState], limit: str) -> str:
+    """Return the motor or joint whose share of a limit, of ``SHARES``, is the largest in any of the states."""
+    names = limited_names(problem.robot, limit)
+    shares = [limit_shares(problem, state)[limit] for state in states]
+    largest = np.concatenate(shares).max(axis=0)
+    # The first of those that are equal but for rounding: a motor, before the joint that it alone drives.
+    return names[int(np.argmax(largest >= largest.max() * (1 - RELATIVE)))]

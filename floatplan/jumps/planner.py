@@ -60,7 +60,8 @@ def jump(
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        How many are tried at most, until one succeeds: fewer where all of them take 300 iterations each.
+        At most so many, until one succeeds; none is begun once the last programs of those before it took 300
+        iterations times ``starts`` in all.
     progress : callable, optional
         Called with a few words on what is being done; after a search ``near`` a jump that failed, with its conflicts.
     helps : bool
@@ -229,7 +230,7 @@ def _search_near(
 
 def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]) -> _Search:
     """Try one start after the other, until the check of a jump holds."""
-    work = 300 * starts  # iterations, after which no other start is tried
+    work = 300 * starts  # iterations of their last programs, after which no other start is tried
     spent = 0
     number = 0
     jump: Jump | None = None

@@ -54,7 +54,7 @@ class Bounds:
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
-    locked : share of the efforts of locked joints
+    locked : share of the efforts of locked joints that the program lets them bear: its margin of torques
     pressed : least vertical force over the weight, where more than one contact stands
     pitch_error : rad, by which the robot may be rotated about its feet where it lands, either way
     """
@@ -226,7 +226,11 @@ class NodeRows:
     ends : (2, n+1) y where the robot stands before and after
     low_postures : contacts that stand, and y (n+1,), of postures in which points may be nearer to the ground
         Feet that have left, or are to come, may then be as far in the ground as other corners of feet.
+
+    Attributes
+    ----------
     extra : what has rows in addition: locked joints; Label.CLEAR, where all points have rows in stances too
+        None at first; ``JumpProgram.extended`` sets it in a copy.
     """
 
     extra: tuple[str, ...] = ()
@@ -295,7 +299,7 @@ class NodeRows:
         rows += self._friction_rows(phase, own, pairs)
         for component in own:
             rows.append((component / self.weight, 0.0, 0.0, Label.RELEASE))
-        if phase.others:  # else it may pull a little between nodes
+        if phase.others:  # on one point the friction cone already forbids pulling
             rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, Label.PRESSED))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
@@ -388,7 +392,7 @@ class NodeRows:
             for k in axes_of(contact):
                 drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
                 stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {Label.STANDS}"))
-                if contact.vertical:  # a level sole stays so where it does not accelerate
+                if contact.vertical:  # its row says that the sole's angle, linear in y, does not accelerate
                     continue
                 meet.append((position[k] - at_end[k], 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
                 meet.append((rate[k] * unit, 0.0, 0.0, f"{contact.name} {Label.MEETS}"))

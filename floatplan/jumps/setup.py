@@ -57,7 +57,7 @@ class NodeMargins:
 
     Attributes
     ----------
-    torque, velocity, friction : shares of what is allowed
+    torque, velocity, friction : factors on what the request allows, at most 1; that of torques on locked joints' too
     refinement : by which factor there are more nodes than usual
     clearance : in addition to the requested clearance, m
     range : from the ends of joint ranges, rad
