@@ -21,7 +21,7 @@ from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
@@ -41,7 +41,7 @@ class Figure(NamedTuple):
     least: bool = False
     unlimited: str = ""  # the sentence of a share where there is no limit to share; empty for none
 
-    def most(self, request: JumpRequest) -> float:
+    def limit_of(self, request: JumpRequest) -> float:
         """The limit of a jump."""
         return self.limit(request) if callable(self.limit) else self.limit
 
@@ -140,7 +140,7 @@ def _checked(jump: JumpMotion) -> JumpCheck:
     touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
     figures = worst_values([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
     unlimited = unlimited_figures(jump.problem)
-    failing, holding = judged(jump.request, figures, unlimited)
+    failing, holding = sentences_on(jump.request, figures, unlimited)
     broken = [", ".join(words) for words in failing]
     if not jump.flight.ok:
         broken.append("the flight's plan does not hold")
@@ -277,7 +277,7 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     robot = jump.problem.robot
     y = state.planned(robot)[0]
     base = state.positions[:, 0] + 1j * state.positions[:, 1]
-    com = base - heights_over_com(robot, [Spot(0, 0j)], y)[:, 0]
+    com = base - positions_from_com(robot, [Spot(0, 0j)], y)[:, 0]
     own = () if stance is None else stance.contacts
     feet = links_of(robot, jump.contacts)
     stands = links_of(robot, own)
@@ -340,7 +340,7 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
             continue
         times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
         y = stance.grid.at(times)[0]
-        of_points = heights_over_com(robot, points, y)
+        of_points = positions_from_com(robot, points, y)
         of_feet = contact_positions(robot, contacts, y)
         for sign in (1.0, -1.0):
             rotation = np.exp(1j * sign * error)
@@ -381,7 +381,7 @@ def _step(one: JumpState, other: JumpState, unit: float) -> float:
     return float(max(positions, rates, accelerations))
 
 
-def judged(
+def sentences_on(
     request: JumpRequest, figures: Mapping[str, float], unlimited: Collection[str] = ()
 ) -> tuple[list[Words], list[Words]]:
     """Sentences on figures, each with its limit: those that do not hold, and those that do.
@@ -397,7 +397,7 @@ def judged(
                 holding.append((figure.unlimited, "-"))
         elif name in figures:
             value = figures[name]
-            most = figure.most(request)
+            most = figure.limit_of(request)
             bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "no limit"
             holds = value >= most if figure.least else value <= most * (1 + rounding)
             (holding if holds else failing).append((figure.sentence.format(value), bound))

@@ -13,14 +13,14 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, function, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.check import SHARES, judged, limit_shares, limited_names, stance_figures
+from floatplan.jumps.check import SHARES, limit_shares, limited_names, sentences_on, stance_figures
 from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, JumpState, Stance, flight_state, quintic
 from floatplan.jumps.phases import FlightEnd, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import NodeMargins, Setup, corrected, side_setup, solve_in_rounds
+from floatplan.jumps.setup import NodeMargins, Setup, refined_until_checked, side_setup, solve_in_rounds
 from floatplan.jumps.variables import JumpSolution
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, as_plan
@@ -131,14 +131,14 @@ def launch(
     setup, met = _setup_and_flight_end(plan, factor_request, end, np.append(state.orientation, state.positions))
     rates, impossible = _least_rates(plan, setup, met, end)
     posture = []
-    for name, angle in zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True):
+    for name, angle in zip(plan.robot.joints, setup.ends[0 if end == "takeoff" else -1, 1:], strict=True):
         posture.append(f"{name} {angle:.4g}")
     stands = f"Friction {request.friction:g}, at rest with {', '.join(posture)} rad."
     result = impossible
     if result is None:
         problem = replace(plan.problem, obstacles=(), self_clearances=())
         setup = replace(setup, problem=problem, flight_ends=(met,), momentum=plan.angular_momentum)
-        complete = partial(_completed, plan, request, end)
+        complete = partial(_launch_of_solution, plan, request, end)
         result = _search(setup, end, rates, complete, seed, starts, say)
     return replace(result, sentences=(*result.sentences, stands))
 
@@ -164,10 +164,10 @@ def _search(
         if start < 2:
             shares = np.full(len(shares), (0.8, 1.5)[start])
         program, solution = solve_in_rounds(first, smooth_guess(first, met, rates, shares))
-        if not solution.converged or any(np.abs(other - solution.y).max() < 1e-5 for other in solutions):  # rad
+        if not solution.is_motion or any(np.abs(other - solution.y).max() < 1e-5 for other in solutions):  # rad
             continue
         solutions.append(solution.y)
-        results.append(corrected(MARGINS, setup.request, (program, solution), variant.program, complete))
+        results.append(refined_until_checked(MARGINS, setup.request, (program, solution), variant.program, complete))
         if not results[-1].ok and results[-1].ratio <= 1:
             say(f"start {start + 1} of {starts}, with less torque in all")
             results += _calmer(variant, program, solution, complete)
@@ -206,9 +206,9 @@ def _calmer(
     calm = replace(setup, request=replace(setup.request, objective="torque"))
     first = calm.program(CALM_MARGINS)
     solved = solve_in_rounds(first, first.resampled(solution, program.phases))
-    if not solved[1].converged:
+    if not solved[1].is_motion:
         return []
-    return [corrected(CALM_MARGINS, calm.request, solved, calm.program, complete)]
+    return [refined_until_checked(CALM_MARGINS, calm.request, solved, calm.program, complete)]
 
 
 def _either_way_around(setup: Setup, end: End) -> list[Setup]:
@@ -218,12 +218,12 @@ def _either_way_around(setup: Setup, end: End) -> list[Setup]:
     """
     stands = 0 if end == "takeoff" else -1
     meets = -1 if end == "takeoff" else 0
-    rotation = float(setup.standing[meets, 0] - setup.standing[stands, 0])
+    rotation = float(setup.ends[meets, 0] - setup.ends[stands, 0])
     if abs(rotation) < math.pi / 2:
         return [setup]
-    standing = setup.standing.copy()
-    standing[stands, 0] += math.copysign(math.tau, rotation)
-    return [setup, replace(setup, standing=standing)]
+    ends = setup.ends.copy()
+    ends[stands, 0] += math.copysign(math.tau, rotation)
+    return [setup, replace(setup, ends=ends)]
 
 
 def launches(
@@ -280,7 +280,7 @@ def _flight_end(plan: Plan, setup: Setup, end: str) -> FlightEnd:
     )
 
 
-def _completed(
+def _launch_of_solution(
     plan: Plan, request: JumpRequest, end: str, program: JumpProgram, solution: JumpSolution
 ) -> tuple[Launch, dict[str, float] | None]:
     """The launch of a solution; and the figures of its check where more nodes may mend what they show."""
@@ -297,7 +297,7 @@ def _completed(
     joint = largest_user(plan.problem, [stance.at(stance.grid.times) for stance in stances], limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
     others = {name: value for name, value in figures.items() if name not in SHARES}
-    failing, _ = judged(request, others)
+    failing, _ = sentences_on(request, others)
     broken = tuple(", ".join(words) for words in failing)
     limit_words = LIMIT_WORDS[limit].format(joint)
     if ratio > 1:
@@ -360,19 +360,19 @@ def smooth_guess(program: JumpProgram, met: FlightEnd, rates: Array, shares: Arr
     """
     takes_off = met.node == 0
     inwards = 1 if takes_off else -1
-    home = program.ends[0 if takes_off else 1]
+    standing = program.ends[0 if takes_off else 1]
     guess = program.split(program.guess())
     stances = [index for index, phase in enumerate(program.phases) if phase.contacts][::inwards]
     guess.durations[stances, 0] *= shares
     times = instants(program.phases, guess.durations.ravel())
-    inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
+    inner = StanceDynamics(program.model, program.phases[stances[-1]], standing)
     accelerations = inner.released(met.y, rates, 0 * rates if met.a is None else met.a)
     at_flight = np.stack((met.y, rates, accelerations))
-    standing = np.stack((home, 0 * home, 0 * home))
-    motion = quintic(times, times[[0, -1]], *(standing, at_flight)[::inwards])
+    at_end = np.stack((standing, 0 * standing, 0 * standing))
+    motion = quintic(times, times[[0, -1]], *(at_end, at_flight)[::inwards])
     for index in stances:
         phase = program.phases[index]
-        dynamics = StanceDynamics(program.model, phase, home)
+        dynamics = StanceDynamics(program.model, phase, standing)
         nodes = program.nodes_of(index)
         try:
             with may_fail():

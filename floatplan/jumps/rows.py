@@ -25,7 +25,7 @@ from floatplan.jumps.contacts import (
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
 from floatplan.jumps.phases import Phase
-from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
 Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
@@ -44,7 +44,7 @@ class Label:
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class NodeLimits:
     """What the program requires, margins taken off.
 
     Attributes
@@ -75,7 +75,8 @@ class Bounds:
 class Rows:
     """Constraints as they are collected: expressions with bounds and labels; and functions of nodes.
 
-    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
+    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that. Functions of single
+    nodes are evaluated by ``at_nodes``.
     """
 
     factor: Any = None
@@ -83,7 +84,7 @@ class Rows:
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
-    functions: NodeFunctions = field(default_factory=lambda: NodeFunctions())
+    at_nodes: NodeFunctions = field(default_factory=lambda: NodeFunctions())
 
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
@@ -118,7 +119,7 @@ class CompiledProgram(NamedTuple):
     ----------
     solver, evaluate : CasADi's
     rows : Rows
-    callback : as of :func:`floatplan.jumps.locked_joints.first_feasible`
+    callback : as of :func:`floatplan.jumps.locked_joints.stop_when_overloaded`
     """
 
     solver: Any
@@ -222,8 +223,8 @@ class NodeRows:
     model : PlanarModel
     phases : of the jump
     points : that stay above the ground
-    bounds : Bounds
-    ends : (2, n+1) y where the robot stands before and after
+    limits : NodeLimits
+    ends : (2, n+1) rad, y where the motion begins and ends
     low_postures : contacts that stand, and y (n+1,), of postures in which points may be nearer to the ground
         Feet that have left, or are to come, may then be as far in the ground as other corners of feet.
 
@@ -240,14 +241,14 @@ class NodeRows:
         model: PlanarModel,
         phases: Sequence[Phase],
         points: ClearancePoints,
-        bounds: Bounds,
+        limits: NodeLimits,
         ends: Array,
         low_postures: Sequence[tuple[GroundContact, Array]] = (),
     ) -> None:
         self.model = model
         self.phases = tuple(phases)
         self.points = points
-        self.bounds = bounds
+        self.limits = limits
         self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
         self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
@@ -262,7 +263,7 @@ class NodeRows:
         self.least_heights = np.append(points.least, contact_depths(self.feet) - dip)  # [m] of the points, then of feet
         rounding = 1e-9  # [m]
         for contact, y in low_postures:
-            heights = heights_over_com(model.robot, [contact.spots[0], *self._spots], y).imag
+            heights = positions_from_com(model.robot, [contact.spots[0], *self._spots], y).imag
             over_ground = heights[1:] - heights[0] + contact.depth
             self.least_heights = np.minimum(self.least_heights, over_ground - rounding)
 
@@ -300,10 +301,10 @@ class NodeRows:
         for component in own:
             rows.append((component / self.weight, 0.0, 0.0, Label.RELEASE))
         if phase.others:  # on one point the friction cone already forbids pulling
-            rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, Label.PRESSED))
+            rows.append((own[1] / self.weight, self.limits.pressed, np.inf, Label.PRESSED))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
-        output, bounds = _separated(rows)
+        output, bounds = _stacked(rows)
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
         function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
         return function, bounds
@@ -316,7 +317,7 @@ class NodeRows:
             if contact.vertical:
                 continue
             for sign in (1.0, -1.0):
-                margin = (self.bounds.friction * vertical + sign * horizontal) / self.weight
+                margin = (self.limits.friction * vertical + sign * horizontal) / self.weight
                 rows.append((margin, 0.0, np.inf, f"friction of {contact.name}"))
         return rows
 
@@ -347,7 +348,7 @@ class NodeRows:
         (x, z) from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
         """
         model = self.model
-        error = self.bounds.pitch_error
+        error = self.limits.pitch_error
         end = self.ends[0 if phase.side == "takeoff" else 1]
         least: list[float] = []
         heights = []
@@ -415,29 +416,29 @@ class NodeRows:
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
-        bounds = self.bounds
+        limits = self.limits
         robot = self.model.robot
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model.constant(robot.motor_ratios), self.model.v[1:])
         generalised = casadi().mtimes(self.model.constant(robot.tree.turns.T), moments)
-        shares = generalised / bounds.joint_torque
-        limited = np.flatnonzero(np.isfinite(bounds.joint_torque))
+        shares = generalised / limits.joint_torque
+        limited = np.flatnonzero(np.isfinite(limits.joint_torque))
         rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct_motors:
             name = robot.motors[motor]
             torque = torques[motor]
-            if np.isfinite(bounds.torque[motor]):
-                rows.append((torque / bounds.torque[motor], -1.0, 1.0, f"torque of {name}"))
-            if np.isfinite(bounds.stall[motor]):
+            if np.isfinite(limits.torque[motor]):
+                rows.append((torque / limits.torque[motor], -1.0, 1.0, f"torque of {name}"))
+            if np.isfinite(limits.stall[motor]):
                 for sign in (1.0, -1.0):
-                    value = (torque + sign * bounds.slope[motor] * rates[motor]) / bounds.stall[motor]
+                    value = (torque + sign * limits.slope[motor] * rates[motor]) / limits.stall[motor]
                     rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
         return rows
 
     def _locked_rows(self, contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of locked joints over their efforts."""
         names = [name for name in self.extra if name != Label.CLEAR]
-        shares = self._locked.shares(names, contacts, forces) / self.bounds.locked
+        shares = self._locked.shares(names, contacts, forces) / self.limits.locked
         return [(shares[row], -1.0, 1.0, f"effort of {name}, held") for row, name in enumerate(names)]
 
     def missing_rows(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
@@ -458,13 +459,13 @@ class NodeRows:
         for phase, start, of_others in zip(self.phases, self.starts, forces, strict=False):
             y, v, a = (values[:, start : start + phase.intervals + 1] for values in motion)
             if phase.contacts and Label.CLEAR not in self.extra:
-                heights = heights_over_com(self.model.robot, [*spots, phase.anchor.spots[0]], y).imag
+                heights = positions_from_com(self.model.robot, [*spots, phase.anchor.spots[0]], y).imag
                 if (heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any():
                     missing[()] = Label.CLEAR
             if names:
                 shares.append(np.abs(np.asarray(self._locked_shares(phase)(y, v, a, of_others))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if name not in self.extra and row.max() > factor * self.bounds.locked + tolerance:
+            if name not in self.extra and row.max() > factor * self.limits.locked + tolerance:
                 missing.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(missing.values())
 
@@ -503,18 +504,18 @@ class NodeRows:
         labels += [f"{contact.name} above the ground" for contact in self.feet]
         for index, label in enumerate(labels):
             rows.append((z[index], float(self.least_heights[index]), np.inf, label))
-        output, bounds = _separated(rows)
+        output, bounds = _stacked(rows)
         return model.function("flight", [output, self._motor_torques(moments)]), bounds
 
 
-def _separated(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
+def _stacked(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
     """Values of rows as one vector, and their bounds."""
     values, low, high, labels = zip(*rows, strict=True)
     return casadi().vertcat(*values), list(zip(low, high, labels, strict=True))
 
 
-def hermite_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:
-    """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
+def quadrature_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:
+    """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives, by Hermite's rule."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (accelerations[:, :-1] - accelerations[:, 1:])
 

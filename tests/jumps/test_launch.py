@@ -11,7 +11,7 @@ from drawn_stances import Drawing, drawn_stance
 from jumps import backflip, go2_problem
 
 import floatplan as fp
-from floatplan.jumps.check import judged, limit_shares
+from floatplan.jumps.check import limit_shares, sentences_on
 from floatplan.jumps.launch import largest_user, launch
 from floatplan.jumps.motion import JumpState
 from floatplan.jumps.program import JumpProgram
@@ -44,7 +44,7 @@ def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: 
     assert found.ratio <= 1
     shares = {"torque", "torque_speed", "velocity"}
     assert max(found.figures[share] for share in shares) == found.ratio
-    assert not judged(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
+    assert not sentences_on(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
 
 
 def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:
