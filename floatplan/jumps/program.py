@@ -27,7 +27,7 @@ from floatplan.jumps.locked_joints import stop_when_overloaded
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, values
 from floatplan.jumps.phases import FlightEnd, Phase, duration_costs, instants
-from floatplan.jumps.rows import Bound, CompiledProgram, Label, NodeRows, Rows, drifting, quadrature_step
+from floatplan.jumps.rows import Bound, CompiledProgram, Kind, Label, NodeRows, Rows, drifting, quadrature_step
 from floatplan.jumps.separation import Separation
 from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, SETTINGS, JumpSolution, Variables, ipopt_options
 
@@ -227,7 +227,7 @@ class JumpProgram:
             return
         _, v, a = (values[limited, :] for values in joints)
         middle = (v[:, 1:] + v[:, :-1]) / 2 + ca.repmat(step, len(limited), 1) / 8 * (a[:, :-1] - a[:, 1:])
-        bounds = [(-1.0, 1.0, f"rate of {names[joint]}") for joint in limited]
+        bounds = [Bound(-1.0, 1.0, f"rate of {names[joint]}", Kind.SHARE) for joint in limited]
         for rates in (middle, v) if self._limits else (middle,):
             most = np.ones(rates.shape)
             rows.add_nodes(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), rates), bounds, -most, most, label)
@@ -256,7 +256,10 @@ class JumpProgram:
         cost = ca.sum1(torques**2)
         touches_down = phase.side == "landing" and self.phases[index - 1].side == "flight" and not phase.gentle
         if touches_down:
-            cost = cost + self._add_touchdown(rows, phase, motion, load, variables.durations[index])
+            times = variables.durations[index] * ca.DM(phase.shares).T
+            if self.node_rows.limits.pitch_error:
+                self._add_rotated_landing(rows, phase, motion, times)
+            cost = cost + _onset_cost(load, times)
         return cost
 
     def _stance_bounds(self, index: int, bounds: Sequence[Bound]) -> tuple[Array, Array]:
@@ -270,25 +273,26 @@ class JumpProgram:
         stays = {f"friction of {contact.name}" for contact in inner_phase.contacts}
         implied = self._implied if at_flight else set()
         low, high = _repeated(bounds, phase.intervals + 1)
-        for row, (_, _, label) in enumerate(bounds):
-            kind = Label.MEETS if label.endswith(Label.MEETS) else label
-            if kind in (Label.RELEASE, Label.MEETS):  # rows of the seam alone
+        for row, bound in enumerate(bounds):
+            kind = bound.kind
+            if kind in (Kind.RELEASE, Kind.MEETS):  # rows of the seam only
                 low[row] = -np.inf
                 high[row] = np.inf
-                if at_flight or kind == Label.MEETS:
+                if at_flight or kind is Kind.MEETS:
                     low[row, seam] = 0.0
                     high[row, seam] = 0.0
-            if kind == Label.PRESSED:
+            if kind is Kind.PRESSED:
                 low[row] *= phase.force_shares
-            if label.endswith(Label.STANDS) and phase.others[0].vertical:
+            if kind is Kind.STANDS and phase.others[0].vertical:
+                # At rest accelerations are fixed, so that the row would be there twice.
                 is_end = phase in (self.phases[0], self.phases[-1])
                 low[row, outer] = -np.inf if is_end else 0.0
                 high[row, outer] = -low[row, outer]
-            if label.startswith("friction"):
+            if kind is Kind.FRICTION:
                 low[row, 1:-1] = SETTINGS.cone_margin * phase.force_shares[1:-1]
-                if label not in stays:  # where there is no force, nothing is inside the cone
+                if bound.label not in stays:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
-            if kind in implied or (at_flight and kind == Label.PRESSED):
+            if kind in implied or (at_flight and kind is Kind.PRESSED):
                 low[row, seam] = -np.inf
                 high[row, seam] = np.inf
         has_outer_phase = 0 <= (index - 1 if takeoff else index + 1) < len(self.phases)
@@ -297,36 +301,30 @@ class JumpProgram:
             high[:, outer] = np.inf
         return low, high
 
-    def _add_touchdown(self, rows: Rows, phase: Phase, motion: Sequence[Any], load: Any, duration: Any) -> Any:
-        """Rows of a landing that is not as planned, and the cost of ground forces that grow at once.
+    def _add_rotated_landing(self, rows: Rows, phase: Phase, motion: Sequence[Any], times: Any) -> None:
+        """Points stay above the ground also where the robot lands rotated by the pitch error.
 
-        Points stay above the ground also where the robot is rotated by the pitch error; the height that is required
-        falls with time, to nothing after ``TOUCHDOWN``. A foot that lands late is pressed down without a ground below
-        it, and hits it the faster the more force it was to bear by then: what is beyond one weight in ``onset`` costs.
+        The height that is required falls with the times (1, nodes) s from the landing on, to nothing after
+        ``TOUCHDOWN``.
         """
         ca = casadi()
-        times = duration * ca.DM(phase.shares).T
-        if self.node_rows.limits.pitch_error:
-            function, least = self.node_rows.rotated_heights(phase)
-            (heights,) = rows.at_nodes(function, *motion)
-            heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
-            low = np.repeat(least[:, None], len(phase.shares), axis=1)
-            bounds = [(0.0, np.inf, Label.CLEAR)] * len(least)
-            label = f"landing, turned by {np.degrees(self.node_rows.limits.pitch_error):.1f} degrees"
-            rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), label)
-        beyond = load - times / SETTINGS.onset
-        positive = (beyond + ca.sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
-        return SETTINGS.abruptness * positive**2
+        function, least = self.node_rows.rotated_heights(phase)
+        (heights,) = rows.at_nodes(function, *motion)
+        heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
+        low = np.repeat(least[:, None], len(phase.shares), axis=1)
+        bounds = [Bound(0.0, np.inf, Label.CLEAR, Kind.POINT)] * len(least)
+        label = f"landing, turned by {np.degrees(self.node_rows.limits.pitch_error):.1f} degrees"
+        rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), label)
 
     @property
-    def _implied(self) -> set[str]:
+    def _implied(self) -> set[Kind]:
         """What holds by itself where the stances meet a flight whose rates are fixed."""
-        implied: set[str] = set()
+        implied: set[Kind] = set()
         for end in self._flight_ends:
             if end.v is not None:
-                implied.add(Label.MEETS)
+                implied.add(Kind.MEETS)
                 if end.a is not None:
-                    implied |= {Label.BALANCE, Label.RELEASE}
+                    implied |= {Kind.BALANCE, Kind.RELEASE}
         return implied
 
     def _add_flight(self, rows: Rows, motion: Sequence[Any], duration: Any, momentum: Any) -> Any:
@@ -347,8 +345,8 @@ class JumpProgram:
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node_rows.of_flight()
         values, torques = rows.at_nodes(function, y, v, a)
-        is_foot = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])
-        is_point = np.array([float(label == Label.CLEAR) for _, _, label in bounds])
+        is_foot = np.array([float(bound.kind is Kind.FOOT) for bound in bounds])
+        is_point = np.array([float(bound.kind is Kind.POINT) for bound in bounds])
         over_ground = ca.mtimes(ca.sparsify(ca.DM(is_foot + is_point)), com_heights)
         values += over_ground - ca.sparsify(ca.DM(np.outer(is_foot, lifts)))
         values[0, :] -= ca.repmat(momentum / self.node_rows.momentum, 1, count)
@@ -507,6 +505,17 @@ class JumpProgram:
 
 def _repeated(bounds: Sequence[Bound], count: int) -> tuple[Array, Array]:
     """Low and high bounds (rows, count) of rows at so many nodes."""
-    low, high, _ = zip(*bounds, strict=True)
-    columns = np.array((low, high), dtype=float)[:, :, None]
-    return np.tile(columns[0], (1, count)), np.tile(columns[1], (1, count))
+    low = np.array([bound.low for bound in bounds], dtype=float)
+    high = np.array([bound.high for bound in bounds], dtype=float)
+    return np.tile(low[:, None], (1, count)), np.tile(high[:, None], (1, count))
+
+
+def _onset_cost(load: Any, times: Any) -> Any:
+    """Cost (1, nodes) of ground forces that grow at once, at times (1, nodes) s from the landing on.
+
+    A foot that lands late is pressed down without a ground below it, and hits it the faster the more force it was to
+    bear by then: what the load is beyond one weight in ``onset`` costs.
+    """
+    beyond = load - times / SETTINGS.onset
+    positive = (beyond + casadi().sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
+    return SETTINGS.abruptness * positive**2

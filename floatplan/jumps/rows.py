@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import Enum, auto
 from functools import cached_property
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, BoolArray
 from floatplan.jumps.contacts import (
     ClearancePoints,
     GroundContact,
@@ -28,8 +29,36 @@ from floatplan.jumps.phases import Phase
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
-Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
-Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
+
+class Kind(Enum):
+    """Kinds of rows that the program treats in ways of their own, at some nodes or in its objective.
+
+    A share of a limit is between -1 and 1, or at most the factor where one is minimised. Points and feet are above the
+    ground; what stands does not accelerate, and meets the ground where it stands, with a force that balances moments,
+    is inside the cone, presses, and is released at the seam.
+    """
+
+    SHARE = auto()
+    POINT = auto()
+    FOOT = auto()
+    STANDS = auto()
+    MEETS = auto()
+    BALANCE = auto()
+    FRICTION = auto()
+    PRESSED = auto()
+    RELEASE = auto()
+
+
+class Bound(NamedTuple):
+    """Bounds of a row, what it is about, in words that messages repeat, and its kind if it has one."""
+
+    low: float
+    high: float
+    label: str
+    kind: Kind | None = None
+
+
+Row: TypeAlias = tuple[Any, Bound]  # a value, and its bounds
 
 
 class Label:
@@ -75,8 +104,8 @@ class NodeLimits:
 class Rows:
     """Constraints as they are collected: expressions with bounds and labels; and functions of nodes.
 
-    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that. Functions of single
-    nodes are evaluated by ``at_nodes``.
+    Where there is a ``factor``, shares of limits are at most that. Functions of single nodes are evaluated by
+    ``at_nodes``.
     """
 
     factor: Any = None
@@ -89,23 +118,26 @@ class Rows:
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
         size = value.numel()
-        self._append(casadi().vec(value), np.full(size, low), np.full(size, high), [label] * size)
+        no_share = np.zeros(size, bool)
+        self._append(casadi().vec(value), np.full(size, low), np.full(size, high), [label] * size, no_share)
 
     def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
         """Rows (rows, nodes) of nodes, with bounds of that shape; those without bounds are left out."""
         nodes, index = np.nonzero((np.isfinite(low) | np.isfinite(high)).T)
         at = index + nodes * len(bounds)
-        labels = [f"{bounds[row][2]} ({side})" for row in index.tolist()]
-        self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
+        labels = [f"{bounds[row].label} ({side})" for row in index.tolist()]
+        is_share = np.array([bound.kind is Kind.SHARE for bound in bounds], bool)[index]
+        self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels, is_share)
 
-    def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
-        shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
+    def _append(self, values: Any, low: Array, high: Array, labels: list[str], is_share: BoolArray) -> None:
+        shares = [] if self.factor is None else np.flatnonzero(is_share).tolist()
         if shares:  # -factor <= share <= factor, as two rows
             limited = values[shares]
             values[shares] = self.factor - limited
             low[shares] = 0.0
             high[shares] = np.inf
-            self._append(self.factor + limited, low[shares], high[shares], [labels[row] for row in shares])
+            of_shares = [labels[row] for row in shares]
+            self._append(self.factor + limited, low[shares], high[shares], of_shares, np.zeros(len(shares), bool))
         self.values.append(values)
         self.low.append(low)
         self.high.append(high)
@@ -295,13 +327,16 @@ class NodeRows:
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
-        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, Label.BALANCE)]
+        rows: list[Row] = [
+            (ca.sum1(moments) / (self.weight * self.height), Bound(0.0, 0.0, Label.BALANCE, Kind.BALANCE))
+        ]
         rows += self._closures(phase, drifts)
         rows += self._friction_rows(phase, own, pairs)
         for component in own:
-            rows.append((component / self.weight, 0.0, 0.0, Label.RELEASE))
+            rows.append((component / self.weight, Bound(0.0, 0.0, Label.RELEASE, Kind.RELEASE)))
         if phase.others:  # on one point the friction cone already forbids pulling
-            rows.append((own[1] / self.weight, self.limits.pressed, np.inf, Label.PRESSED))
+            pressed = Bound(self.limits.pressed, np.inf, Label.PRESSED, Kind.PRESSED)
+            rows.append((own[1] / self.weight, pressed))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
         output, bounds = _stacked(rows)
@@ -318,7 +353,7 @@ class NodeRows:
                 continue
             for sign in (1.0, -1.0):
                 margin = (self.limits.friction * vertical + sign * horizontal) / self.weight
-                rows.append((margin, 0.0, np.inf, f"friction of {contact.name}"))
+                rows.append((margin, Bound(0.0, np.inf, f"friction of {contact.name}", Kind.FRICTION)))
         return rows
 
     def _height_rows(self, phase: Phase) -> list[Row]:
@@ -331,12 +366,12 @@ class NodeRows:
         if near:
             heights = model.positions(model.weights([self.points.spots[at] for at in near], anchor))[1]
             for height, least in zip(casadi().vertsplit(heights), self.least_heights[near].tolist(), strict=True):
-                rows.append((height - ground, least, np.inf, Label.CLEAR))
+                rows.append((height - ground, Bound(least, np.inf, Label.CLEAR, Kind.POINT)))
         standing = [contact.name for contact in phase.contacts]
         for contact, least in zip(self.feet, self.least_heights[len(self.points.spots) :].tolist(), strict=True):
             if contact.name not in standing:
                 height = model.positions(model.weights(contact.spots[:1], anchor))[1]
-                rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
+                rows.append((height - ground, Bound(least, np.inf, f"{contact.name} above the ground", Kind.FOOT)))
         return rows
 
     def rotated_heights(self, phase: Phase) -> tuple[Any, Array]:
@@ -392,11 +427,13 @@ class NodeRows:
             at_end = displacement(model.robot, anchor, spot, end)
             for k in axes_of(contact):
                 drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
-                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {Label.STANDS}"))
+                stands = Bound(0.0, 0.0, f"{contact.name} {Label.STANDS}", Kind.STANDS)
+                stand.append((acceleration[k] * unit**2 - drift, stands))
                 if contact.vertical:  # its row says that the sole's angle, linear in y, does not accelerate
                     continue
-                meet.append((position[k] - at_end[k], 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
-                meet.append((rate[k] * unit, 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
+                meets = Bound(0.0, 0.0, f"{contact.name} {Label.MEETS}", Kind.MEETS)
+                meet.append((position[k] - at_end[k], meets))
+                meet.append((rate[k] * unit, meets))
         return [*stand, *meet]
 
     @cached_property
@@ -423,23 +460,23 @@ class NodeRows:
         generalised = casadi().mtimes(self.model.constant(robot.tree.turns.T), moments)
         shares = generalised / limits.joint_torque
         limited = np.flatnonzero(np.isfinite(limits.joint_torque))
-        rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
+        rows = [share_row(shares[joint], f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct_motors:
             name = robot.motors[motor]
             torque = torques[motor]
             if np.isfinite(limits.torque[motor]):
-                rows.append((torque / limits.torque[motor], -1.0, 1.0, f"torque of {name}"))
+                rows.append(share_row(torque / limits.torque[motor], f"torque of {name}"))
             if np.isfinite(limits.stall[motor]):
                 for sign in (1.0, -1.0):
                     value = (torque + sign * limits.slope[motor] * rates[motor]) / limits.stall[motor]
-                    rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
+                    rows.append(share_row(value, f"torque-speed curve of {name}"))
         return rows
 
     def _locked_rows(self, contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of locked joints over their efforts."""
         names = [name for name in self.extra if name != Label.CLEAR]
         shares = self._locked.shares(names, contacts, forces) / self.limits.locked
-        return [(shares[row], -1.0, 1.0, f"effort of {name}, held") for row, name in enumerate(names)]
+        return [share_row(shares[row], f"effort of {name}, held") for row, name in enumerate(names)]
 
     def missing_rows(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
         """What is beyond its bounds at nodes, but has no row yet: locked joints, of left and right one; Label.CLEAR.
@@ -493,25 +530,31 @@ class NodeRows:
         ca = casadi()
         model = self.model
         moments = model.moments(None, [])
+        constant = Bound(0.0, 0.0, "angular momentum in flight")
         rows: list[Row] = [
-            (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
-            (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
+            (model.momentum() / self.momentum, constant),
+            (ca.sum1(moments) / (self.weight * self.height), constant),
             *self._torque_rows(moments),
             *self._locked_rows((), []),
         ]
         _, z = model.positions(model.weights(self._spots))
-        labels = [Label.CLEAR] * len(self.points.spots)
-        labels += [f"{contact.name} above the ground" for contact in self.feet]
-        for index, label in enumerate(labels):
-            rows.append((z[index], float(self.least_heights[index]), np.inf, label))
+        kinds = [(Label.CLEAR, Kind.POINT)] * len(self.points.spots)
+        kinds += [(f"{contact.name} above the ground", Kind.FOOT) for contact in self.feet]
+        for index, (label, kind) in enumerate(kinds):
+            rows.append((z[index], Bound(float(self.least_heights[index]), np.inf, label, kind)))
         output, bounds = _stacked(rows)
         return model.function("flight", [output, self._motor_torques(moments)]), bounds
 
 
+def share_row(value: Any, label: str) -> Row:
+    """Return the row of a share of a limit."""
+    return value, Bound(-1.0, 1.0, label, Kind.SHARE)
+
+
 def _stacked(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
     """Values of rows as one vector, and their bounds."""
-    values, low, high, labels = zip(*rows, strict=True)
-    return casadi().vertcat(*values), list(zip(low, high, labels, strict=True))
+    values, bounds = zip(*rows, strict=True)
+    return casadi().vertcat(*values), list(bounds)
 
 
 def quadrature_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:
