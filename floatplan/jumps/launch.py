@@ -402,5 +402,6 @@ def largest_user(problem: Problem, states: Iterable[JumpState], limit: str) -> s
     names = limited_names(problem.robot, limit)
     shares = [limit_shares(problem, state)[limit] for state in states]
     largest = np.concatenate(shares).max(axis=0)
-    # The first of those that are equal but for rounding: a motor, before the joint that it alone drives.
-    return names[int(np.argmax(largest >= largest.max() * (1 - RELATIVE)))]
+    if limit == "torque":  # a motor before its joint, whose share is the same but for rounding
+        largest[len(problem.robot.motors) :] *= 1 - RELATIVE
+    return names[int(largest.argmax())]
