@@ -84,11 +84,9 @@ class JumpProgram:
     @cached_property
     def _scales(self) -> Variables:
         """Units of all variables."""
-        count = len(self.phases)
-        forces = [self.node_rows.weight] * count
         unit = self.node_rows.unit
-        momentum = self.node_rows.momentum
-        return Variables(1.0, 1 / unit, 1 / unit**2, forces, [1.0] * count, 1.0, momentum, 1.0)
+        forces = [self.node_rows.weight] * len(self.phases)
+        return Variables(1.0, 1 / unit, 1 / unit**2, forces, [1.0] * len(forces), 1.0, self.node_rows.momentum, 1.0)
 
     def split(self, raw: Any) -> Variables:
         """Variables (size,), scaled, as matrices of their own units: an expression, or numbers."""
@@ -227,7 +225,7 @@ class JumpProgram:
             return
         _, v, a = (values[limited, :] for values in joints)
         middle = (v[:, 1:] + v[:, :-1]) / 2 + ca.repmat(step, len(limited), 1) / 8 * (a[:, :-1] - a[:, 1:])
-        bounds = [Bound(-1.0, 1.0, f"rate of {names[joint]}", Kind.SHARE) for joint in limited]
+        bounds = [Bound(-1.0, 1.0, f"rate of {names[joint]}", "share") for joint in limited]
         for rates in (middle, v) if self._limits else (middle,):
             most = np.ones(rates.shape)
             rows.add_nodes(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), rates), bounds, -most, most, label)
@@ -254,8 +252,7 @@ class JumpProgram:
         low, high = self._stance_bounds(index, bounds)
         rows.add_nodes(values, bounds, low, high, phase.name)
         cost = ca.sum1(torques**2)
-        touches_down = phase.side == "landing" and self.phases[index - 1].side == "flight" and not phase.gentle
-        if touches_down:
+        if phase.side == "landing" and self.phases[index - 1].side == "flight" and not phase.gentle:
             times = variables.durations[index] * ca.DM(phase.shares).T
             if self.node_rows.limits.pitch_error:
                 self._add_rotated_landing(rows, phase, motion, times)
@@ -275,24 +272,24 @@ class JumpProgram:
         low, high = _repeated(bounds, phase.intervals + 1)
         for row, bound in enumerate(bounds):
             kind = bound.kind
-            if kind in (Kind.RELEASE, Kind.MEETS):  # rows of the seam only
+            if kind in ("release", "meets"):  # rows of the seam only
                 low[row] = -np.inf
                 high[row] = np.inf
-                if at_flight or kind is Kind.MEETS:
+                if at_flight or kind == "meets":
                     low[row, seam] = 0.0
                     high[row, seam] = 0.0
-            if kind is Kind.PRESSED:
+            if kind == "pressed":
                 low[row] *= phase.force_shares
-            if kind is Kind.STANDS and phase.others[0].vertical:
+            if kind == "stands" and phase.others[0].vertical:
                 # At rest accelerations are fixed, so that the row would be there twice.
                 is_end = phase in (self.phases[0], self.phases[-1])
                 low[row, outer] = -np.inf if is_end else 0.0
                 high[row, outer] = -low[row, outer]
-            if kind is Kind.FRICTION:
+            if kind == "friction":
                 low[row, 1:-1] = SETTINGS.cone_margin * phase.force_shares[1:-1]
                 if bound.label not in stays:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
-            if kind in implied or (at_flight and kind is Kind.PRESSED):
+            if kind in implied or (at_flight and kind == "pressed"):
                 low[row, seam] = -np.inf
                 high[row, seam] = np.inf
         has_outer_phase = 0 <= (index - 1 if takeoff else index + 1) < len(self.phases)
@@ -312,7 +309,7 @@ class JumpProgram:
         (heights,) = rows.at_nodes(function, *motion)
         heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
         low = np.repeat(least[:, None], len(phase.shares), axis=1)
-        bounds = [Bound(0.0, np.inf, Label.CLEAR, Kind.POINT)] * len(least)
+        bounds = [Bound(0.0, np.inf, Label.CLEAR, "point")] * len(least)
         label = f"landing, turned by {np.degrees(self.node_rows.limits.pitch_error):.1f} degrees"
         rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), label)
 
@@ -322,9 +319,9 @@ class JumpProgram:
         implied: set[Kind] = set()
         for end in self._flight_ends:
             if end.v is not None:
-                implied.add(Kind.MEETS)
+                implied.add("meets")
                 if end.a is not None:
-                    implied |= {Kind.BALANCE, Kind.RELEASE}
+                    implied |= {"balance", "release"}
         return implied
 
     def _add_flight(self, rows: Rows, motion: Sequence[Any], duration: Any, momentum: Any) -> Any:
@@ -345,8 +342,8 @@ class JumpProgram:
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node_rows.of_flight()
         values, torques = rows.at_nodes(function, y, v, a)
-        is_foot = np.array([float(bound.kind is Kind.FOOT) for bound in bounds])
-        is_point = np.array([float(bound.kind is Kind.POINT) for bound in bounds])
+        is_foot = np.array([float(bound.kind == "foot") for bound in bounds])
+        is_point = np.array([float(bound.kind == "point") for bound in bounds])
         over_ground = ca.mtimes(ca.sparsify(ca.DM(is_foot + is_point)), com_heights)
         values += over_ground - ca.sparsify(ca.DM(np.outer(is_foot, lifts)))
         values[0, :] -= ca.repmat(momentum / self.node_rows.momentum, 1, count)
@@ -505,9 +502,8 @@ class JumpProgram:
 
 def _repeated(bounds: Sequence[Bound], count: int) -> tuple[Array, Array]:
     """Low and high bounds (rows, count) of rows at so many nodes."""
-    low = np.array([bound.low for bound in bounds], dtype=float)
-    high = np.array([bound.high for bound in bounds], dtype=float)
-    return np.tile(low[:, None], (1, count)), np.tile(high[:, None], (1, count))
+    columns = np.array([(bound.low, bound.high) for bound in bounds], dtype=float)
+    return np.tile(columns[:, :1], (1, count)), np.tile(columns[:, 1:], (1, count))
 
 
 def _onset_cost(load: Any, times: Any) -> Any:

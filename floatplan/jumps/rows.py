@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import Enum, auto
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -29,24 +28,11 @@ from floatplan.jumps.phases import Phase
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
-
-class Kind(Enum):
-    """Kinds of rows that the program treats in ways of their own, at some nodes or in its objective.
-
-    A share of a limit is between -1 and 1, or at most the factor where one is minimised. Points and feet are above the
-    ground; what stands does not accelerate, and meets the ground where it stands, with a force that balances moments,
-    is inside the cone, presses, and is released at the seam.
-    """
-
-    SHARE = auto()
-    POINT = auto()
-    FOOT = auto()
-    STANDS = auto()
-    MEETS = auto()
-    BALANCE = auto()
-    FRICTION = auto()
-    PRESSED = auto()
-    RELEASE = auto()
+# Kinds of rows that the program treats in ways of their own, at some nodes or in its objective. A share of a limit is
+# between -1 and 1, or at most the factor where one is minimised. Points and feet are above the ground. What stands does
+# not accelerate, and meets the ground where it stands; its force balances moments, is inside the cone, presses, and is
+# released at the seam.
+Kind: TypeAlias = Literal["share", "point", "foot", "stands", "meets", "balance", "friction", "pressed", "release"]
 
 
 class Bound(NamedTuple):
@@ -126,7 +112,7 @@ class Rows:
         nodes, index = np.nonzero((np.isfinite(low) | np.isfinite(high)).T)
         at = index + nodes * len(bounds)
         labels = [f"{bounds[row].label} ({side})" for row in index.tolist()]
-        is_share = np.array([bound.kind is Kind.SHARE for bound in bounds], bool)[index]
+        is_share = np.array([bound.kind == "share" for bound in bounds], bool)[index]
         self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels, is_share)
 
     def _append(self, values: Any, low: Array, high: Array, labels: list[str], is_share: BoolArray) -> None:
@@ -327,15 +313,13 @@ class NodeRows:
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
-        rows: list[Row] = [
-            (ca.sum1(moments) / (self.weight * self.height), Bound(0.0, 0.0, Label.BALANCE, Kind.BALANCE))
-        ]
+        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), Bound(0.0, 0.0, Label.BALANCE, "balance"))]
         rows += self._closures(phase, drifts)
         rows += self._friction_rows(phase, own, pairs)
         for component in own:
-            rows.append((component / self.weight, Bound(0.0, 0.0, Label.RELEASE, Kind.RELEASE)))
+            rows.append((component / self.weight, Bound(0.0, 0.0, Label.RELEASE, "release")))
         if phase.others:  # on one point the friction cone already forbids pulling
-            pressed = Bound(self.limits.pressed, np.inf, Label.PRESSED, Kind.PRESSED)
+            pressed = Bound(self.limits.pressed, np.inf, Label.PRESSED, "pressed")
             rows.append((own[1] / self.weight, pressed))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
@@ -353,7 +337,7 @@ class NodeRows:
                 continue
             for sign in (1.0, -1.0):
                 margin = (self.limits.friction * vertical + sign * horizontal) / self.weight
-                rows.append((margin, Bound(0.0, np.inf, f"friction of {contact.name}", Kind.FRICTION)))
+                rows.append((margin, Bound(0.0, np.inf, f"friction of {contact.name}", "friction")))
         return rows
 
     def _height_rows(self, phase: Phase) -> list[Row]:
@@ -366,12 +350,12 @@ class NodeRows:
         if near:
             heights = model.positions(model.weights([self.points.spots[at] for at in near], anchor))[1]
             for height, least in zip(casadi().vertsplit(heights), self.least_heights[near].tolist(), strict=True):
-                rows.append((height - ground, Bound(least, np.inf, Label.CLEAR, Kind.POINT)))
+                rows.append((height - ground, Bound(least, np.inf, Label.CLEAR, "point")))
         standing = [contact.name for contact in phase.contacts]
         for contact, least in zip(self.feet, self.least_heights[len(self.points.spots) :].tolist(), strict=True):
             if contact.name not in standing:
                 height = model.positions(model.weights(contact.spots[:1], anchor))[1]
-                rows.append((height - ground, Bound(least, np.inf, f"{contact.name} above the ground", Kind.FOOT)))
+                rows.append((height - ground, Bound(least, np.inf, f"{contact.name} above the ground", "foot")))
         return rows
 
     def rotated_heights(self, phase: Phase) -> tuple[Any, Array]:
@@ -427,11 +411,11 @@ class NodeRows:
             at_end = displacement(model.robot, anchor, spot, end)
             for k in axes_of(contact):
                 drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
-                stands = Bound(0.0, 0.0, f"{contact.name} {Label.STANDS}", Kind.STANDS)
+                stands = Bound(0.0, 0.0, f"{contact.name} {Label.STANDS}", "stands")
                 stand.append((acceleration[k] * unit**2 - drift, stands))
                 if contact.vertical:  # its row says that the sole's angle, linear in y, does not accelerate
                     continue
-                meets = Bound(0.0, 0.0, f"{contact.name} {Label.MEETS}", Kind.MEETS)
+                meets = Bound(0.0, 0.0, f"{contact.name} {Label.MEETS}", "meets")
                 meet.append((position[k] - at_end[k], meets))
                 meet.append((rate[k] * unit, meets))
         return [*stand, *meet]
@@ -538,8 +522,8 @@ class NodeRows:
             *self._locked_rows((), []),
         ]
         _, z = model.positions(model.weights(self._spots))
-        kinds = [(Label.CLEAR, Kind.POINT)] * len(self.points.spots)
-        kinds += [(f"{contact.name} above the ground", Kind.FOOT) for contact in self.feet]
+        kinds: list[tuple[str, Kind]] = [(Label.CLEAR, "point")] * len(self.points.spots)
+        kinds += [(f"{contact.name} above the ground", "foot") for contact in self.feet]
         for index, (label, kind) in enumerate(kinds):
             rows.append((z[index], Bound(float(self.least_heights[index]), np.inf, label, kind)))
         output, bounds = _stacked(rows)
@@ -548,7 +532,7 @@ class NodeRows:
 
 def share_row(value: Any, label: str) -> Row:
     """Return the row of a share of a limit."""
-    return value, Bound(-1.0, 1.0, label, Kind.SHARE)
+    return value, Bound(-1.0, 1.0, label, "share")
 
 
 def _stacked(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
