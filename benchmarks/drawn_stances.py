@@ -17,7 +17,7 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.jumps.check import judged, stance_figures
+from floatplan.jumps.check import sentences_on, stance_figures
 from floatplan.jumps.contacts import GroundContact, contact_at
 from floatplan.jumps.exact import OnePoint, StanceDynamics
 from floatplan.jumps.jump_motion import JumpMotion
@@ -28,7 +28,7 @@ from floatplan.jumps.rows import balanced
 from floatplan.motion.flight import flight_of
 from floatplan.planning.variables import decision_variables
 from floatplan.plans.plan import Plan
-from floatplan.robot.standing import corners, heights_over_com, undersides
+from floatplan.robot.standing import corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
 
 NODES = 61  # [-] of each phase
@@ -333,7 +333,7 @@ def _known(drawing: Drawing, stances: tuple[Stance, ...]) -> DrawnStance | None:
     figures = stance_figures(motion)
     shares = {key: figures.pop(key) for key in ("torque", "torque_speed", "velocity")}
     figures.pop("held_torque")
-    if judged(request, figures)[0]:
+    if sentences_on(request, figures)[0]:
         return None
     limits = fp.Limits(
         torque=dict(zip(robot.motors, HEADROOM * shares["torque"] * problem.motor_torque_limits, strict=True)),
@@ -350,8 +350,8 @@ def _problem(drawing: Drawing, state: tuple[Array, Array, Array], flown: tuple[f
     given = np.isfinite(robot.torque_limits).all()
     limits = fp.Limits(torque="urdf", velocity="urdf") if given else fp.Limits(torque=TORQUE, velocity=FASTEST)
     foot = drawing.feet[0]
-    rest = heights_over_com(robot, foot.spots[:1], drawing.home)[0].imag
-    now = heights_over_com(robot, foot.spots[:1], y)[0].imag
+    rest = positions_from_com(robot, foot.spots[:1], drawing.home)[0].imag
+    now = positions_from_com(robot, foot.spots[:1], y)[0].imag
     return fp.Problem(
         robot,
         fp.Posture(float(y[0]), y[1:], v[1:], a[1:]),

@@ -15,7 +15,7 @@ from drawn_stances import drawn_hops, drawn_stances
 from measuring import PROBLEMS, Counts, heading, table
 
 import floatplan as fp
-from floatplan.jumps.check import judged
+from floatplan.jumps.check import sentences_on
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 
@@ -41,7 +41,7 @@ def launch_section(counts: Counts) -> None:
         ratios.append(found.ratio)
         shares = {"torque", "torque_speed", "velocity"}
         figures = {name: value for name, value in found.figures.items() if name not in shares}
-        broken += bool(judged(each.request, figures)[0]) or max(found.figures[name] for name in shares) > 1
+        broken += bool(sentences_on(each.request, figures)[0]) or max(found.figures[name] for name in shares) > 1
     header = ["false no", "yes that fails", "s of the processor", "at most", f"over {BAR:g} s", "factor", "at most"]
     late = sum(each > BAR for each in seconds)
     middle, most = (statistics.median(ratios), max(ratios)) if ratios else (np.nan, np.nan)
@@ -110,7 +110,7 @@ def jump_section(counts: Counts) -> None:
         began = time.process_time()
         solution = program.solve(program.guess(np.random.default_rng(seed)))
         rows.append(
-            (solution.converged, solution.iterations, time.process_time() - began, float(sum(solution.durations)))
+            (solution.is_motion, solution.iterations, time.process_time() - began, float(sum(solution.durations)))
         )
     good = [row for row in rows if row[0]] or [(False, 0, np.nan, np.nan)]
     _, iterations, spent, lasts = zip(*good, strict=True)

@@ -12,7 +12,7 @@ from floatplan.motion.flight import frame_from_com
 from floatplan.problem.parts import JointState
 from floatplan.problem.resolution import lowest_point
 from floatplan.robot.robot import Robot
-from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.robot.wheels import wheels
 
 SMALLEST = 1e-3  # [m] height of a robot that stands
@@ -146,7 +146,7 @@ def _over(robot: Robot, frames: Iterable[str], near: float) -> bool:
         spots += corners(robot.link_hulls.get(frame, ()))
     if not spots:
         return False
-    along = heights_over_com(robot, spots, _posture(robot)).real
+    along = positions_from_com(robot, spots, _posture(robot)).real
     return bool(along.min() - near <= 0 <= along.max() + near)
 
 

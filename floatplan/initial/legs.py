@@ -9,7 +9,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.robot.robot import Robot
-from floatplan.robot.standing import FLAT, SOLE, Spot, corners, heights_over_com, may_roll, out_of_round
+from floatplan.robot.standing import FLAT, SOLE, Spot, corners, may_roll, out_of_round, positions_from_com
 
 NO_LENGTH = 0.05  # [-] of a leg's length: joints that are no farther from each other coincide
 
@@ -69,9 +69,9 @@ class Leg:
         origins = self._distinct(y)
         if len(origins) < 3 or origins[-1] != Spot(self.bodies[-1], 0j):
             return None
-        knee, ankle = heights_over_com(self.robot, origins[-2:], y)
+        knee, ankle = positions_from_com(self.robot, origins[-2:], y)
         shank = (ankle - knee) / abs(ankle - knee)
-        positions = heights_over_com(self.robot, self.corners, y)
+        positions = positions_from_com(self.robot, self.corners, y)
         radii = np.array([corner.radius for corner in self.corners])
         best = None
         longest = 0.0
@@ -102,25 +102,25 @@ class Leg:
         y = np.append(0.0, self.posture)
         spots = self._distinct(y)
         if self.sole is None:
-            ends = heights_over_com(self.robot, self.corners, y)
-            last = heights_over_com(self.robot, spots[-1:], y)[0] if spots else 0j
+            ends = positions_from_com(self.robot, self.corners, y)
+            last = positions_from_com(self.robot, spots[-1:], y)[0] if spots else 0j
             farthest = int(np.abs(ends - last).argmax())
             if spots and abs(ends[farthest] - last) > NO_LENGTH * self._length(y):
                 spots = [*spots, self.corners[farthest]]
         if len(spots) < 3:
             return spots
-        bones = np.abs(np.diff(heights_over_com(self.robot, spots, y)))
+        bones = np.abs(np.diff(positions_from_com(self.robot, spots, y)))
         knee = 1 + int(np.minimum(bones[:-1], bones[1:]).argmax())
         return spots[knee - 1 : knee + 2]
 
     def bend(self, y: Array) -> float:
         """Angle of the knee in a posture y (n+1,), rad: 0 where the leg is straight, positive counterclockwise."""
-        hip, knee, end = heights_over_com(self.robot, self.bend_spots, y)
+        hip, knee, end = positions_from_com(self.robot, self.bend_spots, y)
         return float(np.angle((end - knee) / (knee - hip)))
 
     def height(self, y: Array) -> float:
         """Of the hip over the end of the leg in a posture y (n+1,), m."""
-        hip, _, end = heights_over_com(self.robot, self.bend_spots, y)
+        hip, _, end = positions_from_com(self.robot, self.bend_spots, y)
         return float(hip.imag - end.imag)
 
     @cached_property
@@ -145,7 +145,7 @@ class Leg:
         count = 128  # postures
         sampled = np.random.default_rng(0).uniform(low, high, (count, len(low)))
         y = np.column_stack((np.zeros(count), sampled)).T
-        hip, foot = heights_over_com(robot, [Spot(self.bodies[0], 0j), self._end], y).T
+        hip, foot = positions_from_com(robot, [Spot(self.bodies[0], 0j), self._end], y).T
         length = np.abs(foot - hip)
         return float(1 - length.min() / length.max()) if length.max() > 0 else 0.0
 
@@ -159,7 +159,7 @@ class Leg:
         spots = [Spot(body, 0j) for body in self.bodies]
         if not spots:
             return []
-        distances = np.abs(np.diff(heights_over_com(self.robot, spots, y)))
+        distances = np.abs(np.diff(positions_from_com(self.robot, spots, y)))
         least = NO_LENGTH * self._length(y)
         distinct = [spot for spot, distance in zip(spots, distances, strict=False) if distance > least]
         return [*distinct, spots[-1]]
@@ -172,4 +172,4 @@ class Leg:
     def _length(self, y: Array) -> float:
         """Sum of the leg's bones, m."""
         spots = [*(Spot(body, 0j) for body in self.bodies), self.corners[0]]
-        return float(np.abs(np.diff(heights_over_com(self.robot, spots, y))).sum())
+        return float(np.abs(np.diff(positions_from_com(self.robot, spots, y))).sum())

@@ -14,7 +14,7 @@ from floatplan.jumps.contacts import contact_depths, contact_positions
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.motion import flight_state
 from floatplan.problem.jump import JumpRequest
-from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.robot.standing import Spot, positions_from_com
 
 USUAL_PITCH_ERROR = JumpRequest().pitch_error  # rad
 
@@ -25,7 +25,7 @@ def with_largest_pitch_error(jump: Jump) -> Jump:
     That is the largest pitch error, a round number of degrees, up to which nothing but its feet touches the ground.
     Others are returned as they are.
     """
-    least = FIGURES["touchdown"].most(jump.request)
+    least = FIGURES["touchdown"].limit_of(jump.request)
     if jump.flight is None or jump.check.figures.get("touchdown", least) >= least:
         return jump
     step = math.radians(0.1)  # errors are written in degrees
@@ -58,6 +58,6 @@ def feet_rise(jump: Jump) -> float:
     state = flight_state(jump.flight, 0.0, np.linspace(0.0, jump.flight.duration, 101))
     y = state.planned(robot)[0]
     undersides = contact_positions(robot, jump.contacts, y).imag - contact_depths(jump.contacts)
-    base_over_com = heights_over_com(robot, [Spot(0, 0j)], y).imag
+    base_over_com = positions_from_com(robot, [Spot(0, 0j)], y).imag
     heights = undersides - base_over_com + state.positions[:, 1:2] - jump.before[-1].ground
     return float(heights.min(axis=1).max())

@@ -1,20 +1,27 @@
 """Whole jumps: stance, flight, stance. One program over all phases, then the flight's plan and stances that fit it.
 
-In order of reading: contacts, phases and setup say what is requested; model, locked_joints, rows, separation,
-variables and program solve it; flight, motion and exact make motions of the solution, which check judges; planner and
-launch call them; conflicts says why there is none; jump and reading are about files; spatial is the same in space.
+In order of reading: contacts and phases say what stands when; model, locked_joints, rows, separation, variables and
+program are the program; motion has stances as functions of time, jump_motion all of a jump, which check judges; setup
+makes programs of a request, and solves them in rounds; flight and exact make motions of the solution; planner and
+launch call them; conflicts says why there is none; jump and reading are the result and its file. The folder ``spatial``
+is the same in space, most modules by the same names.
 
 Glossary
 --------
 phase : a time in which the contacts do not change; of a side, "takeoff", "flight" or "landing"
-contact, anchor : a point on which the robot stands, with those coupled to it; the one that stands in all phases of its
-    side, from which positions are measured
+contact, anchor, others : a point on which the robot stands, with those coupled to it; the one that stands in all phases
+    of its side, from which positions are measured; and the phase's contacts but the anchor, whose forces are variables
 node : an instant of the program; densest next to the flight
-seam : the instant at which a stance meets the flight
+seam : the instant at which a stance meets the flight; of a phase also its node towards the flight
+junction : the instant at which feet come or leave between two stances
+inner, outer : of two phases of a side that next to the flight and the other; of a phase its ends, likewise
 y, v, a : (n+1,) orientation theta_0 of the base and planned joints q, rad; their first and second derivatives
 phi, e : angles of the bodies, rad, and their rotations exp(i sigma phi); sigma is the plane's ``turn``, 1 or -1
 h : angular momentum of the flight about the centre of mass, kg m^2/s
 drift : acceleration of a foot that closes a chain at both ends of a phase, over g
+released : of accelerations at a seam, those of a robot that falls freely while its feet do not move yet
+reserve : by how much more than its margin a distance is required at nodes, m
+shortfall : by how much distances miss that, where all else of a program holds, m
 Positions are pairs (horizontal, vertical) or complex numbers, horizontal + i vertical, m: of points of the robot from
 its centre of mass or from the anchor; of the world from the takeoff of the flight. The program is scaled by the weight,
 N, the height of the centre of mass where the robot stands, m, and the time of a fall by it, sqrt(height / g), s.

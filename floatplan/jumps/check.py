@@ -1,4 +1,8 @@
-"""Whether a jump holds between its nodes: its motion at 2 kHz, judged by Pinocchio alone."""
+"""Whether a jump holds between its nodes: its motion at 2 kHz.
+
+Forces, torques and the motion of feet are Pinocchio's; distances from the ground, from obstacles and between links are
+of the planar tree, which the program uses too.
+"""
 
 import itertools
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -16,11 +20,12 @@ from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
-from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.robot import Robot
+from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
-SEAM = 1e-6  # [m, rad, per second; over the time unit per second squared] of steps of the motion
+SEAM = 1e-6  # [m, rad; rates and accelerations times sqrt(1 m / g) and 1 m / g] of steps of the motion
 LIGHT = 0.02  # [-] of the weight: the ratio of forces that are less says nothing
 TOUCHDOWN = 0.06  # [s] from landing on, after which one that is not as planned has become a stance
 
@@ -36,7 +41,7 @@ class Figure(NamedTuple):
     least: bool = False
     unlimited: str = ""  # the sentence of a share where there is no limit to share; empty for none
 
-    def most(self, request: JumpRequest) -> float:
+    def limit_of(self, request: JumpRequest) -> float:
         """The limit of a jump."""
         return self.limit(request) if callable(self.limit) else self.limit
 
@@ -117,7 +122,11 @@ class JumpCheck:
 
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
-    """Check the stances of a jump at 2 kHz, independently of the program that they come from."""
+    """Check the stances of a jump at 2 kHz, at instants of its own.
+
+    Forces, torques and the motion of feet are by Pinocchio, independently of the program that the jump comes from;
+    distances are by the planar tree, as in the program.
+    """
     with np.errstate(all="ignore"):  # what files may hold overflows: such figures are infinite, and do not hold
         return _checked(jump)
 
@@ -131,7 +140,7 @@ def _checked(jump: JumpMotion) -> JumpCheck:
     touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
     figures = worst_values([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
     unlimited = unlimited_figures(jump.problem)
-    failing, holding = judged(jump.request, figures, unlimited)
+    failing, holding = sentences_on(jump.request, figures, unlimited)
     broken = [", ".join(words) for words in failing]
     if not jump.flight.ok:
         broken.append("the flight's plan does not hold")
@@ -173,16 +182,14 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
     """Balance of forces, shares of limits, joint ranges, and whether derivatives belong to the positions."""
     robot = stance.robot
     problem = jump.problem
-    torques = state.torques
     model = robot.model
     weight = robot.mass * stance.gravity
     com_height = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
     height = float(com_height) - stance.ground
     lever = height if height > 0 else float(np.finfo(float).tiny)  # what is not above the ground does not stand on it
-    yield "residual", (np.abs(torques[:, :BASE]) / [weight, weight, weight * lever]).max()
+    yield "residual", (np.abs(state.torques[:, :BASE]) / [weight, weight, weight * lever]).max()
     for name, shares in limit_shares(problem, state).items():
         yield name, shares.max(initial=0.0)
-    yield "torque", np.abs(torques @ robot.selection / problem.torque_limits).max()
     joints = state.planned(robot)[0, 1:].T
     low, high = np.asarray(problem.position_limits).T
     yield "range", np.minimum(joints - low, high - joints).min()
@@ -195,21 +202,35 @@ def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Va
 def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
     """Shares of limits at N instants, by ``SHARES``.
 
-    (N, motors) of torque and torque-speed curve, (N, n) of rates, (N, locked) of the efforts of locked joints.
+    (N, motors + n) of torques, of motors and then the generalised ones, each of a leader with its followers;
+    (N, motors) of torque-speed curves, (N, n) of rates, (N, locked) of the efforts of locked joints. The columns are in
+    the order of :func:`limited_names`.
     """
     robot = problem.robot
     model = robot.model
     locked = [model.joints[model.getJointId(name)].idx_v for name in robot.locked]
     efforts = [robot.joint_tree.joint[name].effort for name in robot.locked]
     torques = np.abs(state.torques @ robot.transmission)
+    generalised = np.abs(state.torques @ robot.selection)
     rates = state.velocities @ np.linalg.pinv(robot.selection).T
     slowed = problem.motor_slope * np.abs(rates @ robot.motor_ratios.T)
     return {
-        "torque": torques / problem.motor_torque_limits,
+        "torque": np.hstack((torques / problem.motor_torque_limits, generalised / problem.torque_limits)),
         "torque_speed": (torques + slowed) / problem.motor_stall,
         "velocity": np.abs(rates) / problem.velocity_limits,
         "held_torque": np.abs(state.torques[:, locked]) / efforts,
     }
+
+
+def limited_names(robot: Robot, name: str) -> tuple[str, ...]:
+    """Motors and joints of the columns of :func:`limit_shares` of a name."""
+    columns = {
+        "torque": (*robot.motors, *robot.joints),
+        "torque_speed": robot.motors,
+        "velocity": robot.joints,
+        "held_torque": robot.locked,
+    }
+    return tuple(columns[name])
 
 
 def unlimited_figures(problem: Problem) -> frozenset[str]:
@@ -256,7 +277,7 @@ def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Sta
     robot = jump.problem.robot
     y = state.planned(robot)[0]
     base = state.positions[:, 0] + 1j * state.positions[:, 1]
-    com = base - heights_over_com(robot, [Spot(0, 0j)], y)[:, 0]
+    com = base - positions_from_com(robot, [Spot(0, 0j)], y)[:, 0]
     own = () if stance is None else stance.contacts
     feet = links_of(robot, jump.contacts)
     stands = links_of(robot, own)
@@ -319,7 +340,7 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
             continue
         times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
         y = stance.grid.at(times)[0]
-        of_points = heights_over_com(robot, points, y)
+        of_points = positions_from_com(robot, points, y)
         of_feet = contact_positions(robot, contacts, y)
         for sign in (1.0, -1.0):
             rotation = np.exp(1j * sign * error)
@@ -360,7 +381,7 @@ def _step(one: JumpState, other: JumpState, unit: float) -> float:
     return float(max(positions, rates, accelerations))
 
 
-def judged(
+def sentences_on(
     request: JumpRequest, figures: Mapping[str, float], unlimited: Collection[str] = ()
 ) -> tuple[list[Words], list[Words]]:
     """Sentences on figures, each with its limit: those that do not hold, and those that do.
@@ -376,7 +397,7 @@ def judged(
                 holding.append((figure.unlimited, "-"))
         elif name in figures:
             value = figures[name]
-            most = figure.most(request)
+            most = figure.limit_of(request)
             bound = f"{most:g} at {'least' if figure.least else 'most'}" if np.isfinite(most) else "no limit"
             holds = value >= most if figure.least else value <= most * (1 + rounding)
             (holding if holds else failing).append((figure.sentence.format(value), bound))

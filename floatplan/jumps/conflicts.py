@@ -189,7 +189,8 @@ def _elastic_rows(program: JumpProgram, elastic_durations: tuple[str, ...], valu
     m = len(rows.labels)
     variables = m + np.flatnonzero(elastic[m:])
     ground = kinds == "ground"
-    sizes[ground] = np.maximum(low[ground], SETTINGS.violation * program.node.height)  # with a share of 1 it touches
+    touching = SETTINGS.violation * program.node_rows.height  # with a share of 1 it touches
+    sizes[ground] = np.maximum(low[ground], touching)
     half_ranges = (high - low)[variables] / 2
     sizes[variables] = np.maximum(half_ranges, SETTINGS.narrow * np.abs(high[variables] + low[variables]))
     for one, two in pairwise(np.flatnonzero(kinds == "friction").tolist()):
@@ -277,7 +278,7 @@ def violated_kinds(request: JumpRequest, figures: Mapping[str, float]) -> list[C
     kinds = {"torque": "torque", "torque_speed": "torque", "velocity": "velocity", "friction": "friction"}
     violated: dict[str, Conflict] = {}
     for name, kind in kinds.items():
-        if figures.get(name, 0.0) > FIGURES[name].most(request):
+        if figures.get(name, 0.0) > FIGURES[name].limit_of(request):
             violated[kind] = Conflict(kind, kind, 0.0, 1.0)
     return list(violated.values())
 

@@ -15,9 +15,9 @@ from floatplan.robot.standing import (
     SOLE_ENDS,
     Spot,
     corners,
-    heights_over_com,
     may_roll,
     out_of_round,
+    positions_from_com,
     spot_weights,
     standing_points,
     undersides,
@@ -39,7 +39,8 @@ class GroundContact:
     suffix : ".heel" or ".toe" for an end of a sole, ".tip" for that of a leg, which have no frames of their own
     spots : the points, in the order of the frames
     depth : its height over the ground where it stands, m; where it rolls, the radius
-    vertical : whether it only presses: a heel, whose toe takes the horizontal force of the sole
+    vertical : whether it is a heel, which in the program only presses, so that its toe takes the horizontal force of
+        the sole; in exact stances both share that by their loads
     """
 
     frames: tuple[str, ...]
@@ -106,7 +107,7 @@ def links_of(robot: Robot, contacts: Iterable[GroundContact]) -> set[str | None]
 
 def contact_positions(robot: Robot, contacts: Sequence[GroundContact], y: Array) -> ComplexArray:
     """Positions (.., contacts) relative to the centre of mass in postures y (n+1, ..), m; of pairs, of one of both."""
-    return heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
+    return positions_from_com(robot, [contact.spots[0] for contact in contacts], y)
 
 
 def contact_depths(contacts: Sequence[GroundContact]) -> Array:
@@ -182,7 +183,7 @@ def _twins(robot: Robot, frame: str, spot: Spot) -> list[tuple[str, Spot]]:
         both = [Spot(home.body, home.local), Spot(other.body, other.local)]
         distances = []
         for y in postures:
-            first, second = heights_over_com(robot, both, y)
+            first, second = positions_from_com(robot, both, y)
             distances.append(abs(first - second))
         if max(distances) < SAME_POINT:
             rotation = np.exp(1j * tree.turn * (tree.offsets[home.body] - tree.offsets[other.body]))
@@ -219,7 +220,7 @@ def standing_feet(robot: Robot, frame: str, y: Array) -> list[str]:
     horizontal = {}
     for name in feet.values():
         foot = robot.frames[name]
-        horizontal[name] = heights_over_com(robot, [Spot(foot.body, foot.local)], y)[0].real
+        horizontal[name] = positions_from_com(robot, [Spot(foot.body, foot.local)], y)[0].real
     return sorted(horizontal, key=horizontal.__getitem__)
 
 
@@ -262,7 +263,7 @@ class _Leg:
     def positions(self, robot: Robot, postures: Array) -> ComplexArray:
         """Hip, knee and foot (3, P) relative to the centre of mass in postures (P, n+1), m."""
         spots = [Spot(self.thigh, 0j), Spot(self.shank, 0j), self.foot]
-        return np.asarray(heights_over_com(robot, spots, postures.T).T)
+        return np.asarray(positions_from_com(robot, spots, postures.T).T)
 
     def bends(self, robot: Robot, postures: Array) -> Array:
         """Angles (P,) from the thigh to the shank in postures (P, n+1), rad; 0 where the leg is straight."""

@@ -21,13 +21,13 @@ from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
 from floatplan.jumps.contacts import displacement
 from floatplan.jumps.model import PlanarModel, casadi
-from floatplan.jumps.motion import Grid, Stance, hermite, quintic, refined, values
+from floatplan.jumps.motion import Grid, Stance, quintic, quintic_spline, refined, values
 from floatplan.jumps.phases import Phase, instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rows import axes_of, balanced, spread
 from floatplan.jumps.variables import JumpSolution
 from floatplan.plans.plan import Plan
-from floatplan.robot.standing import heights_over_com
+from floatplan.robot.standing import positions_from_com
 
 SUBSTEPS = 4  # [-] of the differential equation in a step of the fine grid
 
@@ -66,7 +66,7 @@ class StanceDynamics:
     size : of the closure
     """
 
-    def __init__(self, model: PlanarModel, phase: Phase, home: Array) -> None:
+    def __init__(self, model: PlanarModel, phase: Phase, standing: Array) -> None:
         ca = casadi()
         self.model = model
         self.phase = phase
@@ -79,8 +79,8 @@ class StanceDynamics:
         for contact in phase.others:
             spot = contact.spots[0]
             position = model.positions(model.weights([spot], anchor))
-            at_home = displacement(model.robot, anchor, spot, home)
-            gaps += [position[k] - at_home[k] for k in axes_of(contact)]
+            at_end = displacement(model.robot, anchor, spot, standing)
+            gaps += [position[k] - at_end[k] for k in axes_of(contact)]
         closure = ca.vertcat(*gaps) if gaps else ca.SX(0, 1)
         jacobian = ca.jacobian(closure, model.y)
         drift = ca.jtimes(ca.jtimes(closure, model.y, model.v), model.y, model.v)
@@ -153,7 +153,7 @@ class StanceDynamics:
         if len(grid.ratios) != 1:
             return grid.ratios
         motion = grid.motion
-        light = 0.01 * self.model.robot.mass  # [N] a force of less has no ratio
+        light = 0.01 * self.model.robot.mass  # [N] at 0.01 m/s^2, about a thousandth of the weight: less has no ratio
         horizontal, vertical = (np.asarray(component) for component in self.ground_force(*motion))
         same = horizontal / np.maximum(vertical, light)
         if self.phase.others[0].vertical:
@@ -251,10 +251,10 @@ def released(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
         There are none.
     """
     a = solution.a.copy()
-    for side, home in ((-1, program.ends[0]), (1, program.ends[1])):
+    for side, standing in ((-1, program.ends[0]), (1, program.ends[1])):
         node = program.starts[program.flight + max(side, 0)]
         with may_fail():
-            dynamics = StanceDynamics(program.model, program.phases[program.flight + side], home)
+            dynamics = StanceDynamics(program.model, program.phases[program.flight + side], standing)
             a[:, node] = dynamics.released(solution.y[:, node], solution.v[:, node], a[:, node])
     if not np.isfinite(a).all():
         raise NoExactStanceError("no finite accelerations join stance and flight")
@@ -300,9 +300,9 @@ def _exact_stances(
     robot = program.model.robot
     spot = program.phases[indices[0]].anchor.spots[0]
     rolled = robot.tree.turn * spot.radius * robot.tree.absolute_angles(y[0], y[1:])[spot.body]
-    anchor_position = complex(*state.com_position) + complex(heights_over_com(robot, [spot], y)[0]) + rolled
-    home = program.ends[far]
-    of_phases = [StanceDynamics(program.model, program.phases[index], home) for index in indices]
+    anchor_position = complex(*state.com_position) + complex(positions_from_com(robot, [spot], y)[0]) + rolled
+    standing = program.ends[far]
+    of_phases = [StanceDynamics(program.model, program.phases[index], standing) for index in indices]
     stances: list[Stance] = []
     junction = None  # y, v, a (3, n+1) with which the phase before ends
     for position, (index, dynamics) in enumerate(zip(indices, of_phases, strict=True)):
@@ -310,7 +310,7 @@ def _exact_stances(
         if junction is None and not dynamics.phase.others:
             beyond = of_phases[position + 1] if position + 1 < len(of_phases) else None
             point = OnePoint(dynamics, nodes.times[::outwards])
-            motion = _one_point(point, nodes, (float(y[0]), rate), home, beyond)[:, :, ::outwards]
+            motion = _one_point(point, nodes, (float(y[0]), rate), standing, beyond)[:, :, ::outwards]
         else:
             motion = nodes.motion
             if junction is not None:
@@ -321,7 +321,7 @@ def _exact_stances(
             motion = dynamics.close(*motion)
         junction = motion[:, :, far]
         grid = Grid(nodes.times, motion[0], motion[1], motion[2], nodes.ratios)
-        grid = replace(grid, ratios=dynamics.shared_ratios(grid, program.node.bounds.friction))
+        grid = replace(grid, ratios=dynamics.shared_ratios(grid, program.node_rows.limits.friction))
         stances.append(Stance(robot, program.model.gravity, dynamics.phase.contacts, anchor_position, grid))
     return stances[::outwards]
 
@@ -335,34 +335,35 @@ def _fine_grid(program: JumpProgram, solution: JumpSolution, index: int) -> Grid
     vertical = solution.forces[index][1::2]
     ratios = np.zeros((len(vertical), len(fine)))
     for row, (along, load) in enumerate(zip(horizontal, vertical, strict=True)):
-        light = load < 1e-3 * program.node.weight  # there the ratio is that of the nodes around
+        light = load < 1e-3 * program.node_rows.weight  # [N] there the ratio is that of the nodes around
         if not light.all():
             at = np.flatnonzero(~light)
             of_nodes = np.interp(np.arange(len(load)), at, along[at] / load[at])
             ratios[row] = np.interp(fine, coarse, of_nodes)
     motion = np.stack((solution.y, solution.v, solution.a))[:, :, nodes]
-    y, v, a = values(hermite(coarse, motion), fine)
+    y, v, a = values(quintic_spline(coarse, motion), fine)
     return Grid(fine, y, v, a, ratios)
 
 
 def _one_point(
-    stance: OnePoint, nodes: Grid, start: tuple[float, float], home: Array, beyond: StanceDynamics | None
+    stance: OnePoint, nodes: Grid, start: tuple[float, float], standing: Array, beyond: StanceDynamics | None
 ) -> Array:
     """Motion (3, n+1, G) on one point from the flight's end to the next phase, whose feet stand there; or to standing.
 
     Unknowns are changes of joints: at the junction, of those that follow from the next closure; or in between.
     """
     if beyond is None:
-        return _to_standing(stance, nodes, start, home)
+        return _to_standing(stance, nodes, start, standing)
     ends = nodes.times[[0, -1]]
-    outwards = 1 if stance.times[0] > stance.times[-1] else -1
+    is_landing = stance.times[0] < stance.times[-1]
+    order = -1 if is_landing else 1  # of (junction, flight) in time
     span = ends[1] - ends[0]
     scale = np.array([[1.0], [1 / span], [1 / span**2]])
     rows = [index - 1 for index in beyond.dependent]
     sampled = stance.sampled
     of_nodes = _joints_at(nodes, sampled)
     # Quintics (3, 3, N) of which value, first or second derivative is 1 at the junction; all are 0 at the other end.
-    units = (np.eye(3), np.zeros((3, 3)))[::outwards]
+    units = (np.eye(3), np.zeros((3, 3)))[::order]
     shapes = [quintic(times, ends, *units) for times in sampled]
 
     def follow(unknown: Array) -> Array:
@@ -385,7 +386,7 @@ def _one_point(
     return follow(unknown)
 
 
-def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], home: Array) -> Array:
+def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], standing: Array) -> Array:
     """Motion (3, n+1, G) on one point from the flight's end to standing, with joints that are changed in between."""
     n = len(nodes.y) - 1
     ends = nodes.times[[0, -1]]
@@ -400,7 +401,7 @@ def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], home
 
     def residual(unknown: Array) -> Array:
         last = follow(unknown)[:, 0, -1]
-        return np.array([last[0] - home[0], last[1] * (ends[1] - ends[0])])
+        return np.array([last[0] - standing[0], last[1] * (ends[1] - ends[0])])
 
     unknown, _ = _least_norm_root(residual, np.zeros(2 * n))
     return follow(unknown)

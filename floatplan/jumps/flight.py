@@ -17,7 +17,7 @@ from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.robot.standing import Spot, corners, heights_over_com, undersides
+from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
 
 
@@ -25,7 +25,7 @@ def _from_frame(program: JumpProgram, contact: GroundContact, y: Array) -> compl
     """Position of a contact relative to its frame's origin, m."""
     robot = program.model.robot
     home = robot.frames[contact.frame]
-    point, origin = heights_over_com(robot, [contact.spots[0], Spot(home.body, home.local)], y)
+    point, origin = positions_from_com(robot, [contact.spots[0], Spot(home.body, home.local)], y)
     return complex(point - origin)
 
 
@@ -113,10 +113,11 @@ def tighter_limits(problem: Problem, program: JumpProgram, solution: JumpSolutio
     request = problem.jump
     if request is None or request.objective != "limits":
         return []
-    velocity = program.node.bounds.velocity
+    velocity = program.node_rows.limits.velocity
     limited = np.isfinite(problem.velocity_limits)
     rate_shares = (velocity[limited] / problem.velocity_limits[limited]).tolist()
-    shares = [program.node.bounds.locked, *(share / request.margin["velocity"] for share in rate_shares)]
+    torque_share = program.node_rows.limits.locked  # the margin of torques is that of locked joints too
+    shares = [torque_share, *(share / request.margin["velocity"] for share in rate_shares)]
     least = solution.factor * max(shares)
     tighter = []
     for beyond in (1.0, 1.04, 1.12):  # times the least share, for joints that are polynomials

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,20 +13,21 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, function, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.check import SHARES, judged, limit_shares, stance_figures
+from floatplan.jumps.check import SHARES, limit_shares, limited_names, sentences_on, stance_figures
 from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.model import PlanarModel, casadi
-from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
+from floatplan.jumps.motion import Grid, JumpState, Stance, flight_state, quintic
 from floatplan.jumps.phases import FlightEnd, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import NodeMargins, Setup, corrected, side_setup, solve_in_rounds
+from floatplan.jumps.setup import NodeMargins, Setup, refined_until_checked, side_setup, solve_in_rounds
 from floatplan.jumps.variables import JumpSolution
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
+from floatplan.problem.problem import Problem
 from floatplan.tables import RELATIVE
 
 STARTS = 3
@@ -49,7 +50,8 @@ class Launch:
     ok : whether one was found within the limits, and holds at 2 kHz
     ratio : largest share of its limits that a torque or rate takes, at least; infinite where none was found
     limit : of the figures ``torque``, ``torque_speed``, ``velocity`` and ``held_torque`` the one; "" where none is
-    joint : the motor whose share it is; "" where there is none
+    joint : the motor whose share it is; or the joint, of a rate, or of the torque of a leader with its followers; ""
+        where there is none
     sentences : for a person
     figures : as of :class:`floatplan.jumps.check.JumpCheck`
     impossible : whether it is shown that there is none, because of what stands where the flight begins or ends
@@ -129,14 +131,14 @@ def launch(
     setup, met = _setup_and_flight_end(plan, factor_request, end, np.append(state.orientation, state.positions))
     rates, impossible = _least_rates(plan, setup, met, end)
     posture = []
-    for name, angle in zip(plan.robot.joints, setup.standing[0 if end == "takeoff" else -1, 1:], strict=True):
+    for name, angle in zip(plan.robot.joints, setup.ends[0 if end == "takeoff" else -1, 1:], strict=True):
         posture.append(f"{name} {angle:.4g}")
     stands = f"Friction {request.friction:g}, at rest with {', '.join(posture)} rad."
     result = impossible
     if result is None:
         problem = replace(plan.problem, obstacles=(), self_clearances=())
         setup = replace(setup, problem=problem, flight_ends=(met,), momentum=plan.angular_momentum)
-        complete = partial(_completed, plan, request, end)
+        complete = partial(_launch_of_solution, plan, request, end)
         result = _search(setup, end, rates, complete, seed, starts, say)
     return replace(result, sentences=(*result.sentences, stands))
 
@@ -162,10 +164,10 @@ def _search(
         if start < 2:
             shares = np.full(len(shares), (0.8, 1.5)[start])
         program, solution = solve_in_rounds(first, smooth_guess(first, met, rates, shares))
-        if not solution.converged or any(np.abs(other - solution.y).max() < 1e-5 for other in solutions):  # rad
+        if not solution.is_motion or any(np.abs(other - solution.y).max() < 1e-5 for other in solutions):  # rad
             continue
         solutions.append(solution.y)
-        results.append(corrected(MARGINS, setup.request, (program, solution), variant.program, complete))
+        results.append(refined_until_checked(MARGINS, setup.request, (program, solution), variant.program, complete))
         if not results[-1].ok and results[-1].ratio <= 1:
             say(f"start {start + 1} of {starts}, with less torque in all")
             results += _calmer(variant, program, solution, complete)
@@ -204,9 +206,9 @@ def _calmer(
     calm = replace(setup, request=replace(setup.request, objective="torque"))
     first = calm.program(CALM_MARGINS)
     solved = solve_in_rounds(first, first.resampled(solution, program.phases))
-    if not solved[1].converged:
+    if not solved[1].is_motion:
         return []
-    return [corrected(CALM_MARGINS, calm.request, solved, calm.program, complete)]
+    return [refined_until_checked(CALM_MARGINS, calm.request, solved, calm.program, complete)]
 
 
 def _either_way_around(setup: Setup, end: End) -> list[Setup]:
@@ -216,12 +218,12 @@ def _either_way_around(setup: Setup, end: End) -> list[Setup]:
     """
     stands = 0 if end == "takeoff" else -1
     meets = -1 if end == "takeoff" else 0
-    rotation = float(setup.standing[meets, 0] - setup.standing[stands, 0])
+    rotation = float(setup.ends[meets, 0] - setup.ends[stands, 0])
     if abs(rotation) < math.pi / 2:
         return [setup]
-    standing = setup.standing.copy()
-    standing[stands, 0] += math.copysign(math.tau, rotation)
-    return [setup, replace(setup, standing=standing)]
+    ends = setup.ends.copy()
+    ends[stands, 0] += math.copysign(math.tau, rotation)
+    return [setup, replace(setup, ends=ends)]
 
 
 def launches(
@@ -278,7 +280,7 @@ def _flight_end(plan: Plan, setup: Setup, end: str) -> FlightEnd:
     )
 
 
-def _completed(
+def _launch_of_solution(
     plan: Plan, request: JumpRequest, end: str, program: JumpProgram, solution: JumpSolution
 ) -> tuple[Launch, dict[str, float] | None]:
     """The launch of a solution; and the figures of its check where more nodes may mend what they show."""
@@ -292,10 +294,10 @@ def _completed(
     figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
     limit = max(SHARES, key=lambda name: figures[name])
     ratio = figures[limit]
-    joint = _joint(plan, stances, limit)
+    joint = largest_user(plan.problem, [stance.at(stance.grid.times) for stance in stances], limit)
     figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
     others = {name: value for name, value in figures.items() if name not in SHARES}
-    failing, _ = judged(request, others)
+    failing, _ = sentences_on(request, others)
     broken = tuple(", ".join(words) for words in failing)
     limit_words = LIMIT_WORDS[limit].format(joint)
     if ratio > 1:
@@ -358,19 +360,19 @@ def smooth_guess(program: JumpProgram, met: FlightEnd, rates: Array, shares: Arr
     """
     takes_off = met.node == 0
     inwards = 1 if takes_off else -1
-    home = program.ends[0 if takes_off else 1]
+    standing = program.ends[0 if takes_off else 1]
     guess = program.split(program.guess())
     stances = [index for index, phase in enumerate(program.phases) if phase.contacts][::inwards]
     guess.durations[stances, 0] *= shares
     times = instants(program.phases, guess.durations.ravel())
-    inner = StanceDynamics(program.model, program.phases[stances[-1]], home)
+    inner = StanceDynamics(program.model, program.phases[stances[-1]], standing)
     accelerations = inner.released(met.y, rates, 0 * rates if met.a is None else met.a)
     at_flight = np.stack((met.y, rates, accelerations))
-    standing = np.stack((home, 0 * home, 0 * home))
-    motion = quintic(times, times[[0, -1]], *(standing, at_flight)[::inwards])
+    at_end = np.stack((standing, 0 * standing, 0 * standing))
+    motion = quintic(times, times[[0, -1]], *(at_end, at_flight)[::inwards])
     for index in stances:
         phase = program.phases[index]
-        dynamics = StanceDynamics(program.model, phase, home)
+        dynamics = StanceDynamics(program.model, phase, standing)
         nodes = program.nodes_of(index)
         try:
             with may_fail():
@@ -395,13 +397,11 @@ def smooth_guess(program: JumpProgram, met: FlightEnd, rates: Array, shares: Arr
     return program.join(guess)
 
 
-def _joint(plan: Plan, stances: Sequence[Stance], limit: str) -> str:
-    """The motor whose share of a limit is the largest at the stances' instants."""
-    robot = plan.robot
-    names: Sequence[str] = robot.motors
-    if limit == "velocity":
-        names = robot.joints
-    elif limit == "held_torque":
-        names = list(robot.locked)
-    shares = [limit_shares(plan.problem, stance.at(stance.grid.times))[limit] for stance in stances]
-    return names[int(np.concatenate(shares).max(axis=0).argmax())]
+def largest_user(problem: Problem, states: Iterable[JumpState], limit: str) -> str:
+    """Return the motor or joint whose share of a limit, of ``SHARES``, is the largest in any of the states."""
+    names = limited_names(problem.robot, limit)
+    shares = [limit_shares(problem, state)[limit] for state in states]
+    largest = np.concatenate(shares).max(axis=0)
+    if limit == "torque":  # a motor before its joint, whose share is the same but for rounding
+        largest[len(problem.robot.motors) :] *= 1 - RELATIVE
+    return names[int(largest.argmax())]

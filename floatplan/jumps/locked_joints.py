@@ -137,7 +137,7 @@ class LockedJoints:
         return torque
 
 
-def first_feasible(size: int, low: Array, high: Array) -> Any:
+def stop_when_overloaded(size: int, low: Array, high: Array) -> Any:
     """Return a callback for IPOPT that stops it where locked joints bear too much in the first feasible motion.
 
     Its ``overloaded_joints`` returns names of locked joints that bear too much, of variables with directions (size,);
@@ -153,14 +153,14 @@ def first_feasible(size: int, low: Array, high: Array) -> Any:
     sizes = {"x": size, "f": 1, "g": len(low), "lam_x": size, "lam_g": len(low), "lam_p": 0}
     tolerance = 1e-3  # [-] what rows may be off in a motion that counts as feasible here
 
-    class FirstFeasible(ca.Callback):  # type: ignore[misc, name-defined]
+    class StopWhenOverloaded(ca.Callback):  # type: ignore[misc, name-defined]
         """Called with what CasADi's solvers return, at each iterate."""
 
         def __init__(self) -> None:
             super().__init__()
             self.overloaded_joints: Callable[[Array], tuple[str, ...]] | None = None
             self.overloaded: tuple[str, ...] | None = None
-            self.construct("first_feasible", {})
+            self.construct("stop_when_overloaded", {})
 
         def get_n_in(self) -> int:
             return int(ca.nlpsol_n_out())
@@ -180,4 +180,4 @@ def first_feasible(size: int, low: Array, high: Array) -> Any:
                 self.overloaded = self.overloaded_joints(np.asarray(iterate["x"]).ravel())
             return [int(bool(self.overloaded))]
 
-    return FirstFeasible()
+    return StopWhenOverloaded()

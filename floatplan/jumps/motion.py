@@ -37,7 +37,7 @@ class Grid:
     @cached_property
     def curve(self) -> Any:
         """Piecewise polynomial of y."""
-        return hermite(self.times, self.motion)
+        return quintic_spline(self.times, self.motion)
 
     @property
     def motion(self) -> Array:
@@ -49,8 +49,8 @@ class Grid:
         return values(self.curve, times)
 
 
-def hermite(times: Array, motion: Array) -> Any:
-    """Quintics through values, first and second derivatives (3, rows, G)."""
+def quintic_spline(times: Array, motion: Array) -> Any:
+    """Piecewise quintics through values, first and second derivatives (3, rows, G)."""
     from scipy.interpolate import BPoly  # here, because reading and exporting plans does without
 
     return BPoly.from_derivatives(times, np.transpose(motion, (2, 0, 1)))
@@ -63,7 +63,7 @@ def values(curve: Any, times: Array) -> Array:
 
 def quintic(times: Array, span: Array, first: Array, last: Array) -> Array:
     """Values and two derivatives (3, rows, N) of quintics between these (3, rows) at two times ``span`` (2,)."""
-    return values(hermite(span, np.stack((first, last), axis=2)), times)
+    return values(quintic_spline(span, np.stack((first, last), axis=2)), times)
 
 
 def refined(times: Array, count: int) -> Array:

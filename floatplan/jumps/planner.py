@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, made, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
-from floatplan.jumps.check import FIGURES, SHARES, JumpCheck, judged, limit_shares
+from floatplan.jumps.check import FIGURES, SHARES, JumpCheck, limit_shares, sentences_on
 from floatplan.jumps.conflicts import Conflict, conflict_sentence, conflicting_limits, relaxed, violated_kinds
 from floatplan.jumps.exact import NoExactStanceError, exact_stances, released
 from floatplan.jumps.flight import flight_problem, planned_flight, tighter_limits
@@ -22,7 +22,7 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import flight_state
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, corrected, jump_setup, solve_in_rounds
+from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, jump_setup, refined_until_checked, solve_in_rounds
 from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
@@ -60,7 +60,8 @@ def jump(
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        How many are tried at most, until one succeeds: fewer where all of them take 300 iterations each.
+        At most so many, until one succeeds; none is begun once the last programs of those before it took 300
+        iterations times ``starts`` in all.
     progress : callable, optional
         Called with a few words on what is being done; after a search ``near`` a jump that failed, with its conflicts.
     helps : bool
@@ -97,7 +98,7 @@ def jump(
     with naming(file):
         setup = jump_setup(problem, requested)
         first = setup.program(MARGINS)
-        first.separation.check_standing(first.node, first.motion(first.guess()))
+        first.separation.check_standing(first.node_rows, first.motion(first.guess()))
     start_time = process_time()
     guess = guess_near(first, near)
     if guess is not None:
@@ -203,7 +204,7 @@ def _try_relaxed(
         setup = jump_setup(other, other.jump)
         first = setup.program(MARGINS)
         program, solution = solve_in_rounds(first, first.guess())
-        if solution.converged and completed(setup, program, solution, seed).ok:
+        if solution.is_motion and jump_of_solution(setup, program, solution, seed).ok:
             return f"With {words} a jump was found and checked."
         failures.append(words)
     return f"Tried without finding one: {'; '.join(failures)}."
@@ -218,8 +219,8 @@ def _search_near(
     """
     say("from the jump at hand")
     program, solution = solve_in_rounds(first.warm(), guess)
-    if solution.converged:
-        return _corrected(setup, (program, solution), lambda margins: setup.program(margins).warm(), seed, say)
+    if solution.is_motion:
+        return _refined_jump(setup, (program, solution), lambda margins: setup.program(margins).warm(), seed, say)
     say(f"{NEAR_FAILED}; what is in the way there")
     conflicts = conflicting_limits(program, solution, setup.request, guess) if helps else []
     words = "; ".join(conflict_sentence(conflict, setup.problem) for conflict in conflicts)
@@ -229,7 +230,7 @@ def _search_near(
 
 def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Callable[[str], None]) -> _Search:
     """Try one start after the other, until the check of a jump holds."""
-    work = 300 * starts  # iterations, after which no other start is tried
+    work = 300 * starts  # iterations of their last programs, after which no other start is tried
     spent = 0
     number = 0
     jump: Jump | None = None
@@ -243,11 +244,11 @@ def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Calla
         program, solution = solve_in_rounds(first, first.guess(_generator(seed, start)), previous)
         previous = program
         spent += solution.iterations
-        if not solution.converged:
+        if not solution.is_motion:
             if nearest is None or (solution.shortfall, solution.worst) < (nearest[1].shortfall, nearest[1].worst):
                 nearest = (program, solution)
             continue
-        jump = _corrected(setup, (program, solution), setup.program, seed, say)
+        jump = _refined_jump(setup, (program, solution), setup.program, seed, say)
         hits_ground = jump.flight is not None and jump.check.figures.get("touchdown", 0.0) < 0.0
         if not jump.ok and hits_ground:
             say(f"start {number} of {starts}, clear of the ground where it lands turned")
@@ -255,8 +256,8 @@ def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Calla
             program = setup.program(margins)
             program, solution = solve_in_rounds(program, program.guess(_generator(seed, start)))
             spent += solution.iterations
-            if solution.converged:
-                other = _corrected(setup, (program, solution), setup.program, seed, say, margins)
+            if solution.is_motion:
+                other = _refined_jump(setup, (program, solution), setup.program, seed, say, margins)
                 jump = max(jump, other, key=_merit)
         if jump.ok:
             break
@@ -269,9 +270,9 @@ def _low_hop(setup: Setup, seed: int, say: Callable[[str], None]) -> Jump | None
     margins = replace(MARGINS, lift=LOW_FOOT_LIFT)
     first = setup.program(margins)
     program, solution = solve_in_rounds(first, first.guess())
-    if not solution.converged:
+    if not solution.is_motion:
         return None
-    jump = _corrected(setup, (program, solution), setup.program, seed, say, margins)
+    jump = _refined_jump(setup, (program, solution), setup.program, seed, say, margins)
     lift = f"Its feet were asked to rise by {1e3 * LOW_FOOT_LIFT:.0f} mm only."
     return _with_explanation(jump, f"{jump.explanation} {lift}")
 
@@ -282,8 +283,8 @@ def _merit(jump: Jump) -> tuple[bool, bool, float]:
     Such a one is a jump for somebody who requires less there.
     """
     height = jump.check.figures.get("touchdown", 0.0)
-    least = FIGURES["touchdown"].most(jump.request)
-    failing, _ = judged(jump.request, jump.check.figures, jump.check.unlimited)
+    least = FIGURES["touchdown"].limit_of(jump.request)
+    failing, _ = sentences_on(jump.request, jump.check.figures, jump.check.unlimited)
     only_touchdown = jump.flight is not None and len(failing) == 1 and height < least
     return jump.ok, only_touchdown, height
 
@@ -316,7 +317,7 @@ def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
     return program.join(guess)
 
 
-def _corrected(
+def _refined_jump(
     setup: Setup,
     solved: tuple[JumpProgram, JumpSolution],
     program_of: Callable[[NodeMargins], JumpProgram],
@@ -339,16 +340,16 @@ def _corrected(
     def complete(program: JumpProgram, solution: JumpSolution) -> tuple[Jump, Mapping[str, float] | None]:
         nonlocal without_flight
         say(f"program {number} of {programs} at most: flight, stances, check")
-        jump = completed(setup, program, solution, seed)
+        jump = jump_of_solution(setup, program, solution, seed)
         without_flight += jump.flight is None
         if jump.ok or without_flight == most_without_flight:
             return jump, None
         return jump, jump.check.figures
 
-    return corrected(margins, setup.request, solved, finer, complete)
+    return refined_until_checked(margins, setup.request, solved, finer, complete)
 
 
-def completed(setup: Setup, program: JumpProgram, solution: JumpSolution, seed: int) -> Jump:
+def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution, seed: int) -> Jump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
     problem = setup.problem
     request = setup.request
@@ -387,5 +388,5 @@ def _largest_share(jump: Jump, check: JumpCheck) -> float:
     for name in SHARES:
         if name not in check.unlimited:
             share = max(check.figures[name], float(of_flight[name].max(initial=0.0)))
-            largest = max(largest, share / FIGURES[name].most(jump.request))
+            largest = max(largest, share / FIGURES[name].limit_of(jump.request))
     return largest

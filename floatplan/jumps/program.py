@@ -23,11 +23,11 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.check import TOUCHDOWN
-from floatplan.jumps.locked_joints import first_feasible
+from floatplan.jumps.locked_joints import stop_when_overloaded
 from floatplan.jumps.model import casadi
-from floatplan.jumps.motion import hermite, values
+from floatplan.jumps.motion import quintic_spline, values
 from floatplan.jumps.phases import FlightEnd, Phase, duration_costs, instants
-from floatplan.jumps.rows import Bound, CompiledProgram, Label, NodeRows, Rows, drifting, hermite_step
+from floatplan.jumps.rows import Bound, CompiledProgram, Kind, Label, NodeRows, Rows, drifting, quadrature_step
 from floatplan.jumps.separation import Separation
 from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, SETTINGS, JumpSolution, Variables, ipopt_options
 
@@ -37,7 +37,7 @@ class JumpProgram:
 
     Parameters
     ----------
-    node : NodeRows of the jump's phases
+    node_rows : NodeRows of the jump's phases
     separation : distances that it requires
     flight_ends : what is fixed at the flight's ends
     momentum : kg m^2/s, where it is fixed
@@ -48,7 +48,7 @@ class JumpProgram:
 
     def __init__(
         self,
-        node: NodeRows,
+        node_rows: NodeRows,
         separation: Separation,
         flight_ends: Sequence[FlightEnd] = (),
         momentum: float | None = None,
@@ -56,13 +56,13 @@ class JumpProgram:
         iterations: int = ITERATIONS,
         lift: float = FOOT_LIFT,
     ) -> None:
-        self.node = node
-        self.model = node.model
-        self.phases = node.phases
-        self.ends = node.ends
+        self.node_rows = node_rows
+        self.model = node_rows.model
+        self.phases = node_rows.phases
+        self.ends = node_rows.ends
         self.size = 1 + len(self.model.robot.joints)
-        self.starts = node.starts
-        self.flight = node.flight
+        self.starts = node_rows.starts
+        self.flight = node_rows.flight
         self.nodes = int(self.starts[-1]) + 1
         self.separation = separation
         self._flight_ends = tuple(flight_ends)
@@ -84,10 +84,9 @@ class JumpProgram:
     @cached_property
     def _scales(self) -> Variables:
         """Units of all variables."""
-        node = self.node
-        count = len(self.phases)
-        forces = [node.weight] * count
-        return Variables(1.0, 1 / node.unit, 1 / node.unit**2, forces, [1.0] * count, 1.0, node.momentum, 1.0)
+        unit = self.node_rows.unit
+        forces = [self.node_rows.weight] * len(self.phases)
+        return Variables(1.0, 1 / unit, 1 / unit**2, forces, [1.0] * len(forces), 1.0, self.node_rows.momentum, 1.0)
 
     def split(self, raw: Any) -> Variables:
         """Variables (size,), scaled, as matrices of their own units: an expression, or numbers."""
@@ -121,15 +120,15 @@ class JumpProgram:
     @cached_property
     def _box(self) -> tuple[Array, Array]:
         """Bounds of the variables, scaled."""
-        bounds = self.node.bounds
+        limits = self.node_rows.limits
         ends = self.ends
         postures = np.vstack([ends, *(end.y for end in self._flight_ends)])
         least = postures.min(axis=0)
         most = postures.max(axis=0)
-        low = np.append(least[0] - SETTINGS.base_range, np.minimum(bounds.position[:, 0], least[1:]))
-        high = np.append(most[0] + SETTINGS.base_range, np.maximum(bounds.position[:, 1], most[1:]))
+        low = np.append(least[0] - SETTINGS.base_range, np.minimum(limits.position[:, 0], least[1:]))
+        high = np.append(most[0] + SETTINGS.base_range, np.maximum(limits.position[:, 1], most[1:]))
         largest_factor = SETTINGS.largest_factor if self._limits else 1.0
-        fastest = np.append(SETTINGS.base_rate, largest_factor * bounds.velocity)
+        fastest = np.append(SETTINGS.base_rate, largest_factor * limits.velocity)
         box = self._shapes.map(lambda shape: np.stack((np.full(shape, -np.inf), np.full(shape, np.inf))))
         box.y[:] = np.stack((low, high))[:, :, None]
         box.v[:] = np.stack((-fastest, fastest))[:, :, None]
@@ -156,7 +155,7 @@ class JumpProgram:
 
     def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
         """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
-        box[0, 1::2] = self.node.bounds.pressed * self.node.weight * phase.force_shares
+        box[0, 1::2] = self.node_rows.limits.pressed * self.node_rows.weight * phase.force_shares
         seam = -1 if phase.side == "takeoff" else 0
         stays = [contact.name for contact in inner.contacts]
         for row, contact in enumerate(phase.others):
@@ -169,7 +168,7 @@ class JumpProgram:
     def compiled(self) -> CompiledProgram:
         """The program as functions."""
         ca = casadi()
-        unit = self.node.unit
+        unit = self.node_rows.unit
         size = sum(rows * columns for rows, columns in self._shapes.matrices())
         raw = ca.MX.sym("w", size + len(self.separation.start))
         variables = self.split(raw)
@@ -195,16 +194,16 @@ class JumpProgram:
             self._add_rates(rows, joints, step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += ca.sumsqr(unit**2 * ca.diff(joints[2], 1, 1))
-        shortfall_cost = self.separation.add(self.node, rows, (*motion, variables.durations), raw[size:])
+        shortfall_cost = self.separation.add(self.node_rows, rows, (*motion, variables.durations), raw[size:])
         if self._limits:
             cost = variables.factor + SETTINGS.smoothness * (total / unit + SETTINGS.steadiness * rough)
         else:
             total += ca.dot(ca.DM(duration_costs(self.phases)), variables.durations)
             cost = total / unit + SETTINGS.roughness * rough
         options = ipopt_options(self._iterations, not self.phases[self.flight].intervals, self._warm)
-        callback = first_feasible(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
+        callback = stop_when_overloaded(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
         all_rows = ca.vertcat(*rows.values)
-        solver, evaluate = rows.functions.solver(raw, shortfall_cost + cost, all_rows, options, callback)
+        solver, evaluate = rows.at_nodes.solver(raw, shortfall_cost + cost, all_rows, options, callback)
         return CompiledProgram(solver, evaluate, rows, callback)
 
     def _add_links(self, rows: Rows, motion: Sequence[Any], step: Any, label: str) -> None:
@@ -212,21 +211,21 @@ class JumpProgram:
         y, v, a = motion
         step = casadi().repmat(step, y.shape[0], 1)
         rates = v[:, 1:] - v[:, :-1] - step / 2 * (a[:, :-1] + a[:, 1:])
-        rows.add(rates * self.node.unit, 0.0, 0.0, f"motion ({label})")
+        rows.add(rates * self.node_rows.unit, 0.0, 0.0, f"motion ({label})")
         ahead = y[:, :-1] + step * v[:, :-1] + step**2 / 6 * (2 * a[:, :-1] + a[:, 1:])
         rows.add(y[:, 1:] - ahead, 0.0, 0.0, f"motion ({label})")
 
     def _add_rates(self, rows: Rows, joints: Sequence[Any], step: Any, label: str) -> None:
         """Rates in the middle between nodes; at nodes they are bounds, unless a factor is minimised."""
         ca = casadi()
-        fastest = self.node.bounds.velocity
+        fastest = self.node_rows.limits.velocity
         names = self.model.robot.joints
         limited = np.flatnonzero(np.isfinite(fastest)).tolist()
         if not limited:
             return
         _, v, a = (values[limited, :] for values in joints)
         middle = (v[:, 1:] + v[:, :-1]) / 2 + ca.repmat(step, len(limited), 1) / 8 * (a[:, :-1] - a[:, 1:])
-        bounds = [(-1.0, 1.0, f"rate of {names[joint]}") for joint in limited]
+        bounds = [Bound(-1.0, 1.0, f"rate of {names[joint]}", "share") for joint in limited]
         for rates in (middle, v) if self._limits else (middle,):
             most = np.ones(rates.shape)
             rows.add_nodes(ca.mtimes(ca.DM(np.diag(1 / fastest[limited])), rates), bounds, -most, most, label)
@@ -237,25 +236,27 @@ class JumpProgram:
         y, v, a = motion
         if phase.contacts:
             about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
-            momenta, first, second = rows.functions(about, y, v, a)
-            ahead = hermite_step(momenta, first, second, step)
-            rows.add((momenta[:, 1:] - ahead) / self.node.momentum, 0.0, 0.0, f"{Label.BALANCE} ({phase.side})")
-        rows.add(y[0, 1:] - hermite_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
+            momenta, first, second = rows.at_nodes(about, y, v, a)
+            ahead = quadrature_step(momenta, first, second, step)
+            rows.add((momenta[:, 1:] - ahead) / self.node_rows.momentum, 0.0, 0.0, f"{Label.BALANCE} ({phase.side})")
+        rows.add(y[0, 1:] - quadrature_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
 
     def _add_stance(self, rows: Rows, index: int, motion: Sequence[Any], variables: Variables) -> Any:
         """Rows of a stance's nodes, and its cost (1, nodes)."""
         ca = casadi()
         phase = self.phases[index]
-        function, bounds = self.node.stance(phase)
-        forces = variables.forces[index] / self.node.weight
+        function, bounds = self.node_rows.stance(phase)
+        forces = variables.forces[index] / self.node_rows.weight
         drifts = ca.mtimes(variables.drifts[index], ca.DM(np.stack((1 - phase.shares, phase.shares))))
-        values, torques, load = rows.functions(function, *motion, forces, drifts)
+        values, torques, load = rows.at_nodes(function, *motion, forces, drifts)
         low, high = self._stance_bounds(index, bounds)
         rows.add_nodes(values, bounds, low, high, phase.name)
         cost = ca.sum1(torques**2)
-        touches_down = phase.side == "landing" and self.phases[index - 1].side == "flight" and not phase.gentle
-        if touches_down:
-            cost = cost + self._add_touchdown(rows, phase, motion, load, variables.durations[index])
+        if phase.side == "landing" and self.phases[index - 1].side == "flight" and not phase.gentle:
+            times = variables.durations[index] * ca.DM(phase.shares).T
+            if self.node_rows.limits.pitch_error:
+                self._add_rotated_landing(rows, phase, motion, times)
+            cost = cost + _onset_cost(load, times)
         return cost
 
     def _stance_bounds(self, index: int, bounds: Sequence[Bound]) -> tuple[Array, Array]:
@@ -269,25 +270,26 @@ class JumpProgram:
         stays = {f"friction of {contact.name}" for contact in inner_phase.contacts}
         implied = self._implied if at_flight else set()
         low, high = _repeated(bounds, phase.intervals + 1)
-        for row, (_, _, label) in enumerate(bounds):
-            kind = Label.MEETS if label.endswith(Label.MEETS) else label
-            if kind in (Label.RELEASE, Label.MEETS):  # rows of the seam alone
+        for row, bound in enumerate(bounds):
+            kind = bound.kind
+            if kind in ("release", "meets"):  # rows of the seam only
                 low[row] = -np.inf
                 high[row] = np.inf
-                if at_flight or kind == Label.MEETS:
+                if at_flight or kind == "meets":
                     low[row, seam] = 0.0
                     high[row, seam] = 0.0
-            if kind == Label.PRESSED:
+            if kind == "pressed":
                 low[row] *= phase.force_shares
-            if label.endswith(Label.STANDS) and phase.others[0].vertical:
+            if kind == "stands" and phase.others[0].vertical:
+                # At rest accelerations are fixed, so that the row would be there twice.
                 is_end = phase in (self.phases[0], self.phases[-1])
                 low[row, outer] = -np.inf if is_end else 0.0
                 high[row, outer] = -low[row, outer]
-            if label.startswith("friction"):
+            if kind == "friction":
                 low[row, 1:-1] = SETTINGS.cone_margin * phase.force_shares[1:-1]
-                if label not in stays:  # where there is no force, nothing is inside the cone
+                if bound.label not in stays:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
-            if kind in implied or (at_flight and kind == Label.PRESSED):
+            if kind in implied or (at_flight and kind == "pressed"):
                 low[row, seam] = -np.inf
                 high[row, seam] = np.inf
         has_outer_phase = 0 <= (index - 1 if takeoff else index + 1) < len(self.phases)
@@ -296,36 +298,30 @@ class JumpProgram:
             high[:, outer] = np.inf
         return low, high
 
-    def _add_touchdown(self, rows: Rows, phase: Phase, motion: Sequence[Any], load: Any, duration: Any) -> Any:
-        """Rows of a landing that is not as planned, and the cost of ground forces that grow at once.
+    def _add_rotated_landing(self, rows: Rows, phase: Phase, motion: Sequence[Any], times: Any) -> None:
+        """Points stay above the ground also where the robot lands rotated by the pitch error.
 
-        Points stay above the ground also where the robot is rotated by the pitch error; the height that is required
-        falls with time, to nothing after ``TOUCHDOWN``. A foot that lands late is pressed down without a ground below
-        it, and hits it the faster the more force it was to bear by then: what is beyond one weight in ``onset`` costs.
+        The height that is required falls with the times (1, nodes) s from the landing on, to nothing after
+        ``TOUCHDOWN``.
         """
         ca = casadi()
-        times = duration * ca.DM(phase.shares).T
-        if self.node.bounds.pitch_error:
-            function, least = self.node.rotated_heights(phase)
-            (heights,) = rows.functions(function, *motion)
-            heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
-            low = np.repeat(least[:, None], len(phase.shares), axis=1)
-            bounds = [(0.0, np.inf, Label.CLEAR)] * len(least)
-            label = f"landing, turned by {np.degrees(self.node.bounds.pitch_error):.1f} degrees"
-            rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), label)
-        beyond = load - times / SETTINGS.onset
-        positive = (beyond + ca.sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
-        return SETTINGS.abruptness * positive**2
+        function, least = self.node_rows.rotated_heights(phase)
+        (heights,) = rows.at_nodes(function, *motion)
+        heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
+        low = np.repeat(least[:, None], len(phase.shares), axis=1)
+        bounds = [Bound(0.0, np.inf, Label.CLEAR, "point")] * len(least)
+        label = f"landing, turned by {np.degrees(self.node_rows.limits.pitch_error):.1f} degrees"
+        rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), label)
 
     @property
-    def _implied(self) -> set[str]:
+    def _implied(self) -> set[Kind]:
         """What holds by itself where the stances meet a flight whose rates are fixed."""
-        implied: set[str] = set()
+        implied: set[Kind] = set()
         for end in self._flight_ends:
             if end.v is not None:
-                implied.add(Label.MEETS)
+                implied.add("meets")
                 if end.a is not None:
-                    implied |= {Label.BALANCE, Label.RELEASE}
+                    implied |= {"balance", "release"}
         return implied
 
     def _add_flight(self, rows: Rows, motion: Sequence[Any], duration: Any, momentum: Any) -> Any:
@@ -333,24 +329,24 @@ class JumpProgram:
         ca = casadi()
         phase = self.phases[self.flight]
         gravity = self.model.gravity
-        unit = self.node.unit
+        unit = self.node_rows.unit
         y, v, a = motion
         count = phase.intervals + 1
         z0, vx0, vz0 = self._com(rows, self.flight - 1, (y[:, 0], v[:, 0], a[:, 0]))
         z1, vx1, vz1 = self._com(rows, self.flight + 1, (y[:, -1], v[:, -1], a[:, -1]))
-        rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node.height, 0.0, 0.0, "parabola")
+        rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node_rows.height, 0.0, 0.0, "parabola")
         rows.add((vx1 - vx0) / (gravity * unit), 0.0, 0.0, "parabola")
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
         times = duration * ca.DM(phase.shares).T
         com_heights = z0 + vz0 * times - gravity * times**2 / 2
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
-        function, bounds = self.node.of_flight()
-        values, torques = rows.functions(function, y, v, a)
-        is_foot = np.array([float(label.endswith("above the ground")) for _, _, label in bounds])
-        is_point = np.array([float(label == Label.CLEAR) for _, _, label in bounds])
+        function, bounds = self.node_rows.of_flight()
+        values, torques = rows.at_nodes(function, y, v, a)
+        is_foot = np.array([float(bound.kind == "foot") for bound in bounds])
+        is_point = np.array([float(bound.kind == "point") for bound in bounds])
         over_ground = ca.mtimes(ca.sparsify(ca.DM(is_foot + is_point)), com_heights)
         values += over_ground - ca.sparsify(ca.DM(np.outer(is_foot, lifts)))
-        values[0, :] -= ca.repmat(momentum / self.node.momentum, 1, count)
+        values[0, :] -= ca.repmat(momentum / self.node_rows.momentum, 1, count)
         low, high = _repeated(bounds, count)
         for end in (0, -1):  # the stances require all but the momentum there
             low[1:, end] = -np.inf
@@ -361,15 +357,15 @@ class JumpProgram:
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
         """Where a flight is fixed, its momentum and the velocity of its centre of mass, if the rates do not say so."""
         model = self.model
-        speed_unit = model.gravity * self.node.unit
-        scales = (self.node.momentum, speed_unit, speed_unit)
+        speed_unit = model.gravity * self.node_rows.unit
+        scales = (self.node_rows.momentum, speed_unit, speed_unit)
         for end in self._flight_ends:
             if end.com_velocity is None:
                 continue
             stance = self.phases[self.flight + (1 if end.node else -1)]
             spot = stance.anchor.spots[0]
             function = model.function("seam", [model.momentum(), *model.com_from(spot, 1)])
-            values = rows.functions(function, *state)
+            values = rows.at_nodes(function, *state)
             for value, fixed, scale in zip(values, (momentum, *end.com_velocity), scales, strict=True):
                 rows.add((value - fixed) / scale, 0.0, 0.0, "velocity and momentum of the flight")
 
@@ -379,7 +375,7 @@ class JumpProgram:
         anchor = self.phases[index].anchor
         _, height = model.com_from(anchor.spots[0])
         rates = model.com_from(anchor.spots[0], 1)
-        z, vx, vz = rows.functions(model.function("com", [height, *rates]), *state)
+        z, vx, vz = rows.at_nodes(model.function("com", [height, *rates]), *state)
         return z + anchor.depth, vx, vz
 
     def solve(self, guess: Array) -> JumpSolution:
@@ -429,7 +425,7 @@ class JumpProgram:
         """Locked joints that bear too much, and have no rows, where variables and directions are ``raw`` (size,)."""
         variables = self.split(raw)
         factor = float(variables.factor.sum()) if self._limits else 1.0
-        missing = self.node.missing_rows((variables.y, variables.v, variables.a), variables.forces, factor)
+        missing = self.node_rows.missing_rows((variables.y, variables.v, variables.a), variables.forces, factor)
         return tuple(name for name in missing if name != Label.CLEAR)
 
     @property
@@ -447,7 +443,7 @@ class JumpProgram:
 
     def warm(self) -> Self:
         """The same program, solved near a guess in which all but little holds, in few iterations or not at all."""
-        other = self.extended(self.separation, self.node.extra)
+        other = self.extended(self.separation, self.node_rows.extra)
         other._warm = True
         return other
 
@@ -455,8 +451,8 @@ class JumpProgram:
         """The same program with distances that it requires, and extra rows of what is left out at first."""
         other = copy(self)
         vars(other).pop("compiled", None)
-        other.node = copy(self.node)
-        other.node.extra = extra
+        other.node_rows = copy(self.node_rows)
+        other.node_rows.extra = extra
         other.separation = separation
         if separation.lines:  # the shortfall lets it begin near a solution
             other._iterations = ITERATIONS
@@ -492,7 +488,7 @@ class JumpProgram:
 
     def resampled(self, solution: JumpSolution, phases: Sequence[Phase]) -> Array:
         """Return the solution of a program with other numbers of nodes in its ``phases``, as a guess."""
-        curve = hermite(instants(phases, solution.durations), np.stack((solution.y, solution.v, solution.a)))
+        curve = quintic_spline(instants(phases, solution.durations), np.stack((solution.y, solution.v, solution.a)))
         guess = self._shapes.map(np.zeros)
         guess.y, guess.v, guess.a = values(curve, instants(self.phases, solution.durations))
         for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
@@ -506,6 +502,16 @@ class JumpProgram:
 
 def _repeated(bounds: Sequence[Bound], count: int) -> tuple[Array, Array]:
     """Low and high bounds (rows, count) of rows at so many nodes."""
-    low, high, _ = zip(*bounds, strict=True)
-    columns = np.array((low, high), dtype=float)[:, :, None]
-    return np.tile(columns[0], (1, count)), np.tile(columns[1], (1, count))
+    columns = np.array([(bound.low, bound.high) for bound in bounds], dtype=float)
+    return np.tile(columns[:, :1], (1, count)), np.tile(columns[:, 1:], (1, count))
+
+
+def _onset_cost(load: Any, times: Any) -> Any:
+    """Cost (1, nodes) of ground forces that grow at once, at times (1, nodes) s from the landing on.
+
+    A foot that lands late is pressed down without a ground below it, and hits it the faster the more force it was to
+    bear by then: what the load is beyond one weight in ``onset`` costs.
+    """
+    beyond = load - times / SETTINGS.onset
+    positive = (beyond + casadi().sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
+    return SETTINGS.abruptness * positive**2

@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, BoolArray
 from floatplan.jumps.contacts import (
     ClearancePoints,
     GroundContact,
@@ -25,11 +25,26 @@ from floatplan.jumps.contacts import (
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
 from floatplan.jumps.phases import Phase
-from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
-Bound: TypeAlias = tuple[float, float, str]  # low, high, and what it is about
-Row: TypeAlias = tuple[Any, float, float, str]  # a value, then the same
+# Kinds of rows that the program treats in ways of their own, at some nodes or in its objective. A share of a limit is
+# between -1 and 1, or at most the factor where one is minimised. Points and feet are above the ground. What stands does
+# not accelerate, and meets the ground where it stands; its force balances moments, is inside the cone, presses, and is
+# released at the seam.
+Kind: TypeAlias = Literal["share", "point", "foot", "stands", "meets", "balance", "friction", "pressed", "release"]
+
+
+class Bound(NamedTuple):
+    """Bounds of a row, what it is about, in words that messages repeat, and its kind if it has one."""
+
+    low: float
+    high: float
+    label: str
+    kind: Kind | None = None
+
+
+Row: TypeAlias = tuple[Any, Bound]  # a value, and its bounds
 
 
 class Label:
@@ -44,7 +59,7 @@ class Label:
 
 
 @dataclass(frozen=True, eq=False)
-class Bounds:
+class NodeLimits:
     """What the program requires, margins taken off.
 
     Attributes
@@ -54,7 +69,7 @@ class Bounds:
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
-    locked : share of the efforts of locked joints
+    locked : share of the efforts of locked joints that the program lets them bear: its margin of torques
     pressed : least vertical force over the weight, where more than one contact stands
     pitch_error : rad, by which the robot may be rotated about its feet where it lands, either way
     """
@@ -75,7 +90,8 @@ class Bounds:
 class Rows:
     """Constraints as they are collected: expressions with bounds and labels; and functions of nodes.
 
-    Values within -1 and 1 are shares of limits; where there is a ``factor``, they are at most that.
+    Where there is a ``factor``, shares of limits are at most that. Functions of single nodes are evaluated by
+    ``at_nodes``.
     """
 
     factor: Any = None
@@ -83,28 +99,31 @@ class Rows:
     low: list[Array] = field(default_factory=list)
     high: list[Array] = field(default_factory=list)
     labels: list[str] = field(default_factory=list)
-    functions: NodeFunctions = field(default_factory=lambda: NodeFunctions())
+    at_nodes: NodeFunctions = field(default_factory=lambda: NodeFunctions())
 
     def add(self, value: Any, low: float, high: float, label: str) -> None:
         """Values of any shape with the same bounds."""
         size = value.numel()
-        self._append(casadi().vec(value), np.full(size, low), np.full(size, high), [label] * size)
+        no_share = np.zeros(size, bool)
+        self._append(casadi().vec(value), np.full(size, low), np.full(size, high), [label] * size, no_share)
 
     def add_nodes(self, values: Any, bounds: Sequence[Bound], low: Array, high: Array, side: str) -> None:
         """Rows (rows, nodes) of nodes, with bounds of that shape; those without bounds are left out."""
         nodes, index = np.nonzero((np.isfinite(low) | np.isfinite(high)).T)
         at = index + nodes * len(bounds)
-        labels = [f"{bounds[row][2]} ({side})" for row in index.tolist()]
-        self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels)
+        labels = [f"{bounds[row].label} ({side})" for row in index.tolist()]
+        is_share = np.array([bound.kind == "share" for bound in bounds], bool)[index]
+        self._append(casadi().vec(values)[at.tolist()], low[index, nodes], high[index, nodes], labels, is_share)
 
-    def _append(self, values: Any, low: Array, high: Array, labels: list[str]) -> None:
-        shares = [] if self.factor is None else np.flatnonzero((low == -1.0) & (high == 1.0)).tolist()
+    def _append(self, values: Any, low: Array, high: Array, labels: list[str], is_share: BoolArray) -> None:
+        shares = [] if self.factor is None else np.flatnonzero(is_share).tolist()
         if shares:  # -factor <= share <= factor, as two rows
             limited = values[shares]
             values[shares] = self.factor - limited
             low[shares] = 0.0
             high[shares] = np.inf
-            self._append(self.factor + limited, low[shares], high[shares], [labels[row] for row in shares])
+            of_shares = [labels[row] for row in shares]
+            self._append(self.factor + limited, low[shares], high[shares], of_shares, np.zeros(len(shares), bool))
         self.values.append(values)
         self.low.append(low)
         self.high.append(high)
@@ -118,7 +137,7 @@ class CompiledProgram(NamedTuple):
     ----------
     solver, evaluate : CasADi's
     rows : Rows
-    callback : as of :func:`floatplan.jumps.locked_joints.first_feasible`
+    callback : as of :func:`floatplan.jumps.locked_joints.stop_when_overloaded`
     """
 
     solver: Any
@@ -222,11 +241,15 @@ class NodeRows:
     model : PlanarModel
     phases : of the jump
     points : that stay above the ground
-    bounds : Bounds
-    ends : (2, n+1) y where the robot stands before and after
+    limits : NodeLimits
+    ends : (2, n+1) rad, y where the motion begins and ends
     low_postures : contacts that stand, and y (n+1,), of postures in which points may be nearer to the ground
         Feet that have left, or are to come, may then be as far in the ground as other corners of feet.
+
+    Attributes
+    ----------
     extra : what has rows in addition: locked joints; Label.CLEAR, where all points have rows in stances too
+        None at first; ``JumpProgram.extended`` sets it in a copy.
     """
 
     extra: tuple[str, ...] = ()
@@ -236,14 +259,14 @@ class NodeRows:
         model: PlanarModel,
         phases: Sequence[Phase],
         points: ClearancePoints,
-        bounds: Bounds,
+        limits: NodeLimits,
         ends: Array,
         low_postures: Sequence[tuple[GroundContact, Array]] = (),
     ) -> None:
         self.model = model
         self.phases = tuple(phases)
         self.points = points
-        self.bounds = bounds
+        self.limits = limits
         self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
         self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
@@ -258,7 +281,7 @@ class NodeRows:
         self.least_heights = np.append(points.least, contact_depths(self.feet) - dip)  # [m] of the points, then of feet
         rounding = 1e-9  # [m]
         for contact, y in low_postures:
-            heights = heights_over_com(model.robot, [contact.spots[0], *self._spots], y).imag
+            heights = positions_from_com(model.robot, [contact.spots[0], *self._spots], y).imag
             over_ground = heights[1:] - heights[0] + contact.depth
             self.least_heights = np.minimum(self.least_heights, over_ground - rounding)
 
@@ -290,16 +313,17 @@ class NodeRows:
         anchor = phase.anchor.spots[0]
         own, pairs = balanced(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
-        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, Label.BALANCE)]
+        rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), Bound(0.0, 0.0, Label.BALANCE, "balance"))]
         rows += self._closures(phase, drifts)
         rows += self._friction_rows(phase, own, pairs)
         for component in own:
-            rows.append((component / self.weight, 0.0, 0.0, Label.RELEASE))
-        if phase.others:  # else it may pull a little between nodes
-            rows.append((own[1] / self.weight, self.bounds.pressed, np.inf, Label.PRESSED))
+            rows.append((component / self.weight, Bound(0.0, 0.0, Label.RELEASE, "release")))
+        if phase.others:  # on one point the friction cone already forbids pulling
+            pressed = Bound(self.limits.pressed, np.inf, Label.PRESSED, "pressed")
+            rows.append((own[1] / self.weight, pressed))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
-        output, bounds = _separated(rows)
+        output, bounds = _stacked(rows)
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
         function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
         return function, bounds
@@ -312,8 +336,8 @@ class NodeRows:
             if contact.vertical:
                 continue
             for sign in (1.0, -1.0):
-                margin = (self.bounds.friction * vertical + sign * horizontal) / self.weight
-                rows.append((margin, 0.0, np.inf, f"friction of {contact.name}"))
+                margin = (self.limits.friction * vertical + sign * horizontal) / self.weight
+                rows.append((margin, Bound(0.0, np.inf, f"friction of {contact.name}", "friction")))
         return rows
 
     def _height_rows(self, phase: Phase) -> list[Row]:
@@ -326,12 +350,12 @@ class NodeRows:
         if near:
             heights = model.positions(model.weights([self.points.spots[at] for at in near], anchor))[1]
             for height, least in zip(casadi().vertsplit(heights), self.least_heights[near].tolist(), strict=True):
-                rows.append((height - ground, least, np.inf, Label.CLEAR))
+                rows.append((height - ground, Bound(least, np.inf, Label.CLEAR, "point")))
         standing = [contact.name for contact in phase.contacts]
         for contact, least in zip(self.feet, self.least_heights[len(self.points.spots) :].tolist(), strict=True):
             if contact.name not in standing:
                 height = model.positions(model.weights(contact.spots[:1], anchor))[1]
-                rows.append((height - ground, least, np.inf, f"{contact.name} above the ground"))
+                rows.append((height - ground, Bound(least, np.inf, f"{contact.name} above the ground", "foot")))
         return rows
 
     def rotated_heights(self, phase: Phase) -> tuple[Any, Array]:
@@ -343,7 +367,7 @@ class NodeRows:
         (x, z) from a foot's spot is at ``z cos e + x sin e`` above it then, for errors e of both signs.
         """
         model = self.model
-        error = self.bounds.pitch_error
+        error = self.limits.pitch_error
         end = self.ends[0 if phase.side == "takeoff" else 1]
         least: list[float] = []
         heights = []
@@ -387,11 +411,13 @@ class NodeRows:
             at_end = displacement(model.robot, anchor, spot, end)
             for k in axes_of(contact):
                 drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
-                stand.append((acceleration[k] * unit**2 - drift, 0.0, 0.0, f"{contact.name} {Label.STANDS}"))
-                if contact.vertical:  # a level sole stays so where it does not accelerate
+                stands = Bound(0.0, 0.0, f"{contact.name} {Label.STANDS}", "stands")
+                stand.append((acceleration[k] * unit**2 - drift, stands))
+                if contact.vertical:  # its row says that the sole's angle, linear in y, does not accelerate
                     continue
-                meet.append((position[k] - at_end[k], 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
-                meet.append((rate[k] * unit, 0.0, 0.0, f"{contact.name} {Label.MEETS}"))
+                meets = Bound(0.0, 0.0, f"{contact.name} {Label.MEETS}", "meets")
+                meet.append((position[k] - at_end[k], meets))
+                meet.append((rate[k] * unit, meets))
         return [*stand, *meet]
 
     @cached_property
@@ -411,30 +437,30 @@ class NodeRows:
 
     def _torque_rows(self, moments: Any) -> list[Row]:
         """Torques over their limits; with the torque that is lost with the rate over the stall torque."""
-        bounds = self.bounds
+        limits = self.limits
         robot = self.model.robot
         torques = self.model.motor_torques(moments)
         rates = casadi().mtimes(self.model.constant(robot.motor_ratios), self.model.v[1:])
         generalised = casadi().mtimes(self.model.constant(robot.tree.turns.T), moments)
-        shares = generalised / bounds.joint_torque
-        limited = np.flatnonzero(np.isfinite(bounds.joint_torque))
-        rows = [(shares[joint], -1.0, 1.0, f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
+        shares = generalised / limits.joint_torque
+        limited = np.flatnonzero(np.isfinite(limits.joint_torque))
+        rows = [share_row(shares[joint], f"torque of {robot.joints[joint]}") for joint in limited.tolist()]
         for motor in self._distinct_motors:
             name = robot.motors[motor]
             torque = torques[motor]
-            if np.isfinite(bounds.torque[motor]):
-                rows.append((torque / bounds.torque[motor], -1.0, 1.0, f"torque of {name}"))
-            if np.isfinite(bounds.stall[motor]):
+            if np.isfinite(limits.torque[motor]):
+                rows.append(share_row(torque / limits.torque[motor], f"torque of {name}"))
+            if np.isfinite(limits.stall[motor]):
                 for sign in (1.0, -1.0):
-                    value = (torque + sign * bounds.slope[motor] * rates[motor]) / bounds.stall[motor]
-                    rows.append((value, -1.0, 1.0, f"torque-speed curve of {name}"))
+                    value = (torque + sign * limits.slope[motor] * rates[motor]) / limits.stall[motor]
+                    rows.append(share_row(value, f"torque-speed curve of {name}"))
         return rows
 
     def _locked_rows(self, contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of locked joints over their efforts."""
         names = [name for name in self.extra if name != Label.CLEAR]
-        shares = self._locked.shares(names, contacts, forces) / self.bounds.locked
-        return [(shares[row], -1.0, 1.0, f"effort of {name}, held") for row, name in enumerate(names)]
+        shares = self._locked.shares(names, contacts, forces) / self.limits.locked
+        return [share_row(shares[row], f"effort of {name}, held") for row, name in enumerate(names)]
 
     def missing_rows(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
         """What is beyond its bounds at nodes, but has no row yet: locked joints, of left and right one; Label.CLEAR.
@@ -454,13 +480,13 @@ class NodeRows:
         for phase, start, of_others in zip(self.phases, self.starts, forces, strict=False):
             y, v, a = (values[:, start : start + phase.intervals + 1] for values in motion)
             if phase.contacts and Label.CLEAR not in self.extra:
-                heights = heights_over_com(self.model.robot, [*spots, phase.anchor.spots[0]], y).imag
+                heights = positions_from_com(self.model.robot, [*spots, phase.anchor.spots[0]], y).imag
                 if (heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any():
                     missing[()] = Label.CLEAR
             if names:
                 shares.append(np.abs(np.asarray(self._locked_shares(phase)(y, v, a, of_others))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if name not in self.extra and row.max() > factor * self.bounds.locked + tolerance:
+            if name not in self.extra and row.max() > factor * self.limits.locked + tolerance:
                 missing.setdefault(tuple(row.round(3).tolist()), name)
         return tuple(missing.values())
 
@@ -488,29 +514,35 @@ class NodeRows:
         ca = casadi()
         model = self.model
         moments = model.moments(None, [])
+        constant = Bound(0.0, 0.0, "angular momentum in flight")
         rows: list[Row] = [
-            (model.momentum() / self.momentum, 0.0, 0.0, "angular momentum in flight"),
-            (ca.sum1(moments) / (self.weight * self.height), 0.0, 0.0, "angular momentum in flight"),
+            (model.momentum() / self.momentum, constant),
+            (ca.sum1(moments) / (self.weight * self.height), constant),
             *self._torque_rows(moments),
             *self._locked_rows((), []),
         ]
         _, z = model.positions(model.weights(self._spots))
-        labels = [Label.CLEAR] * len(self.points.spots)
-        labels += [f"{contact.name} above the ground" for contact in self.feet]
-        for index, label in enumerate(labels):
-            rows.append((z[index], float(self.least_heights[index]), np.inf, label))
-        output, bounds = _separated(rows)
+        kinds: list[tuple[str, Kind]] = [(Label.CLEAR, "point")] * len(self.points.spots)
+        kinds += [(f"{contact.name} above the ground", "foot") for contact in self.feet]
+        for index, (label, kind) in enumerate(kinds):
+            rows.append((z[index], Bound(float(self.least_heights[index]), np.inf, label, kind)))
+        output, bounds = _stacked(rows)
         return model.function("flight", [output, self._motor_torques(moments)]), bounds
 
 
-def _separated(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
+def share_row(value: Any, label: str) -> Row:
+    """Return the row of a share of a limit."""
+    return value, Bound(-1.0, 1.0, label, "share")
+
+
+def _stacked(rows: Sequence[Row]) -> tuple[Any, list[Bound]]:
     """Values of rows as one vector, and their bounds."""
-    values, low, high, labels = zip(*rows, strict=True)
-    return casadi().vertcat(*values), list(zip(low, high, labels, strict=True))
+    values, bounds = zip(*rows, strict=True)
+    return casadi().vertcat(*values), list(bounds)
 
 
-def hermite_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:
-    """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives."""
+def quadrature_step(values: Any, rates: Any, accelerations: Any, step: Any) -> Any:
+    """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives, by Hermite's rule."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (accelerations[:, :-1] - accelerations[:, 1:])
 

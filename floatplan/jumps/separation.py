@@ -23,7 +23,7 @@ from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.errors import InputError
 from floatplan.jumps.contacts import is_ground
 from floatplan.jumps.model import casadi
-from floatplan.jumps.motion import hermite, refined, values
+from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.phases import instants
 from floatplan.jumps.rows import NodeRows, Rows
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
@@ -145,7 +145,7 @@ class Separation:
         return candidates
 
     def _ends(
-        self, node: NodeRows, call: Callable[..., Any], motion: Sequence[Any], chosen: Sequence[int], steps: int
+        self, node_rows: NodeRows, call: Callable[..., Any], motion: Sequence[Any], chosen: Sequence[int], steps: int
     ) -> Iterator[tuple[Any, Any, Any]]:
         """For each phase times since takeoff (1, N), and x, z (2 C, N) of both ends of C shapes, in the flight's world.
 
@@ -157,8 +157,8 @@ class Separation:
         steps : in an interval
         """
         ca = casadi()
-        model = node.model
-        index = node.flight
+        model = node_rows.model
+        index = node_rows.flight
         *state, durations = motion
         capsule_ends: list[Spot] = []
         piece_ends: list[tuple[complex, tuple[float, float]]] = []  # at takeoff, and their velocity
@@ -168,10 +168,10 @@ class Separation:
                     capsule_ends.append(Spot(shape.body, end))
                 else:
                     piece_ends.append((end, shape.velocity))
-        before = node.phases[index - 1].anchor
-        after = node.phases[index + 1].anchor
-        takeoff = [array[:, steps * int(node.starts[index])] for array in state]
-        landing = [array[:, steps * int(node.starts[index + 1])] for array in state]
+        before = node_rows.phases[index - 1].anchor
+        after = node_rows.phases[index + 1].anchor
+        takeoff = [array[:, steps * int(node_rows.starts[index])] for array in state]
+        landing = [array[:, steps * int(node_rows.starts[index + 1])] for array in state]
         spot = before.spots[0]
         home = self.robot.frames[before.frame]
         from_frame = model.positions(model.weights([spot], Spot(home.body, home.local)))
@@ -181,9 +181,9 @@ class Separation:
         x = x + self.origin[0]
         z = z + self.origin[1]
         begins = ca.cumsum(ca.vertcat(0.0, durations))
-        for number, phase in enumerate(node.phases):
-            start = steps * int(node.starts[number])
-            stop = steps * int(node.starts[number + 1])
+        for number, phase in enumerate(node_rows.phases):
+            start = steps * int(node_rows.starts[number])
+            stop = steps * int(node_rows.starts[number + 1])
             since = begins[number] - begins[index] + durations[number] * ca.DM(refined(phase.shares, steps)).T
             reference = (x, z)
             if number == index:
@@ -200,15 +200,15 @@ class Separation:
                 ends.append(ca.vertcat(*rows))
             yield since, ends[0], ends[1]
 
-    def _measured(self, node: NodeRows, motion: Sequence[Any]) -> tuple[Array, Segments]:
+    def _measured(self, node_rows: NodeRows, motion: Sequence[Any]) -> tuple[Array, Segments]:
         """Instants (M,) s since takeoff, ``INSTANTS`` in each interval, and where all shapes are then."""
         y, v, a, durations = motion
-        times = instants(node.phases, durations.ravel())
-        fine = [*values(hermite(times, np.stack((y, v, a))), refined(times, INSTANTS)), durations]
+        times = instants(node_rows.phases, durations.ravel())
+        fine = [*values(quintic_spline(times, np.stack((y, v, a))), refined(times, INSTANTS)), durations]
         since: list[Array] = []
         positions: list[ComplexArray] = []
         every = range(len(self._shapes))
-        for at, x, z in self._ends(node, lambda function, *state: function(*state), fine, every, INSTANTS):
+        for at, x, z in self._ends(node_rows, lambda function, *state: function(*state), fine, every, INSTANTS):
             first = 1 if since else 0  # the first instant of a phase is the last of the one before
             since.append(np.asarray(at)[0, first:])
             positions.append((np.asarray(x) + 1j * np.asarray(z))[:, first:])
@@ -227,7 +227,7 @@ class Separation:
                 distances = pair_distances(own, segments.of(np.array([line.other])))[:, 0]
             yield line, np.where(_exists(other, since), distances - line.margin, np.inf)
 
-    def check_standing(self, node: NodeRows, motion: Sequence[Any]) -> None:
+    def check_standing(self, node_rows: NodeRows, motion: Sequence[Any]) -> None:
         """Refuse what is too near where the robot stands, before the flight or after it.
 
         Raises
@@ -237,13 +237,13 @@ class Separation:
         """
         if not self._candidates:
             return
-        anchor = node.phases[node.flight - 1].anchor
+        anchor = node_rows.phases[node_rows.flight - 1].anchor
         home = self.robot.frames[anchor.frame]
         spot = anchor.spots[0]
         # Else where it stands depends on how the foot rotates until it takes off.
         stands_on_frame = spot._replace(radius=0.0) == Spot(home.body, home.local)
         rolled = spot.radius * ROLLED  # [m] along the ground, by which a foot may roll until it takes off
-        for line, distances in self._distances(*self._measured(node, motion)):
+        for line, distances in self._distances(*self._measured(node_rows, motion)):
             other = self._shapes[line.other]
             least = distances[0]
             allowed = 0.0
@@ -257,18 +257,18 @@ class Separation:
                 reason = f"where the robot stands, {line.name} is missed by {-least:.2g} m"
                 raise InputError(reason, element=line.element, advice="change it, its margin or the posture")
 
-    def wider(self, node: NodeRows, motion: Sequence[Any], shortfall: float) -> list[Separation]:
+    def wider(self, node_rows: NodeRows, motion: Sequence[Any], shortfall: float) -> list[Separation]:
         """Return separations that add what a solution brings too near, one for either way around; else nothing.
 
         Parameters
         ----------
-        node : rows of the program
+        node_rows : of the program
         motion : y, v, a (n+1, K+1) and durations (phases, 1) of its solution
         shortfall : of its distances, m
         """
         if not self._candidates:
             return []
-        since, segments = self._measured(node, motion)
+        since, segments = self._measured(node_rows, motion)
         nearest: dict[tuple[Any, ...], tuple[float, SeparatingLine]] = {}
         for line, distances in self._distances(since, segments):
             least = float(distances.min())
@@ -284,26 +284,26 @@ class Separation:
                 reserve = chosen[key].reserve + max(self.reserve - least - shortfall, 0.0)
             chosen[key] = replace(line, reserve=reserve)
         lines = list(chosen.values())
-        over = self._directed(node, since, segments, lines, swapped=False)
-        under = self._directed(node, since, segments, lines, swapped=True)
+        over = self._directed(node_rows, since, segments, lines, swapped=False)
+        under = self._directed(node_rows, since, segments, lines, swapped=True)
         same = all(np.array_equal(one.angles, two.angles) for one, two in zip(over, under, strict=True))
         steeper = 10.0  # [-] times the weight, where distances still fell short
         weight = self.weight * (steeper if shortfall > TOLERATED_SHORTFALL else 1.0)
         return [replace(self, lines=directed, weight=weight) for directed in ([over] if same else [over, under])]
 
-    def at(self, node: NodeRows, motion: Sequence[Any]) -> Separation:
+    def at(self, node_rows: NodeRows, motion: Sequence[Any]) -> Separation:
         """Return the same lines for another program, where its motion begins."""
         if not self.lines:
             return self
-        since, segments = self._measured(node, motion)
-        return replace(self, lines=self._directed(node, since, segments, self.lines, swapped=False))
+        since, segments = self._measured(node_rows, motion)
+        return replace(self, lines=self._directed(node_rows, since, segments, self.lines, swapped=False))
 
     def _directed(
-        self, node: NodeRows, since: Array, segments: Segments, lines: Sequence[SeparatingLine], swapped: bool
+        self, node_rows: NodeRows, since: Array, segments: Segments, lines: Sequence[SeparatingLine], swapped: bool
     ) -> tuple[SeparatingLine, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        takeoff = node.starts[node.flight]
-        landing = node.starts[node.flight + 1]
+        takeoff = node_rows.starts[node_rows.flight]
+        landing = node_rows.starts[node_rows.flight + 1]
         directed = []
         for line in lines:
             other = self._shapes[line.other]
@@ -330,12 +330,12 @@ class Separation:
             directed.append(replace(line, intervals=intervals, angles=angles[intervals], reach=reach[intervals]))
         return tuple(directed)
 
-    def add(self, node: NodeRows, rows: Rows, motion: Sequence[Any], own: Any) -> Any:
+    def add(self, node_rows: NodeRows, rows: Rows, motion: Sequence[Any], own: Any) -> Any:
         """Add rows of the lines at both ends of their intervals; return the cost of the shortfall.
 
         Parameters
         ----------
-        node : rows of the program
+        node_rows : of the program
         motion : y, v, a (n+1, K+1) and durations (phases, 1)
         own : (size, 1) the directions, and the shortfall
         """
@@ -351,8 +351,8 @@ class Separation:
             first = 2 * chosen.index(shape)
             return range(first, first + len(set(_middle_line(self._shapes[shape]))))
 
-        of_phases = self._ends(node, rows.functions, motion, chosen, 1)
-        for phase, start, (_, x, z) in zip(node.phases, node.starts, of_phases, strict=False):
+        of_phases = self._ends(node_rows, rows.at_nodes, motion, chosen, 1)
+        for phase, start, (_, x, z) in zip(node_rows.phases, node_rows.starts, of_phases, strict=False):
             for line, angles in zip(self.lines, directions, strict=True):
                 in_phase = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
                 if not len(in_phase):

@@ -39,14 +39,14 @@ from floatplan.jumps.phases import (
     static_beyond_ranges,
 )
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rows import Bounds, NodeRows
+from floatplan.jumps.rows import NodeLimits, NodeRows
 from floatplan.jumps.separation import RESERVE, TOLERATED_SHORTFALL, Separation
 from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, JumpSolution
 from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.robot.standing import Spot, heights_over_com
+from floatplan.robot.standing import Spot, positions_from_com
 
 CORRECTIONS = 2  # [-] programs after the first, each with more nodes and wider margins
 
@@ -57,7 +57,7 @@ class NodeMargins:
 
     Attributes
     ----------
-    torque, velocity, friction : shares of what is allowed
+    torque, velocity, friction : factors on what the request allows, at most 1; that of torques on locked joints' too
     refinement : by which factor there are more nodes than usual
     clearance : in addition to the requested clearance, m
     range : from the ends of joint ranges, rad
@@ -83,14 +83,14 @@ class NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""
 
         def share(name: str, used: float) -> float:
-            over = figures.get(name, 0.0) / FIGURES[name].most(request)
+            over = figures.get(name, 0.0) / FIGURES[name].limit_of(request)
             if over <= 1:
                 return used
             return used * 0.97 / min(over, 1.25)  # a little less than what would just do, but not much at once
 
         torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
         friction = share("friction", self.friction)
-        if figures.get("slip", 0.0) > FIGURES["slip"].most(request):
+        if figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
             friction *= 0.85  # where forces leave the cone between nodes
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
@@ -127,35 +127,35 @@ def solve_in_rounds(
     Returns
     -------
     program : the last
-    solution : its own; not ``converged`` where something is violated
+    solution : its own; not ``is_motion`` where something is violated
     """
     rounds = 8  # [-] at most after the first program
     least_progress = 0.7  # [-] of the shortfall is left by the next program at most, or no other is tried
     program = first
-    if previous is not None and (previous.separation.lines or previous.node.extra):
-        separation = replace(first.separation, lines=previous.separation.lines).at(first.node, first.motion(guess))
-        program = first.extended(separation, previous.node.extra)
+    if previous is not None and (previous.separation.lines or previous.node_rows.extra):
+        separation = replace(first.separation, lines=previous.separation.lines).at(first.node_rows, first.motion(guess))
+        program = first.extended(separation, previous.node_rows.extra)
     solution = program.solve(guess)
     for _ in range(rounds):
         if solution.overloaded:
-            program = first.extended(program.separation, (*program.node.extra, *solution.overloaded))
+            program = first.extended(program.separation, (*program.node_rows.extra, *solution.overloaded))
             solution = program.solve(first.resampled(solution, first.phases))
             continue
         shortfall = solution.shortfall
         if shortfall == np.inf:
             break
         start = first.resampled(solution, first.phases)
-        wider = program.separation.wider(first.node, first.motion(start), shortfall)
+        wider = program.separation.wider(first.node_rows, first.motion(start), shortfall)
         motion = (solution.y, solution.v, solution.a)
-        missing_rows = program.node.missing_rows(motion, solution.forces, solution.factor)
+        missing_rows = program.node_rows.missing_rows(motion, solution.forces, solution.factor)
         if not wider and not missing_rows:
             break
-        extra = (*program.node.extra, *missing_rows)
+        extra = (*program.node_rows.extra, *missing_rows)
         candidates: list[tuple[JumpProgram, JumpSolution]] = []
         for separation in wider or [program.separation]:
             other = first.extended(separation, extra)
             candidates.append((other, other.solve(start)))
-            if candidates[-1][1].converged:
+            if candidates[-1][1].is_motion:
                 break
         program, solution = min(candidates, key=lambda candidate: candidate[1].shortfall)
         if shortfall > TOLERATED_SHORTFALL and solution.shortfall > least_progress * shortfall:
@@ -166,7 +166,7 @@ def solve_in_rounds(
 Result = TypeVar("Result")
 
 
-def corrected(
+def refined_until_checked(
     margins: NodeMargins,
     request: JumpRequest,
     solved: tuple[JumpProgram, JumpSolution],
@@ -191,7 +191,7 @@ def corrected(
         margins = margins.tightened(request, figures)
         finer = program_of(margins)
         refined = solve_in_rounds(finer, finer.resampled(solution, program.phases), program)
-        if not refined[1].converged:
+        if not refined[1].is_motion:
             break
         solved = refined
         result, figures = complete(*solved)
@@ -207,7 +207,8 @@ class Setup:
     problem : Problem
     request : JumpRequest
     phases : of the jump
-    standing : (2, n+1) orientation and joints before and after, rad
+    ends : (2, n+1) rad, orientation and joints where the motion begins and ends: standing, or, of one side alone, where
+        it meets the flight
     ground : height of the ground over the centre of mass, standing, m
     flight_ends : what is fixed at the flight's ends
     momentum : of the flight, kg m^2/s, where it is fixed
@@ -216,7 +217,7 @@ class Setup:
     problem: Problem
     request: JumpRequest
     phases: tuple[Phase, ...]
-    standing: Array
+    ends: Array
     ground: float
     flight_ends: tuple[FlightEnd, ...] = ()
     momentum: float | None = None
@@ -230,7 +231,7 @@ class Setup:
     @property
     def base_rotation(self) -> float:
         """Of the base, from where it stands to where it stands again, in whole turns, rad."""
-        return math.tau * round(float(self.standing[-1, 0] - self.standing[0, 0]) / math.tau)
+        return math.tau * round(float(self.ends[-1, 0] - self.ends[0, 0]) / math.tau)
 
     @property
     def _flight(self) -> int:
@@ -240,7 +241,7 @@ class Setup:
     @property
     def _stance_posture(self) -> Array:
         """The posture (n+1,) before the first stance; after the last one, where the jump is a landing alone."""
-        posture: Array = self.standing[0 if self.phases[0].contacts else -1]
+        posture: Array = self.ends[0 if self.phases[0].contacts else -1]
         return posture
 
     def node_rows(self, margins: NodeMargins) -> NodeRows:
@@ -248,11 +249,11 @@ class Setup:
         problem = self.problem
         request = self.request
         feet = [contact for phase in self.phases for contact in phase.contacts]
-        postures = np.stack([*self.standing, *(end.y for end in self.flight_ends)])
+        postures = np.stack([*self.ends, *(end.y for end in self.flight_ends)])
         ranges = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         torque_share = request.margin["torque"] * margins.torque
         no_motor_limits = np.isinf(problem.motor_torque_limits).all()
-        bounds = Bounds(
+        limits = NodeLimits(
             torque=torque_share * problem.motor_torque_limits,
             joint_torque=torque_share * np.where(no_motor_limits, problem.torque_limits, np.inf),
             stall=torque_share * problem.motor_stall,
@@ -272,7 +273,7 @@ class Setup:
             stance = phases[self._flight + (1 if end.node else -1)]
             low_postures.append((stance.anchor, end.y))
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
-        return NodeRows(model, phases, points, bounds, self.standing, low_postures)
+        return NodeRows(model, phases, points, limits, self.ends, low_postures)
 
     def program(self, margins: NodeMargins, iterations: int = ITERATIONS) -> JumpProgram:
         """Return the program with some margins, that is solved in so many iterations at most."""
@@ -301,7 +302,7 @@ class Setup:
         """Height over the ground, standing, of the frame whose position at takeoff obstacles are measured from, m."""
         takes_off = self.phases[self._flight - 1] if self._flight else self.phases[-1]
         home = self.problem.robot.frames[takes_off.anchor.frame]
-        origin = heights_over_com(self.problem.robot, [Spot(home.body, home.local)], self._stance_posture)
+        origin = positions_from_com(self.problem.robot, [Spot(home.body, home.local)], self._stance_posture)
         return float(origin[0].imag - self.ground)
 
 
@@ -353,7 +354,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         problem,
         request,
         phases,
-        standing=np.stack((start, _rotated(end, math.tau * turns))),
+        ends=np.stack((start, _rotated(end, math.tau * turns))),
         ground=ground,
         flight_ends=tuple(flight_ends),
         momentum=_fixed_momentum(problem, request),
@@ -452,7 +453,7 @@ def _over_frame(robot: Robot, frame: str, posture: Array) -> Array:
     The angle is at most half a turn; whole turns stay.
     """
     home = robot.frames[frame]
-    from_com = heights_over_com(robot, [Spot(home.body, home.local)], posture)[0]
+    from_com = positions_from_com(robot, [Spot(home.body, home.local)], posture)[0]
     angle = math.remainder(-math.pi / 2 - float(np.angle(from_com)), math.tau)
     return _rotated(posture, robot.tree.turn * angle)
 

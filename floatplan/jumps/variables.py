@@ -149,6 +149,9 @@ class JumpSolution:
     overloaded: tuple[str, ...] = ()
 
     @property
-    def converged(self) -> bool:
-        """Whether every constraint holds."""
+    def is_motion(self) -> bool:
+        """Whether it is a motion to go on with; IPOPT need not have converged.
+
+        Rows hold, distances fall short by no more than is tolerated, and no locked joint without a row bears too much.
+        """
         return self.shortfall <= TOLERATED_SHORTFALL and not self.overloaded

@@ -42,7 +42,10 @@ def _stands_again(stands: Sequence[bool]) -> bool:
 
 @dataclass(frozen=True)
 class JumpSide(Keyed):
-    """What is on the ground on one side of the flight; in phase ``outer`` it stands still, ``wrong`` is what others do.
+    """What is on the ground on one side of the flight.
+
+    ``outer`` is the index of the phase in which it stands still; ``wrong`` says in messages what a foot that is missing
+    there would do.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ def spot_weights(robot: Robot, spots: Sequence[Spot]) -> ComplexArray:
     return np.concatenate((robot.tree.point_weights(bodies, local), of_angles), axis=1)
 
 
-def heights_over_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexArray:
+def positions_from_com(robot: Robot, spots: Sequence[Spot], y: Array) -> ComplexArray:
     """Positions (.., points) relative to the centre of mass in postures y (n+1, ..), m: horizontal + i vertical."""
     weights, _ = np.split(spot_weights(robot, spots), 2, axis=1)
     return np.asarray((weights @ robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:].T)).T).T)
@@ -80,7 +80,7 @@ def corners(shapes: Iterable[LinkCapsule]) -> list[Spot]:
 
 def undersides(robot: Robot, spots: Sequence[Spot], y: Array) -> Array:
     """Heights (.., spots) of the lowest points of circles, over the centre of mass in postures y (n+1, ..), m."""
-    return np.asarray(heights_over_com(robot, spots, y).imag - [spot.radius for spot in spots])
+    return np.asarray(positions_from_com(robot, spots, y).imag - [spot.radius for spot in spots])
 
 
 def link_corners(robot: Robot, frame: str) -> list[Spot]:
@@ -113,10 +113,10 @@ def standing_points(robot: Robot, frame: str, y: Array) -> tuple[StandingPoint, 
     ends = link_corners(robot, frame)
     if not ends:
         return (StandingPoint("", origin, 0.0),)
-    positions = heights_over_com(robot, ends, y)
+    positions = positions_from_com(robot, ends, y)
     under = undersides(robot, ends, y)
     ground = float(under.min())
-    depth = float(heights_over_com(robot, [origin], y)[0].imag - ground)
+    depth = float(positions_from_com(robot, [origin], y)[0].imag - ground)
     if may_roll(out_of_round(robot, frame, origin, depth, y), depth):  # large wheels are flat as soles, nearly
         return (StandingPoint("", origin, depth),)
     low = np.flatnonzero(under < ground + FLAT)
@@ -142,7 +142,7 @@ def _refuse_above(robot: Robot, frame: str, depth: float, y: Array) -> None:
     home = robot.frames[frame]
     links = [name for name, frame in robot.frames.items() if frame.body == home.body and name == frame.link]
     spots = [Spot(home.body, robot.frames[name].local) for name in links]
-    heights = heights_over_com(robot, spots, y).imag
+    heights = positions_from_com(robot, spots, y).imag
     lowest = links[int(heights.argmin())]
     if robot.frames[lowest].local != home.local:
         reason = f"{frame!r} is a point {1e3 * depth:.0f} mm above the lowest of its link"

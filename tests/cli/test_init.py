@@ -64,7 +64,7 @@ def test_the_file_of_a_jump(floatplan: Command, monkeypatch: pytest.MonkeyPatch)
     assert "the flight alone" in plan.explanation
     asked = jump_setup(plan.problem, plan.problem.jump or fp.JumpRequest())
     assert [phase.side for phase in asked.phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
-    assert asked.standing[1, 0] - asked.standing[0, 0] == pytest.approx(-2 * math.pi)
+    assert asked.ends[1, 0] - asked.ends[0, 0] == pytest.approx(-2 * math.pi)
     assert floatplan("show", "result/plan.json").code == 0
     assert Path("result/report.html").exists()
 
@@ -113,7 +113,7 @@ def test_what_is_asked_plans_as_it_stands(floatplan: Command, root: Path, name: 
     assert dict(problem.robot.locked) == ({"q3": math.radians(30)} if "--locked" in options else {})
     assert floatplan("jump", f"{name}.toml", "-o", "jump", "--no-report").code == 0
     found = fp.load_jump("jump/jump.json")
-    standing = jump_setup(found.problem, found.request).standing
+    standing = jump_setup(found.problem, found.request).ends
     assert standing[1, 0] - standing[0, 0] == pytest.approx(turns * problem.robot.plane.turn * 2 * math.pi)
 
 

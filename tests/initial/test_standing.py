@@ -16,7 +16,7 @@ from floatplan.initial.legs import Leg
 from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.jumps.contacts import BENT, contact_at
-from floatplan.robot.standing import heights_over_com, undersides
+from floatplan.robot.standing import positions_from_com, undersides
 
 FLAT = math.pi / 2
 ROBOTS = {  # whose zero postures do not stand, or not so that legs could push
@@ -45,7 +45,7 @@ def check_stands(chosen: ChosenRobot) -> None:
     """Feet level and lowest, soles flat, the mass over them, legs neither straight nor folded, ranges kept."""
     robot, y = chosen.robot, np.append(0.0, chosen.posture)
     contacts = [contact for foot in chosen.feet for contact in contact_at(robot, foot, y)]
-    places = heights_over_com(robot, [contact.spots[0] for contact in contacts], y)
+    places = positions_from_com(robot, [contact.spots[0] for contact in contacts], y)
     grounds = places.imag - [contact.depth for contact in contacts]
     assert np.ptp(grounds) < 1e-3
     assert places.real.min() < 1e-3

@@ -11,8 +11,9 @@ from drawn_stances import Drawing, drawn_stance
 from jumps import backflip, go2_problem
 
 import floatplan as fp
-from floatplan.jumps.check import judged
-from floatplan.jumps.launch import launch
+from floatplan.jumps.check import limit_shares, sentences_on
+from floatplan.jumps.launch import largest_user, launch
+from floatplan.jumps.motion import JumpState
 from floatplan.jumps.program import JumpProgram
 
 
@@ -43,7 +44,7 @@ def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: 
     assert found.ratio <= 1
     shares = {"torque", "torque_speed", "velocity"}
     assert max(found.figures[share] for share in shares) == found.ratio
-    assert not judged(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
+    assert not sentences_on(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
 
 
 def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,6 +60,27 @@ def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest
     after = launch(replace(plan, problem=problem), end="landing")
     assert after.impossible
     assert after.sentences[0].endswith(", whatever comes after.")
+
+
+def test_the_torque_of_a_leader_with_its_followers_is_named_by_the_joint() -> None:
+    """It has a limit of its own, and its motors have none; limits of motors are named by the motor."""
+    problem = go2_problem()
+    robot = problem.robot
+    joint = robot.joints[2]
+    torques = np.zeros((3, robot.model.nv))
+    torques[1] = robot.selection[:, 2]
+    still = np.zeros_like(torques)
+    state = JumpState(np.arange(3.0), still, still, still, {}, torques, {})
+    generalised = float((torques @ robot.selection)[1, 2])
+    bounds = np.full(len(robot.joints), 100.0)
+    bounds[2] = generalised / 2
+    by_joint = replace(problem, limits=fp.Limits(torque=bounds.tolist()))
+    assert np.isinf(by_joint.motor_torque_limits).all()
+    assert limit_shares(by_joint, state)["torque"].max() == pytest.approx(2.0)
+    assert largest_user(by_joint, [state], "torque") == joint
+    by_motor = replace(problem, limits=fp.Limits(torque=1.0))
+    torques[1] = robot.transmission[:, 5]
+    assert largest_user(by_motor, [state], "torque") == robot.motors[5]
 
 
 def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from jumps import GO2
 from floatplan.jumps.contacts import contact_at
 from floatplan.jumps.phases import not_static, standing_posture, static_beyond_ranges
 from floatplan.robot import Robot
-from floatplan.robot.standing import heights_over_com
+from floatplan.robot.standing import positions_from_com
 
 TALOS = "example-robot-data:talos_data/robots/talos_reduced.urdf"
 
@@ -24,7 +24,7 @@ def test_a_humanoid_stands_on_heel_and_toe() -> None:
     robot = Robot.from_urdf(TALOS, coupled="mirror", plane="xz", reference="half_sitting")
     toe, heel = contact_at(robot, "leg_left_6_link", level(robot))
     assert (toe.suffix, heel.suffix, toe.vertical, heel.vertical) == (".toe", ".heel", False, True)
-    places = heights_over_com(robot, [toe.spots[0], heel.spots[0]], level(robot))
+    places = positions_from_com(robot, [toe.spots[0], heel.spots[0]], level(robot))
     assert 0.15 < places[0].real - places[1].real < 0.3
     assert abs(places[0].imag - toe.depth - places[1].imag + heel.depth) < 1e-9
 

@@ -7,7 +7,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.jumps import planner
-from floatplan.jumps.planner import completed
+from floatplan.jumps.planner import jump_of_solution
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.setup import Setup, jump_setup, solve_in_rounds
 from floatplan.jumps.variables import JumpSolution
@@ -75,6 +75,6 @@ def test_from_straight_legs_it_stands_bent_and_a_jump_is_found(
 ) -> None:
     setup = solution[0]
     knees = [1 + setup.problem.robot.joints.index(f"{name}_knee") for name in ("rear", "front")]
-    assert np.abs(setup.standing[:, knees]).min() > 0.4
-    found = completed(*solution, seed=0)
+    assert np.abs(setup.ends[:, knees]).min() > 0.4
+    found = jump_of_solution(*solution, seed=0)
     assert found.ok, found.explanation

@@ -13,7 +13,7 @@ from jumps import backflip
 from long_cases import cases
 
 from floatplan.errors import InputError
-from floatplan.jumps.check import judged
+from floatplan.jumps.check import sentences_on
 from floatplan.jumps.reading import load_jump
 
 Spoil = Callable[[dict[str, Any]], object]
@@ -123,4 +123,4 @@ def test_a_spoiled_file_is_refused(case: str, tmp_path: Path) -> None:
     assert not check.ok
     assert not again.ok
     shows = {shown: check.figures[shown]} if shown in check.figures else {}
-    assert judged(again.request, shows)[0] or shown in check.sentences
+    assert sentences_on(again.request, shows)[0] or shown in check.sentences

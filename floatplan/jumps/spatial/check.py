@@ -13,8 +13,8 @@ from floatplan.jumps.check import (
     TOUCHDOWN,
     JumpCheck,
     Value,
-    judged,
     limit_shares,
+    sentences_on,
     unlimited_figures,
     worst_values,
 )
@@ -57,7 +57,7 @@ def _checked(jump: SpatialJumpMotion) -> JumpCheck:
     ]
     figures = worst_values(values)
     unlimited = unlimited_figures(jump.problem)
-    failing, holding = judged(jump.request, figures, unlimited)
+    failing, holding = sentences_on(jump.request, figures, unlimited)
     broken = [", ".join(words) for words in failing]
     if not jump.flight.ok:
         broken.append("the flight's plan does not hold")

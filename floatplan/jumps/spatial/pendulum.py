@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.motion import hermite, refined, values
+from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.model import BASE
 
@@ -110,7 +110,7 @@ def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near
 
     Its moment about the line vanishes.
     """
-    curve = hermite(times, motion)
+    curve = quintic_spline(times, motion)
     count = 4  # [-] half steps of a step of the grid, of two Runge-Kutta steps
     fine = refined(times, count)[:: 1 if near == 0 else -1]
     pendulum = Pendulum(mechanics, line, values(curve, np.clip(fine, times[0], times[-1])))

@@ -8,7 +8,7 @@ import pinocchio as pin
 from scipy.optimize import nnls
 
 from floatplan.arrays import Array, read_only
-from floatplan.jumps.motion import JumpState, hermite, values
+from floatplan.jumps.motion import JumpState, quintic_spline, values
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.standing import Foot
@@ -35,7 +35,7 @@ class SpatialGrid:
     @cached_property
     def curve(self) -> object:
         """Piecewise polynomial of y."""
-        return hermite(self.times, np.stack((self.y, self.v, self.a)))
+        return quintic_spline(self.times, np.stack((self.y, self.v, self.a)))
 
     def at(self, times: Array) -> Array:
         """y, y', y'' (3, 6+n, N) at times (N,)."""

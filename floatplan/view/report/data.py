@@ -14,7 +14,7 @@ from matplotlib.colors import to_hex
 from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import json_value
-from floatplan.jumps.check import JumpCheck, judged
+from floatplan.jumps.check import JumpCheck, sentences_on
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
@@ -338,7 +338,7 @@ def phase_lines(jump: JumpMotion) -> list[list[str]]:
 def check_lines(check: JumpCheck, request: JumpRequest) -> tuple[list[list[str]], list[list[str]]]:
     """Cells of the findings of a jump's check, under ``STANCES``: broken limits, and those that are satisfied."""
     figures = {name: value for name, value in check.figures.items() if name != "torque_speed" or value > 0}
-    broken, satisfied = judged(request, figures, check.unlimited)
+    broken, satisfied = sentences_on(request, figures, check.unlimited)
     return [[f"not within limits: {words}", limit] for words, limit in broken], list(map(list, satisfied))
 
 
@@ -368,7 +368,7 @@ def jump_sections(jump: JumpMotion, tone: Tone, simulated: Sequence[Row] = ()) -
     weights = force / (jump.robot.mass * problem.flight.gravity)
     result = [
         Row("height", f"centre of mass up to {jump.height:.3g} m above the ground"),
-        Row("largest force", f"{force:.4g} N, {weights:.2g} times the weight"),
+        Row("largest force of all feet", f"{force:.4g} N, {weights:.2g} times the weight"),
     ]
     of_both: list[dict[str, Any]] = [
         {"title": "Problem", "rows": request_rows(jump.problem, jump.request)},
