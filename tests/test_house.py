@@ -22,12 +22,12 @@ PACKAGE = Path(floatplan.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (40_943, 26_500),
+    "statements": (41_160, 26_500),
     "statements of the largest file": (407, 405),
     "packs `a, b = x, y` per 1000 lines": (1.1, 4),
     "comprehensions per 1000 lines": (26.7, 25),
-    "module constants": (704, 600),
-    "private words": (1_170, 2_514),
+    "module constants": (705, 600),
+    "private words": (1_185, 2_514),
     "lines that ask in_plane or in_space": (68, 70),
     "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords
@@ -38,7 +38,7 @@ LIMITS = {  # measure: (limit, goal)
 WAYS = {  # problem: limits and goals of functions and files of the package that fp.plan calls, in a fresh process
     "somersault.toml": ((62, 65), (19, 20)),
     "obstacle.toml": ((100, 100), (24, 24)),
-    "space/go2_barrel_roll.toml": ((136, 140), (28, 28)),
+    "space/go2_barrel_roll.toml": ((139, 140), (28, 28)),
 }
 
 # Participles and names of this project alone, where the field has a noun. "each" counts where it is a variable.
