@@ -45,7 +45,8 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     Returns
     -------
     Plan
-        Of the first start, or else of the best one; where none leads to a plan the nearest motion, not ``ok``.
+        Of the first start, or else of the best one, at a raised degree the first that is solved; where none leads to a
+        plan the nearest motion, not ``ok``.
 
     Raises
     ------
@@ -58,7 +59,8 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     solutions = []
     for program, x in starts(problem, np.random.default_rng(SEED(seed, "seed"))):
         solutions.append((program, solve(program, x)))
-        if solutions[0][1].converged:
+        is_raised = program.motions.polynomials.free != solutions[0][0].motions.polynomials.free
+        if solutions[0][1].converged or (is_raised and solutions[-1][1].converged):
             break
     program, best = min(solutions, key=lambda one: (max(one[1].violation, ORIENTATION), one[1].objective))
     solver = {
