@@ -45,8 +45,7 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     Returns
     -------
     Plan
-        Of the first start, or else of the best one, at a raised degree the first that is solved; where none leads to a
-        plan the nearest motion, not ``ok``.
+        Of the first start, or else of the best one; where none leads to a plan the nearest motion, not ``ok``.
 
     Raises
     ------

@@ -77,25 +77,24 @@ def minimise(program: Program, x: Array, instants: Array) -> Solution:
 def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> tuple[Array, Array, float]:
     """Minimise ``g d + d B d / 2 + penalty t`` where ``rows + rows_by_x d >= -t``, ``t >= 0``, ``|d| <= radius``.
 
-    Returned are d (m,), the rows' multipliers (r,) and t.
+    Returned are d (m,), the rows' multipliers (r,) and t. ProxQP is given the problem in y, ``d = W y``, by which the
+    Hessian is the identity and the penalty 1.
     """
     m = len(B)
+    eigenvalues, eigenvectors = np.linalg.eigh(B)
+    W = eigenvectors * np.sqrt(penalty / np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1]))
     near = np.flatnonzero(here.rows < radius * np.abs(here.rows_by_x).sum(axis=1))  # others hold wherever d goes
-    H = np.zeros((m + 1, m + 1))
-    H[:m, :m] = B / penalty
-    gradient = np.append(here.gradient / penalty, 1.0)
-    rows = np.column_stack((here.rows_by_x[near], np.ones(len(near))))
-    bound = np.full(m, radius)
-    qp = proxqp.dense.QP(m + 1, 0, len(near), True)
-    qp.settings.eps_abs = 1e-11
-    qp.settings.initial_guess = proxqp.InitialGuess.NO_INITIAL_GUESS
-    unbounded = np.full(len(near), np.inf)
-    qp.init(
-        H, gradient, None, None, rows, -here.rows[near], unbounded, np.append(-bound, 0.0), np.append(bound, np.inf)
-    )
+    without_t = np.zeros((m, 1))
+    rows = np.block([[here.rows_by_x[near] @ W, np.ones((len(near), 1))], [W / radius, without_t], [without_t.T, 1.0]])
+    low = np.concatenate((-here.rows[near], -np.ones(m), [0.0]))
+    high = np.concatenate((np.full(len(near), np.inf), np.ones(m), [np.inf]))
+    gradient = np.append(W.T @ here.gradient / penalty, 1.0)
+    qp = proxqp.dense.QP(m + 1, 0, len(rows))
+    qp.settings.eps_abs = 1e-10
+    qp.init(np.diag(np.append(np.ones(m), 0.0)), gradient, None, None, rows, low, high)
     qp.solve()
     multipliers = np.zeros(len(here.rows))
     multipliers[near] = penalty * np.maximum(-qp.results.z[: len(near)], 0)
     multipliers[:2] -= multipliers[:2].min()  # what (14) has with both signs is nothing
-    d = qp.results.x[:-1]
+    d = W @ qp.results.x[:-1]
     return d, multipliers, max(0.0, -(here.rows + here.rows_by_x @ d).min())
