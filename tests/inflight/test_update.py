@@ -54,7 +54,7 @@ def assert_foreseen(plan: fp.Plan, error: float = 0.1) -> None:
         rate = plan.dynamics.base_rate(positions, velocities, momentum)
         if number > 4:
             missed = alone.orientation - problem.final.orientation
-            assert missed == pytest.approx(correction.predicted_miss, abs=FORESEEN)
+            assert missed == pytest.approx(correction.predicted_miss, abs=FORESEEN, rel=0.01)  # far off, a share of it
             if plan.robot.motors == plan.robot.joints:
                 most = np.abs(plan.dynamics.torques(positions, velocities, accelerations, rate)).max(axis=0)
                 assert correction.torque_peak == pytest.approx(most, rel=0.05, abs=0.01 * most.max())
