@@ -255,8 +255,8 @@ class PlannedMotion(flight.MotionInFile):
     def growth_of_errors(self) -> tuple[Array, Array] | None:
         """What errors at takeoff grow to until landing, in space; None in a plane.
 
-        They are K (3,), rad, the turn of the world at landing by ``ln |h|``, and P (3, 3), that by a small turn at takeoff,
-        of the same motion of the joints.
+        They are K (3,), rad, the turn of the world at landing by ``ln |h|``, and P (3, 3), that by a small turn at
+        takeoff, of the same motion of the joints.
         """
         return self.whole.growth_of_errors if isinstance(self.whole, SpatialMotion) else None
 
