@@ -55,7 +55,7 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
 
 
 @pytest.fixture(scope="module")
-def honest() -> PlanRecord:
+def honest():
     """A plan with something under every key."""
     robot = Robot.from_urdf(
         URDF / "chain10.urdf",

@@ -10,16 +10,16 @@ PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
 
 @pytest.fixture(scope="module")
-def plan() -> fp.Plan:
+def plan():
     return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
 
 
 @pytest.fixture(scope="module")
-def shared(plan: fp.Plan) -> fp.Replanner:
+def shared(plan):
     return fp.Replanner(plan)
 
 
 @pytest.fixture
-def replanner(shared: fp.Replanner) -> fp.Replanner:
+def replanner(shared):
     shared.reset()
     return shared

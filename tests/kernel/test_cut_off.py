@@ -22,7 +22,7 @@ for number, share in enumerate(sys.argv[1:]):
 """
 
 
-def test_it_is_not_loaded(tmp_path: Path) -> None:
+def test_it_is_not_loaded(tmp_path):
     """In a process of its own, which the system would kill."""
     command = [sys.executable, "-c", LOADING, *map(str, (*SHARES, 1.0))]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

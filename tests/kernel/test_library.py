@@ -74,7 +74,7 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def built(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+def built(folder, **environment):
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, env={**os.environ, **environment})
 
@@ -108,7 +108,7 @@ def test_an_editable_installation_leaves_the_kernel_to_who_compiles_it_elsewhere
     assert built(checkout, **elsewhere).returncode == 1
 
 
-def asked_for(folder: Path, path: str) -> list[str]:
+def asked_for(folder, path):
     """What an installation asks for before it builds a wheel."""
     code = "from hatchling.build import *; print(*get_requires_for_build_wheel(), *get_requires_for_build_editable())"
     return told(code, folder, PATH=path, CXX="").split()

@@ -11,23 +11,23 @@ import floatplan as fp
 EXAMPLE = Path(__file__).resolve().parents[2] / "problems" / "new_configuration.toml"
 
 
-def limited(problem: fp.Problem, acceleration: object) -> fp.Problem:
+def limited(problem, acceleration):
     return replace(problem, limits=replace(problem.limits, acceleration=acceleration))
 
 
 @pytest.fixture(scope="module")
-def free() -> fp.Plan:
+def free():
     """The plan without the limit."""
     return fp.plan(fp.load_problem(EXAMPLE))
 
 
 @pytest.fixture(scope="module")
-def limits(free: fp.Plan) -> list[float]:
+def limits(free):
     return [0.95 * peak for peak in free.peaks.joints["acceleration"].tolist()]
 
 
 @pytest.fixture(scope="module")
-def plan(free: fp.Plan, limits: list[float]) -> fp.Plan:
+def plan(free, limits):
     found = fp.plan(limited(free.problem, limits))
     assert found.ok, found.explanation
     return found

@@ -164,7 +164,7 @@ def test_a_motion_that_makes_other_turns_is_said_to():
     assert "it makes other turns than are asked for" in found.plan.explanation
 
 
-def somersaults(turns: float, **changes):
+def somersaults(turns, **changes):
     """Ask the diver for more of them than fit a guess of the whole flight at once."""
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     goal = fp.Attitude(angles=(2 * math.pi * turns, 0, math.pi * turns), axes="yxz")
