@@ -15,6 +15,7 @@ import pytest
 from browser import Browser, started
 from long_cases import cases
 from once import made_once
+from places import ROOT
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from threadpoolctl import threadpool_limits
 from typer.main import get_command
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from floatplan import Plan, Robot
     from floatplan.robot.shapes.capsules import Outline
 
-ROOT = Path(__file__).resolve().parents[1]
 PATIENT = 60.0  # [s] of search: a slow machine is no reason to fail
 LARGE = 2000  # bytes of a mesh, or of points of one
 LITTLE = 20  # times less work than usual

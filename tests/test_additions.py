@@ -4,11 +4,10 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 6
 
 

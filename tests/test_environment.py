@@ -4,11 +4,10 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 NEEDED = ("scripts/environment", "pyproject.toml", "floatplan/kernel/build.py", "floatplan/kernel/kernel.h")
 PYTHON = """#!/bin/sh
 case "$*" in *install*) echo "$@" "elsewhere=${{FLOATPLAN_KERNEL_ELSEWHERE:-}}" >> installed; exit 0 ;; esac

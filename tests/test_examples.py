@@ -14,10 +14,10 @@ import example_pages
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from places import ROOT
 
 from floatplan.robot.urdf.tree import robots_folder
 
-ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 PROMISED = {
     "first_flight": "for every instant of the flight: proved; warnings: none",

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from places import ROOT
+
 import floatplan
 
 PACKAGE = Path(floatplan.__file__).parent
-ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
     "statements": (41_160, 26_500),

@@ -14,10 +14,10 @@ import pytest
 from long_cases import cases
 from needed import skip_or_fail
 from once import made_once
+from places import ROOT
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
 EXTRAS = {  # words of commands, and the distribution that they need
     "parquet": "pyarrow",

@@ -4,15 +4,14 @@ import os
 import subprocess
 import sys
 from multiprocessing import forkserver
-from pathlib import Path
 
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from places import ROOT
 
 from floatplan.pool import fork_server
 
-ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 300.0  # [s] for what takes a few
 PLANTED = ("numpy.py", "random.py", "socket.py", "floatplan/__init__.py", "floatplan/studies/__init__.py")
 PROGRAM = "from floatplan.cli import main\nif __name__ == '__main__':\n    main()\n"

@@ -10,17 +10,16 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 import release
 import yaml
 from check_links import broken_links
 from needed import skip_or_fail
+from places import ROOT
 
 import floatplan
 
-ROOT = Path(__file__).resolve().parents[1]
 DEVELOPERS = ("test", "docs", "dev", "bench")  # extras
 HEAVY = ("numpy", "pinocchio", "proxsuite", "scipy", "matplotlib", "rich", "yourdfpy", "flint", "viser")
 

@@ -4,16 +4,15 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from places import ROOT
 
 import floatplan as fp
 from floatplan import pool
 
-ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = ("obstacle_hard", "moving_hoop")  # their sums are long enough to be shared among threads
 STUDY = """
 problem = "{problem}"

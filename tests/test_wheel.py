@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 from elsewhere import told
+from places import ROOT
 
 import floatplan
 from floatplan.kernel.build import header_digest
 
-ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.long
 SOURCES = ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE")
 

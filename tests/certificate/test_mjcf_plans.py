@@ -4,18 +4,18 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mjcf_samples import RandomModel
+from places import URDF
 from proof_plans import draw_coefficients, make_plan
 
 import floatplan as fp
 from floatplan.certificate.planar.inertia import cached_robot
 from floatplan.errors import InputError
 
-KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
+KANGAROO = URDF / "kangaroo.xml"
 
 
 def flight(robot, **more):

@@ -5,10 +5,10 @@ A plan is kept as it is, and what is asked is moved until the plan lacks a fract
 
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.certificate.certificate import certify
@@ -18,7 +18,6 @@ from floatplan.planning.search import Search
 from floatplan.planning.variables import Start
 from floatplan.tables import BOUNDARY, CLEARANCE, ORIENTATION, RELATIVE
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FRACTIONS = (-0.5, 0.25, 0.75, 1.25, 4.0)  # of the tolerance, by which a plan fails
 
 

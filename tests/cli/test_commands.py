@@ -7,13 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import PROBLEMS, ROOT, URDF
 from proof_plans import example_a, example_b
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
-URDF = ROOT / "urdf"
-PROBLEMS = ROOT / "problems"
 GYMNAST = URDF / "gymnast.urdf"
 EXAMPLE = PROBLEMS / "new_configuration.toml"
 HANDSTAND = ("--start", "72,18,-45", "--goal", "-90,0,0", "--degrees", "--duration", "1.4")

@@ -7,14 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import PROBLEMS, URDF
 from robot_samples import GYMNAST, PAIR, inertial, robot_text
 
 import floatplan as fp
 from floatplan.robot.urdf import tree as urdf
-
-ROOT = Path(__file__).resolve().parents[2]
-URDF = ROOT / "urdf"
-PROBLEMS = ROOT / "problems"
 
 
 @pytest.fixture

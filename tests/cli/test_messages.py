@@ -3,11 +3,10 @@
 import signal
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 GYMNAST, PROBLEMS = ROOT / "urdf" / "gymnast.urdf", ROOT / "problems"
 EXAMPLE = PROBLEMS / "new_configuration.toml"
 ROBOT = ("plan", GYMNAST, "--start", "0,0,0", "--goal", "1,0,0", "--duration", "1")

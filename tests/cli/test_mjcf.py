@@ -8,11 +8,12 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from places import URDF
 
 import floatplan as fp
 from floatplan.export.formats import FORMATS
 
-KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
+KANGAROO = URDF / "kangaroo.xml"
 FLIGHT = """
 angles = "deg"
 [robot]

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from own_process import started
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.planning import search
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PATIENCE = 300.0  # s until a process that should have ended is given up; less than the budgets here
 ENDLESS = 100_000  # starts
 IMPOSSIBLE = """

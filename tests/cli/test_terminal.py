@@ -7,16 +7,14 @@ import re
 import subprocess
 import sys
 import threading
-from pathlib import Path
 
 import pytest
 from own_process import started
+from places import PROBLEMS, ROOT
 
 import floatplan as fp
 from floatplan.kernel.library import description
 
-ROOT = Path(__file__).resolve().parents[2]
-PROBLEMS = ROOT / "problems"
 PROGRAM = [sys.executable, "-m", "floatplan"]
 BAR = "\u2501"  # what rich draws bars of
 AT_ONCE = {  # a bar and words about the progress, of a search that ends after a start

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +14,6 @@ from floatplan.plans.record import FORMAT_IN_SPACE, PlanRecord
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import urdf_path
 
-URDF = Path(__file__).parents[2] / "urdf"
 BASE = 6
 RTOL, ATOL = 2.3e-14, 1e-15  # the least that DOP853 takes
 

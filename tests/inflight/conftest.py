@@ -1,12 +1,9 @@
 """A gymnast's somersault and what corrects it."""
 
-from pathlib import Path
-
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
-
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
 
 @pytest.fixture(scope="module")

@@ -5,13 +5,13 @@ import math
 import pickle
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from flown_plans import DriftingInSpace
 from needed import skip_or_fail
+from places import SPACE
 
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
@@ -21,8 +21,6 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_of
 from floatplan.planning.constraints import LENGTH_SCALE
 from floatplan.robot.urdf.tree import robots_folder
-
-SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
 
 
 @pytest.fixture(scope="module")

@@ -2,16 +2,14 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.motion.planar.clearance import obstacle_distances
-
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
 
 def distance_to_circle(plan, times, orientations, positions):

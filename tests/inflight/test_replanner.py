@@ -1,17 +1,16 @@
 """Corrections in flight: continuous, inside the joint ranges, to the goal; and nothing that is measured stops them."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
 from long_cases import cases
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
 DAILY = (
     "falling_cat",

@@ -2,19 +2,18 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
 from long_cases import cases
+from places import PROBLEMS
 from plain_problems import plain_problems
 from update_reference import filtered
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 CHAINS = cases(range(8, 96, 14), range(36, 96, 14))
 NAMES = ("falling_cat_apart", "somersault", "high_jump", "gallery/go2", "gallery/g1", "gallery/human")
 

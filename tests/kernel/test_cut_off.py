@@ -3,9 +3,9 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from places import ROOT
+
 SHARES = (0.0, 1e-4, 0.01, 0.3, 0.9, 0.9999)
 LOADING = """
 import pathlib, sys

@@ -4,11 +4,11 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from elsewhere import told
+from places import ROOT
 from plain_problems import plain_problems
 
 import floatplan as fp
@@ -16,8 +16,6 @@ from floatplan.kernel import build, library
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.planning.batch import follow_unconstrained
 from floatplan.planning.kernel_input.numbers import Numbers
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture

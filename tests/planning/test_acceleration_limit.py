@@ -1,14 +1,14 @@
 """Limits of the joints' accelerations: kept by the search, proved, drawn, and told."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "problems" / "new_configuration.toml"
+EXAMPLE = PROBLEMS / "new_configuration.toml"
 
 
 def limited(problem, acceleration):

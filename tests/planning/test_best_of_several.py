@@ -3,11 +3,11 @@
 from dataclasses import replace
 from functools import cache
 from itertools import islice, pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from long_cases import cases
+from places import ROOT
 from starts_problems import starts_problems
 
 import floatplan as fp
@@ -16,7 +16,6 @@ from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.planning.repair import alternatives
 
-ROOT = Path(__file__).resolve().parents[2]
 HANDSTAND = ROOT / "problems" / "handstand.toml"
 
 NUMBERS_OF_STARTS = (1, 3, 8)

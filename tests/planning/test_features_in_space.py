@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from robot_samples import inertial
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 SPACE, URDF = ROOT / "problems" / "space", ROOT / "urdf"
 LEVEL = fp.Attitude(angles=(0, 0, 0), axes="xyz")
 TILTED = fp.Attitude(angles=(0.1, -0.1, 0.05), axes="xyz")

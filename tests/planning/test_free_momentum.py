@@ -1,17 +1,14 @@
 """A free h: kept within limits at the ends too, not bound to (9), and sought from several sides."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from free_problems import free_problem
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
-
-ROOT = Path(__file__).resolve().parents[2]
-PROBLEMS = ROOT / "problems"
 
 
 def free(problem):

@@ -7,10 +7,10 @@ import math
 import operator
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -19,7 +19,6 @@ from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.tables import ORIENTATION
 
-ROOT = Path(__file__).resolve().parents[2]
 SPACE = ROOT / "problems" / "space"
 
 

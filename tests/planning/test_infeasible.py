@@ -5,12 +5,12 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from forward_problems import GRADES, forward_problem
 from independent import Look, violations_seen
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
@@ -18,7 +18,6 @@ from floatplan.motion.planar.bounds import impossibilities
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.planning.search import DEFAULT_WORK
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 WORK = DEFAULT_WORK / 20  # of the searches here
 NEAREST = re.compile(r"In the nearest motion found, (.+?) is violated by (\S+) (.+?) at t = ([\d.]+) s")
 AT_AN_END = re.compile(r"At (takeoff|landing) the (start|goal) itself is impossible: (.+?) is violated by (\S+) (\S+)")

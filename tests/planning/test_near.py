@@ -1,18 +1,17 @@
 """Plans that begin with the motion of another one."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from needed import skip_or_fail
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.robot.urdf.tree import robots_folder
 
-PROBLEMS = Path(__file__).parents[2] / "problems"
 PATIENCE = 60.0  # s of budget that no search here uses up
 NAMES = ("obstacle", "torque_limited", "handstand_ground", "moving_hoop", "new_configuration_moving", "gallery/go2")
 

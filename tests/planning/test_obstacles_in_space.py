@@ -1,12 +1,12 @@
 """Obstacles of flights in space, links that keep apart, and the ground: kept, seen by others, or refused."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import coal
 import numpy as np
 import pytest
 from obstructed_in_space import least_seen, obstructed
+from places import SPACE
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -15,7 +15,6 @@ from floatplan.plans.record import check_requested
 from floatplan.robot.shapes.solid_capsules import solid_capsules
 from floatplan.robot.shapes.solids import LinkSolid
 
-SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
 AT_EDGE = 1e-7  # [m] that a clearance may be below its margin between instants
 DENSE = 2001
 

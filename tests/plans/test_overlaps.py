@@ -2,16 +2,15 @@
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.plans.overlaps import overlaps
 from floatplan.robot.link_pairs import link_pairs
 
-ROOT = Path(__file__).resolve().parents[2]
 LINK = """<link name="{name}">
   <inertial><mass value="1"/><origin xyz="{half} 0 0"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>

@@ -1,15 +1,14 @@
 """What a row of the table of limits may be about, and what may be said of each motor."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
+from places import URDF
 
 import floatplan as fp
 from floatplan.problem import resolution
 from floatplan.tables import LIMIT_TABLE, LimitRow
 
-GYMNAST = Path(__file__).resolve().parents[2] / "urdf" / "gymnast.urdf"
+GYMNAST = URDF / "gymnast.urdf"
 
 
 @pytest.mark.parametrize(("of", "known"), [("motors", "motor_torques"), ("base", "orientation_rate")])

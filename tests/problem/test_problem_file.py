@@ -1,14 +1,13 @@
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 
-ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = sorted((ROOT / "problems").glob("*.toml"))
 GYMNAST = ROOT / "urdf" / "gymnast.urdf"
 

@@ -2,18 +2,18 @@
 
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from mjcf_judge import Judge
 from mjcf_samples import RandomModel
+from places import URDF
 
 import floatplan as fp
 from floatplan.errors import InputError
 
-KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
+KANGAROO = URDF / "kangaroo.xml"
 EXACT = 1e-9  # [-] what a robot agrees with MuJoCo to
 
 

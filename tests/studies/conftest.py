@@ -1,10 +1,8 @@
-from pathlib import Path
-
 import pytest
+from places import ROOT
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 GRID = """
 [vary]
 "flight.angular_momentum" = { from = 2.8, to = 4.4, count = 12 }

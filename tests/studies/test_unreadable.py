@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 
@@ -91,7 +92,7 @@ class TestMerge:
 def test_an_exported_file_takes_the_place_of_none_that_cannot_be_read(tmp_path, unreadable):
     path = tmp_path / "mine.csv"
     path.write_text("mine")
-    plan = fp.plan(fp.load_problem(Path(__file__).resolve().parents[2] / "problems" / "somersault.toml"))
+    plan = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
     unreadable(path)
     with pytest.raises(fp.InputError, match=r"mine\.csv: cannot be read: Permission denied; it is not replaced"):
         plan.export("csv", path=path)

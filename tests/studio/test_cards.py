@@ -3,9 +3,9 @@
 from dataclasses import replace
 from io import StringIO
 from itertools import product
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from rich.console import Console
 
 import floatplan as fp
@@ -17,7 +17,6 @@ from floatplan.studio.curves import curves_card
 from floatplan.studio.session import View
 from floatplan.studio.tasks import ShownPlan
 
-ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
 
 

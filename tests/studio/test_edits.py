@@ -1,13 +1,11 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.studio import edits
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,12 @@
 """A jump in the studio: what is said of it, its phases, and the page around it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.studio import cards, edits
@@ -94,7 +94,7 @@ def test_a_part_of_the_flight_is_kept_as_it_was_found(shown, problem, tmp_path, 
 
 @pytest.mark.long
 def test_a_jump_is_planned_changed_and_saved(tmp_path):
-    problem = fp.load_problem(Path(__file__).parents[2] / "problems" / "jumps" / "go2.toml")
+    problem = fp.load_problem(PROBLEMS / "jumps" / "go2.toml")
     session, said = Session(problem), set[str]()
     session.listen(lambda: said.add(session.view.doing))
     try:

@@ -4,11 +4,11 @@ import math
 import socket
 import threading
 from contextlib import closing
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from places import ROOT
 from studio_insides import logged_errors
 from studio_page import grip_places
 
@@ -17,7 +17,6 @@ from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
 from floatplan.studio.page import Studio, titled
 
-ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 
 

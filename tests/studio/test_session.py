@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from studio_insides import process_ids
 
 import floatplan as fp
@@ -16,7 +17,6 @@ from floatplan.studio import cards
 from floatplan.studio.session import FILE_NAMES, Session
 from floatplan.studio.tasks import COLUMNS, ROWS
 
-ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 BEYOND = 1e6  # rad, outside what a problem may ask
 

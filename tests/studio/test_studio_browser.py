@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from jumps import INSTALLED
 from needed import skip_or_fail
+from places import ROOT
 from studio_insides import logged_errors
 from studio_page import Page
 
@@ -15,8 +16,6 @@ import floatplan as fp
 from floatplan.studio.edits import phase_ends
 from floatplan.studio.page import Studio
 from floatplan.studio.tasks import COLUMNS, ROWS
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.long
