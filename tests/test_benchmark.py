@@ -1,6 +1,5 @@
 """The benchmark runs: every section, with as little to measure as there is."""
 
-import importlib.util
 import pkgutil
 import sys
 
@@ -13,9 +12,6 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.motion.spatial.dynamics import spatial_dynamics
-
-if importlib.util.find_spec("casadi") is None:
-    skip_or_fail("casadi is not installed: the extra bench")
 
 
 @pytest.fixture(scope="module")

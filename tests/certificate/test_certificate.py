@@ -15,7 +15,6 @@ from proof_records import certify_record
 from floatplan.certificate.certificate import shapes_of
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import urdf_path
 
 GROUND = {"kind": "half-plane", "point": [0.0, 0.0], "normal": [0.0, 2.0], "margin": 0.0}
 CIRCLE = {"kind": "circle", "center": [1.485, 3.342], "radius": 0.2, "margin": 0.0}
@@ -243,13 +242,9 @@ def test_a_robot_with_collision_elements_needs_shapes(plan_b, tmp_path):
 
 def test_capsules_of_a_quadruped():
     """A robot of example-robot-data, left and right legs coupled, with the capsules around its collision geometry."""
-    try:
-        path = urdf_path("example-robot-data:go2_description/urdf/go2.urdf")
-    except InputError as error:
-        pytest.skip(str(error))
     sides, parts = (("FR", "FL"), ("RR", "RL")), ("thigh", "calf")
     coupled = {f"{right}_{part}_joint": f"{left}_{part}_joint" for right, left in sides for part in parts}
-    robot = Robot.from_urdf(path, coupled=coupled)
+    robot = Robot.from_urdf("example-robot-data:go2_description/urdf/go2.urdf", coupled=coupled)
     limits = robot.position_limits
     obstacles = [
         {"kind": "circle", "center": [0.9, 2.4], "radius": 0.1},

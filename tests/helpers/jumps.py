@@ -2,7 +2,6 @@
 
 import math
 from functools import cache
-from importlib.util import find_spec
 
 import numpy as np
 from once import made_once
@@ -10,9 +9,7 @@ from once import made_once
 import floatplan as fp
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
-from floatplan.robot.urdf.tree import robots_folder
 
-INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 
 

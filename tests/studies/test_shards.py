@@ -13,7 +13,6 @@ import floatplan as fp
 from floatplan.studies import driver, rows
 from floatplan.studies.folder import Shard
 
-pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.usefixtures("without_maps")
 
 
