@@ -54,21 +54,8 @@ EXPECTED = {
     "guard": "most worse",
 }
 LONG = {
-    "clips",
-    "speed",
-    "free",
-    "obstacle",
-    "inflight",
-    "startup",
-    "studies",
-    "jump",
-    "hops",
-    "launch",
-    "contact",
-    "space",
-    "clip-repair",
-    "clip-landings",
-    "guard",
+    *("clips", "speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch"),
+    *("contact", "space", "clip-repair", "clip-landings", "guard"),
 }
 
 
