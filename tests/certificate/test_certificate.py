@@ -10,7 +10,7 @@ import proof_reference as reference
 import pytest
 from places import URDF
 from proof_plans import draw_coefficients, example_a, example_b, make_plan, unlimited
-from proof_records import certify_record
+from proof_records import certify_record, finding
 
 from floatplan.certificate.certificate import shapes_of
 from floatplan.errors import InputError
@@ -42,11 +42,6 @@ def with_obstacles(record, *obstacles):
     clear = min(reference.clearance(robot, record, dense, obstacle).min() for obstacle in obstacles)
     problem = record.problem | {"obstacles": list(obstacles)}
     return replace(record, problem=problem, clearance_min=float(clear) if np.isfinite(clear) else None)
-
-
-def finding(certificate, label):
-    (found,) = [item for item in certificate.findings if item.label.startswith(label)]
-    return found
 
 
 def test_example_a_is_proved(plan_a):

@@ -23,11 +23,6 @@ RATE = 500.0
 
 
 @pytest.fixture(scope="module")
-def jump():
-    return jumps.backflip()
-
-
-@pytest.fixture(scope="module")
 def jump_file(jump, tmp_path_factory):
     return jump.save(tmp_path_factory.mktemp("jump") / "jump.json")
 

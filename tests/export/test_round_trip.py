@@ -4,7 +4,6 @@ import csv
 import json
 from pathlib import Path
 
-import jumps
 import numpy as np
 import pytest
 import yaml
@@ -163,11 +162,6 @@ def assert_is(motion, found):
         on = [now for now, phase in zip(within, motion.phases, strict=True) if name in phase.contacts]
         np.testing.assert_array_equal(np.asarray(stands, dtype=bool), np.any(on, axis=0))
         np.testing.assert_allclose(found["forces"][name], forces[name], atol=EXACT * np.abs(forces[name]).max())
-
-
-@pytest.fixture(scope="module")
-def jump():
-    return jumps.backflip()
 
 
 @pytest.mark.parametrize("kind", ["coupled", "tree", "jump"])

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow
 import pytest
 from places import ROOT
-from slow_study import ROWS, killed_after
+from slow_study import ROWS, killed_after, timeless
 
 import floatplan as fp
 from floatplan import InputError, files
@@ -32,10 +32,6 @@ WHOLE = """
 "obstacles.0.center.0" = { from = 0.9, to = 1.7, count = 3 }
 "goal.positions.q1" = [0, 200]
 """
-
-
-def timeless(table):
-    return table.drop_columns(["milliseconds"])
 
 
 def test_the_table_has_its_columns_units_and_rows(done):
