@@ -33,7 +33,7 @@ EFFORT = {
             "    @property\n    def efforts(self) -> Array:\n"
             '        """Torques (..., n) with the friction of 1 N m s/rad, N m."""\n'
             "        return self.torques + self.velocities\n\n    def shaped(self",
-        )
+        ),
     ),
     "floatplan/planning/constraints.py": (
         (
