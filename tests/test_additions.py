@@ -1,7 +1,5 @@
 """A limit and a kind of obstacle, added to a copy of the package as CONTRIBUTING says, work in every room."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

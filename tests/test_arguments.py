@@ -1,7 +1,5 @@
 """Whatever a public class or function is given: it takes it, or says at once what is wrong with it."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import webbrowser

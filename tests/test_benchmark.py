@@ -1,7 +1,5 @@
 """The benchmark runs: every section, with as little to measure as there is."""
 
-from __future__ import annotations
-
 import importlib.util
 import pkgutil
 import sys

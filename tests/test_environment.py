@@ -1,7 +1,5 @@
 """The script that makes the environment looks for a compiler, or a package index that has one, before it installs."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

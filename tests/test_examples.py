@@ -1,7 +1,5 @@
 """The examples run, each in a folder of its own, print what their texts promise, and are on the site as they are."""
 
-from __future__ import annotations
-
 import ast
 import io
 import json

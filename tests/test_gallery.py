@@ -1,7 +1,5 @@
 """Real robots of example-robot-data: planned within their limits, proved, and flown in two engines."""
 
-from __future__ import annotations
-
 import re
 import runpy
 import sys

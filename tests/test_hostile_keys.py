@@ -1,7 +1,5 @@
 """Whatever is wrong under any key of any file is refused in words that name its place: one table for all files."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path

@@ -3,8 +3,6 @@
 ``pytest -rP tests/test_house.py`` shows today's. Who brings one down writes the lower limit into the table.
 """
 
-from __future__ import annotations
-
 import ast
 import json
 import re

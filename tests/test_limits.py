@@ -1,7 +1,5 @@
 """docs/limits.md says what the program does."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Every room that tells kinds of obstacles apart knows the same ones."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is asked for and not installed is said, with how to get it."""
 
-from __future__ import annotations
-
 import math
 import shlex
 import sys

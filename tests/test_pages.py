@@ -1,7 +1,5 @@
 """The README and the pages of docs/: every snippet runs, in the order in which a reader meets it."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import importlib.util
 import json

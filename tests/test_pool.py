@@ -1,7 +1,5 @@
 """Processes of floatplan import what the main one does, whatever lies in the working directory, and end with it."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

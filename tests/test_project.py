@@ -1,7 +1,5 @@
 """The project as it is delivered: package, wheel, scripts."""
 
-from __future__ import annotations
-
 import ast
 import datetime
 import importlib.util

@@ -1,7 +1,5 @@
 """Every problem file is answered as it was: ``scripts/references.py`` says how to change that on purpose."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """The same bits whatever the number of threads that BLAS may use; and that number is the user's again afterwards."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """The wheel of a clean checkout, built once: what it holds, and that its kernel works where it is unpacked."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

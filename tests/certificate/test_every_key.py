@@ -1,7 +1,5 @@
 """Every value of a plan file, tampered with: what becomes of it is written down here, key by key."""
 
-from __future__ import annotations
-
 import copy
 import json
 import math

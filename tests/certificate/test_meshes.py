@@ -1,7 +1,5 @@
 """The certificate and the mesh files: proved are the shapes of the files that the plan was made with, or nothing."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

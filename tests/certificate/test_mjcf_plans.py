@@ -1,7 +1,5 @@
 """Plans of robots from MJCF: proved of the URDF that the plan file holds, and of nothing else."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

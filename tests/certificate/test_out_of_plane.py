@@ -1,7 +1,5 @@
 """How far a plan in a plane leaves it: what is proved of it contains what DOP853 finds by Pinocchio's free flyer."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

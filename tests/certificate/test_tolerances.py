@@ -3,8 +3,6 @@
 A plan is kept as it is, and what is asked is moved until the plan lacks a fraction of the tolerance, or more than it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

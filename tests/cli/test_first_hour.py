@@ -1,7 +1,5 @@
 """What a new user asks first: which robots there are, what one is, and what a problem file may hold."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What the system may refuse, and what files may be: one message, exit code 2, nothing lost, nothing replaced."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """``floatplan init``: from a robot to a flight that is proved and without warnings, without an edit."""
 
-from __future__ import annotations
-
 import json
 import math
 import sys

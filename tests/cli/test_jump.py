@@ -1,7 +1,5 @@
 """``floatplan jump`` and ``launch``: files, words and exit codes; what is wrong is refused with file and key."""
 
-from __future__ import annotations
-
 import json
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """What messages say: each once, options as they are typed, and of each fault the file that holds it."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

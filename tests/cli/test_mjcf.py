@@ -1,7 +1,5 @@
 """An MJCF goes where a URDF goes: problem files, plans, proofs, replays, exports, jumps."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Options of the command line that stand for keys of problem files: the keys exist, and take what is typed."""
 
-from __future__ import annotations
-
 import pytest
 
 from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS

@@ -1,7 +1,5 @@
 """What somebody reads who comes for the first time: what is wrong says where it belongs, nothing is 0 % of no limit."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

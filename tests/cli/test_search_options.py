@@ -1,7 +1,5 @@
 """The search from the command line: budget, processes, Ctrl-C, progress, pictures beside a plan without obstacles."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """``floatplan takeoff``, and what ``floatplan bounds`` tells beside the interval for h."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

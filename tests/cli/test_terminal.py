@@ -1,7 +1,5 @@
 """What a person sees of the command line: where results and progress go, bars, the log, version, completion, hints."""
 
-from __future__ import annotations
-
 import logging
 import os
 import pty

@@ -1,7 +1,5 @@
 """Plans whose files are read back: of coupled legs, and of a tree with joints of every kind."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Exports of whole jumps: each file is read back by its consumer, and is the jump to the last bit."""
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """MuJoCo's file is what the file of the robot takes: its actuators, its base's joints, in its order."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Reference motions: each file is read as its readers read it, and is the plan's motion in MuJoCo's world."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

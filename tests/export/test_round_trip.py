@@ -1,7 +1,5 @@
 """One round trip for every format: what its reader finds in a file is the motion, of plans and of jumps."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Exports of the whole motion, base and all joints: each read back by the programs that it is for."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

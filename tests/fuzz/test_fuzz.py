@@ -1,7 +1,5 @@
 """Spoiled files through every command: 25 cases each time, 200 with the long tests, any number by ``scripts/fuzz``."""
 
-from __future__ import annotations
-
 import pytest
 from fuzz_runs import judge, run_clip, run_here, run_killed
 from long_cases import cases

@@ -1,7 +1,5 @@
 """Debian's Chromium, driven by Selenium: pages are opened from files, and all that they ask for is written down."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Iterator

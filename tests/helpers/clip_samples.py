@@ -1,7 +1,5 @@
 """Clips for tests: a small robot with two legs that hops with its legs held, and files of it in every format."""
 
-from __future__ import annotations
-
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

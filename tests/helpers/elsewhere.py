@@ -1,7 +1,5 @@
 """Python in a process of its own: in another folder with the package that is there, or as in a terminal."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Motions as plans, made without a planner."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import floatplan as fp

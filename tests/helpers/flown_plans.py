@@ -1,7 +1,5 @@
 """Plans without a search: a motion of a problem's class, its end made the goal; flights that obey (4) or (S1) alone."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

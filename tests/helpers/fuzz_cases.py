@@ -1,7 +1,5 @@
 """Cases of the fuzzer: what is spoiled, and the command that meets it, by the seed alone."""
 
-from __future__ import annotations
-
 import random
 import shutil
 from dataclasses import dataclass

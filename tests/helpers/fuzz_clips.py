@@ -1,7 +1,5 @@
 """Recorded motions spoiled at random, in every format, and the command that meets them."""
 
-from __future__ import annotations
-
 import io
 import pickle
 import random

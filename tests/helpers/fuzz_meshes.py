@@ -1,7 +1,5 @@
 """Robots of the gallery with their meshes beside them, some of it spoiled: URDF, SRDF and mesh files."""
 
-from __future__ import annotations
-
 import contextlib
 import gzip
 import hashlib

@@ -1,7 +1,5 @@
 """Input files spoiled at random: problem, plan and URDF files, by the seed alone."""
 
-from __future__ import annotations
-
 import copy
 import json
 import random

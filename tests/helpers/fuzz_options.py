@@ -1,7 +1,5 @@
 """Command lines spoiled at random: every option of every command as the program itself lists them."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import random

@@ -4,8 +4,6 @@ It ends by itself with exit code 0, 1 or 2, without a traceback or a warning, in
 wrong in a message of at most 2000 characters.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

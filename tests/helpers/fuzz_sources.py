@@ -1,7 +1,5 @@
 """What the fuzzer's cases begin with: sound problems, robots and plans, of this project and of its gallery."""
 
-from __future__ import annotations
-
 import os
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Wrong content for every key of a file, made from the records of its keys."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from types import NoneType, UnionType

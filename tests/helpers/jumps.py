@@ -1,7 +1,5 @@
 """Problems of jumps for tests, and one jump that many of them look at."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from importlib.util import find_spec

@@ -1,7 +1,5 @@
 """URDF text of small robots on legs: quadrupeds and bipeds, on points, soles or wheels, in any zero posture."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 

@@ -3,8 +3,6 @@
 ``python load.py PLANS ROBOTS`` prints what :func:`measured` finds as JSON.
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import json

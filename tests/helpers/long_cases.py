@@ -1,7 +1,5 @@
 """Cases of which some are run every time, others with ``scripts/check --all``."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable
 from typing import Any
 

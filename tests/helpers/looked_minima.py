@@ -1,7 +1,5 @@
 """Local minima of rows of constraints by finer and finer looks in NumPy: what the kernel's are held to."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A plan's motion as a point of the program that the reference method solves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

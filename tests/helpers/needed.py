@@ -1,7 +1,5 @@
 """What a test needs and may be missing: a reason to skip on a desk, a failure in continuous integration."""
 
-from __future__ import annotations
-
 import os
 from typing import NoReturn
 

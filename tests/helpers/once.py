@@ -1,7 +1,5 @@
 """What takes long to make, made once in all processes of the tests."""
 
-from __future__ import annotations
-
 import os
 import pickle
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The command line in a process of its own, with streams, environment and constants of a test's choice."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 Positions are (N, 2); matrices and vectors come one per row of them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

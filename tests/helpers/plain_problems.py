@@ -1,7 +1,5 @@
 """Problems without inequalities, drawn at random: chains and trees, coupled joints, mirrored planes, mixed degrees."""
 
-from __future__ import annotations
-
 import math
 import tempfile
 from dataclasses import replace

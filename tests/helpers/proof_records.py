@@ -1,7 +1,5 @@
 """Records proved by the certificate alone, with capsules that are given."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The same robot on Pinocchio's own free-flyer, built from the URDF's text: the oracle for the planar model."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Robots for tests: URDF text of small chains, and random planar trees with every complication that URDF allows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A study in small chunks, in a process that is killed in the middle: after some chunks it waits for that."""
 
-from __future__ import annotations
-
 import signal
 from multiprocessing.connection import Connection
 from pathlib import Path

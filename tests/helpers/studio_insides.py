@@ -1,7 +1,5 @@
 """What the studio does not show: what went wrong in the program without ending it, and the processes that plan."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """The studio's page, driven as a hand does: grips are dragged, sliders moved, buttons clicked."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any

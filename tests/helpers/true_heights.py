@@ -1,7 +1,5 @@
 """Heights of a robot's collision geometry during a flight, by Pinocchio's own reading of it: corners, rims, balls."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The filter of an update, written a second time."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import floatplan as fp

@@ -1,7 +1,5 @@
 """A gymnast's somersault and what corrects it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Whatever is measured, and whenever: no exception, a motion that goes on, and the way back to good measurements."""
 
-from __future__ import annotations
-
 import math
 from decimal import Decimal
 from typing import Any

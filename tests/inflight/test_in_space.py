@@ -1,7 +1,5 @@
 """Corrections of flights in space: continuous, to the goal's attitude, foreseen as they come; nothing stops them."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle

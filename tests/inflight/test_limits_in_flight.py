@@ -1,7 +1,5 @@
 """Limits and obstacles while correcting: what a correction keeps."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Corrections in flight: continuous, inside the joint ranges, to the goal; and nothing that is measured stops them."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What an update makes of a measurement: the filter's state, and what it says of the rest of the flight."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

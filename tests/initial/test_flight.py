@@ -1,7 +1,5 @@
 """The search for a first flight: what it does is counted, and where it ends is what a plan's own search finds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

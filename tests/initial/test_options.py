@@ -1,7 +1,5 @@
 """What is asked of a first flight: it reaches the problem, or is refused by the option's name before any search."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What a robot stands on, and which of its joints a first flight takes."""
 
-from __future__ import annotations
-
 import math
 
 import legged_samples

@@ -1,7 +1,5 @@
 """The posture from which a robot jumps: its file's where that stands, else one that is looked for, or what is asked."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 from jumps import INSTALLED
 from needed import skip_or_fail

@@ -1,7 +1,5 @@
 """Why no jump is found: what stands in the way is what was made too small."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Files of jumps of which any value may be anything: what is wrong is said with its place, in words of the file."""
 
-from __future__ import annotations
-
 import copy
 import json
 import random

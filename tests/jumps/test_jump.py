@@ -1,7 +1,5 @@
 """A Go2's backflip from end to end: found, proved in flight, checked in stance, the same after saving."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Landings that are not as planned: turned about their feet, or late; feet as round as their shapes; level ground."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

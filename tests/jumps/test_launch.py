@@ -1,7 +1,5 @@
 """Stances from rest to a takeoff: those of a jump are found again, and those that no robot can have are not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Torques of joints that are held: those of Pinocchio's inverse dynamics; and jumps that keep within their efforts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

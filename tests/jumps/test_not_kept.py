@@ -1,7 +1,5 @@
 """What a jump does not do is refused by its key, and never answered with another jump."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

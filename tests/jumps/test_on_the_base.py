@@ -1,7 +1,5 @@
 """Robots whose base is what stands: their jumps, with rotors in their motors and without."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

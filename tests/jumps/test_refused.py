@@ -1,7 +1,5 @@
 """Stances that cannot be: each refused with its key and the reason, before anything is solved."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Feet that roll: circles about their frames, on which a robot stands and from which it jumps."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

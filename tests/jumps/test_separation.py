@@ -1,7 +1,5 @@
 """Jumps that keep away from obstacles, and whose links keep apart: found, where one without these would not be."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

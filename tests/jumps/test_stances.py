@@ -1,7 +1,5 @@
 """What stances are made of: contacts found by shape, standing postures, and quintics between them."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A jump's file that is spoiled in one place: its check says so, or reading refuses it."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

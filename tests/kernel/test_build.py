@@ -1,7 +1,5 @@
 """How the kernel is compiled: side by side, once for all who need it at the same time, and whole or not at all."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shutil

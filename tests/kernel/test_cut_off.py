@@ -1,7 +1,5 @@
 """A compiled kernel that ends too early, as after a full disk: it is not loaded, and commands say so."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

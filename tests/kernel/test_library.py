@@ -1,7 +1,5 @@
 """The compiled kernel as a library: sets of instructions, building it, an installation without it."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

@@ -3,8 +3,6 @@
 Derivatives are held to those of a reference in NumPy, and in ``tests/planning/test_constraints.py`` to differences.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Quadratic programs by the dual method."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from recorded_quadratics import recorded

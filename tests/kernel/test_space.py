@@ -1,7 +1,5 @@
 """Trees in space as the kernel moves them, against Pinocchio: momentum, torques in free flight, their derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """The kernel's program of flights in space: derivatives, values against Pinocchio, minima, and lifted motions."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What crosses to C++: the layout that cffi reads in the header is the compiler's, and what does not fit is refused."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from dataclasses import fields

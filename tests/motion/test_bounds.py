@@ -1,7 +1,5 @@
 """Extremes of D over the joint ranges, and the interval (9) of the angular momentum."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from generated_problems import random_chain

@@ -1,7 +1,5 @@
 """Distances of links to one another, and how deep one is in an obstacle; when apart: ``tests/plans/test_plan.py``."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Takeoff and landing: verdicts in words, and warnings of plans."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

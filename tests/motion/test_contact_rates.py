@@ -1,7 +1,5 @@
 """Rates with which a frame is at rest at takeoff or landing: the optimum by brute force, the motion by Pinocchio."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

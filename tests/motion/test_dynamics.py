@@ -1,7 +1,5 @@
 """Momentum, base rate and torques: the Appendix as corrected, and the closed form against Pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from generated_problems import random_chain

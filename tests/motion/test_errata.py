@@ -1,7 +1,5 @@
 """One test for each row of errata.md: what the paper prints does not hold on Pinocchio's robot, and what does."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """q, v, a, tau of a plan, asked of the model that Pinocchio makes of the URDF itself on a free flyer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Orientation by (18): closed forms, and an independent integration."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from flight_reference import drawn_plan, random_coefficients

@@ -1,7 +1,5 @@
 """What a plan in a plane leaves out: roll and yaw at landing of a robot that is not its own mirror image."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Spectral quadrature and extrema, against closed forms."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from numpy.polynomial import legendre

@@ -1,7 +1,5 @@
 """What joint rates within their limits reach: its edges take exactly the limits, inside less, outside more."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Flight in space: attitudes against another integrator, derivatives against differences, a planar plan flown there."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

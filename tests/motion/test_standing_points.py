@@ -1,7 +1,5 @@
 """A foot may leave the ground from its toe, its tip or its round bottom, and not from its frame: the verdict knows."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

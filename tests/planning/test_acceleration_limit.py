@@ -1,7 +1,5 @@
 """Limits of the joints' accelerations: kept by the search, proved, drawn, and told."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

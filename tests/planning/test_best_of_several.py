@@ -1,7 +1,5 @@
 """The best of several: compared by the number that the user sees, and never worse with more starts or processes."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 from itertools import islice, pairwise

@@ -3,8 +3,6 @@
 Values, and derivatives a second time, are held to a reference in NumPy and to Pinocchio in ``tests/kernel``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from kernel_program import KernelProgram

@@ -1,7 +1,5 @@
 """What flights in a plane know goes together in space: couplings, locks, motors, files, threads; or is refused."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Flights that begin and end with a frame at rest on the ground, and with free accelerations."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -12,6 +10,7 @@ import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.contact_rates import contact_rates
 from floatplan.motion.planar.end_rates import end_rates
+from floatplan.plans.verdicts import Finding
 
 
 def problem_of(robot, momentum=-4.0, at_takeoff=0.0, at_landing=0.0, **others) -> fp.Problem:
@@ -32,7 +31,7 @@ def plan(request, jumper) -> fp.Plan:
     return fp.plan(problem_of(jumper, request.param), prove=True)
 
 
-def labels(certificate: fp.Certificate) -> dict[str, fp.Finding]:
+def labels(certificate: fp.Certificate) -> dict[str, Finding]:
     return {finding.label: finding for finding in certificate.findings}
 
 

@@ -1,7 +1,5 @@
 """A free h: kept within limits at the ends too, not bound to (9), and sought from several sides."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Plans of flights in space: twists, rolls within limits, an arm on a free base; their files, replays and refusals."""
 
-from __future__ import annotations
-
 import copy
 import functools
 import json

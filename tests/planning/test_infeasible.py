@@ -1,7 +1,5 @@
 """Problems without a plan end soon and say which requirement cannot be met, by how much and when; and that is so."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable

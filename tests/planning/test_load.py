@@ -1,7 +1,5 @@
 """Many plans in one process: memory, caches, threads and forks. ``scripts/fuzz --load`` makes 1000 plans of it."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

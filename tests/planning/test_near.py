@@ -1,7 +1,5 @@
 """Plans that begin with the motion of another one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

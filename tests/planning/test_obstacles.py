@@ -1,7 +1,5 @@
 """Every problem of problems/, and a sample of drawn ones, looked at by code that is not the planner's."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Obstacles of flights in space, links that keep apart, and the ground: kept, seen by others, or refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Many plans at once, by the compiled kernel."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,7 +1,5 @@
 """plan(): every problem file, generated problems, what cannot be flown and why; invariances."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """Problem files of flights in space: what their comments say, that they fly; and goals that are known to be reached."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The objective "robust" of flights in space: errors at takeoff grow less until landing, and what it says is true."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

@@ -1,7 +1,5 @@
 """The search: enough is enough, budgets of work and of seconds, Ctrl-C, several processes."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

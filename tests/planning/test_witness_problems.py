@@ -1,7 +1,5 @@
 """Problems drawn around a witness: the motion solves them, and together they have every feature."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache

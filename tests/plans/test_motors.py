@@ -1,7 +1,5 @@
 """Each motor's own torque: where joints are coupled, a leader and its followers are limited and proved one by one."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a plan makes of itself: a page, and files for other programs."""
 
-from __future__ import annotations
-
 import webbrowser
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A plan as a motion: its states against Pinocchio called directly, its peaks against dense evaluation."""
 
-from __future__ import annotations
-
 from dataclasses import FrozenInstanceError, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plan files: read back bit for bit, written whole, refused where anything in them is wrong."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields, replace
 from pathlib import Path

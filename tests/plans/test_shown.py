@@ -1,7 +1,5 @@
 """How problems, plans, replays and certificates show themselves at a prompt and in notebooks."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser

@@ -1,7 +1,5 @@
 """Answers from any thread are those from one: of a plan, of the planner, of proof and replay, of figures."""
 
-from __future__ import annotations
-
 import pickle
 import sys
 from concurrent.futures import ThreadPoolExecutor

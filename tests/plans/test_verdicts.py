@@ -1,7 +1,5 @@
 """Findings and certificates as data: their labels, and that files give them back."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Every bad input of a flight in space is refused with file, key and reason, in Python and on the command line."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The ground, asked for or measured, and what a plan does to the URDF's limits: warnings beside the verdict."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

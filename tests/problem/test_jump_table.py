@@ -1,7 +1,5 @@
 """The table [jump] of problem files: read, refused, saved; flights of such problems are planned alone."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One record of the keys of problem files: checks, tables, options and plan files follow it."""
 
-from __future__ import annotations
-
 import floatplan as fp
 from floatplan.cli.common import OPTIONS
 from floatplan.plans.record import SHARED, problem_table

@@ -1,7 +1,5 @@
 """What a row of the table of limits may be about, and what may be said of each motor."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

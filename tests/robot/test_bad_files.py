@@ -1,7 +1,5 @@
 """Every fault that a URDF can have is refused with its file, its element and its reason, before Pinocchio sees it."""
 
-from __future__ import annotations
-
 from unittest.mock import patch
 
 import pytest

@@ -1,7 +1,5 @@
 """The plane, and which joints are planned, coupled and locked."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

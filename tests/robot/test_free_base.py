@@ -1,7 +1,5 @@
 """The joints by which a file lets its own base float are read as the free base that every robot has here."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """Inertias that no body can have, refused or balanced as MuJoCo does, and masses that links carry."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

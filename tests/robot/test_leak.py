@@ -1,7 +1,5 @@
 """The out-of-plane leak: none where the robot is its own mirror image, large where legs swing apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, inertial

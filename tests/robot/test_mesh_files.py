@@ -1,7 +1,5 @@
 """Meshes are read as they are written, or refused: no corner is dropped, moved or made up."""
 
-from __future__ import annotations
-
 import io
 import struct
 import tracemalloc

@@ -1,7 +1,5 @@
 """Robots from MJCF: what MuJoCo compiles is what is planned with; what cannot be planned is refused by name."""
 
-from __future__ import annotations
-
 import math
 import sys
 from pathlib import Path

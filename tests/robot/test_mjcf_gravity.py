@@ -1,7 +1,5 @@
 """An MJCF says which way gravity points, and its base may float by joints; turned inertias of any size are read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from types import SimpleNamespace
 

@@ -1,7 +1,5 @@
 """Hostile MJCF files: MuJoCo compiles in a process with bounds, without what is not planned with."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

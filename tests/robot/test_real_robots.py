@@ -1,7 +1,5 @@
 """Robots of example-robot-data: each loads, or is refused for a true reason; mirror couplings and SRDF postures."""
 
-from __future__ import annotations
-
 from xml.etree import ElementTree
 
 import numpy as np

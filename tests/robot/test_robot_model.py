@@ -1,7 +1,5 @@
 """The planar model and the planar tree, against the free-flyer model of the URDF as it stands."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

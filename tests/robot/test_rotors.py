@@ -1,7 +1,5 @@
 """Inertias of rotors from ``<rotor_params>`` of an SRDF file: the default of ``armature``."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Capsules hold the collision geometry that they stand for, and hold it tightly."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

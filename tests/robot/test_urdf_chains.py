@@ -1,7 +1,5 @@
 """The chains of ``urdf/``: written by their script, and those of the paper's Table I."""
 
-from __future__ import annotations
-
 import runpy
 import subprocess
 import sys

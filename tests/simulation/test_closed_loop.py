@@ -1,7 +1,5 @@
 """Perturbed robots in forward dynamics, with corrections and without; the commands; how much can be corrected."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Replay of whole jumps in MuJoCo with contact: how they land, what is perturbed, what is refused."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Perturbations as they are written: what is read, and what is told of those that are wrong."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

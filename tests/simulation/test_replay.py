@@ -1,7 +1,5 @@
 """Replay: forward dynamics lands where plans say, in two engines; what is wrong shows."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import sys

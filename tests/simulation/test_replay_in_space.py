@@ -1,7 +1,5 @@
 """Replay of flights in space: MuJoCo on a free joint agrees with Pinocchio and with the plan; many are a table."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

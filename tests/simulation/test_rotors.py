@@ -1,7 +1,5 @@
 """Motors with rotors, damping and friction: in torques, proofs, corrections and files as Pinocchio has them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A jump lands in a second model with contact: MuJoCo's own reading of the URDF, capsules, a loop of its own."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import atan2, pi
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Maps: cells, statuses that are told apart, and the page in a browser."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Libraries of motions: a file for each row that holds one, and an index that is true of them."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Callable

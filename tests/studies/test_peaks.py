@@ -1,7 +1,5 @@
 """Peaks of many plans, by the compiled kernel."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

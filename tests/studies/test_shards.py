@@ -1,7 +1,5 @@
 """Studies beyond one machine: shards that share nothing are merged into the same table, and any executor plans rows."""
 
-from __future__ import annotations
-
 import shutil
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context

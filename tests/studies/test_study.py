@@ -1,7 +1,5 @@
 """Studies run: rows, statuses, measures, resumption; whatever happens to processes, disks and rows."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

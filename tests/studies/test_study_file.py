@@ -1,7 +1,5 @@
 """Study files: what varies, by path, unit and range; all that is wrong is told with its path."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil

@@ -1,7 +1,5 @@
 """Studies whose rows are whole jumps."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from pathlib import Path

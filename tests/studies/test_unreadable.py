@@ -1,7 +1,5 @@
 """What cannot be read is never deleted or replaced, whatever the reason; what was read and is damaged is made anew."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable

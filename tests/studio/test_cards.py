@@ -1,7 +1,5 @@
 """What the page says, of hostile names and extreme numbers too."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from io import StringIO
 from itertools import product

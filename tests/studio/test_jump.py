@@ -1,7 +1,5 @@
 """A jump in the studio: what is said of it, its phases, and the page around it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

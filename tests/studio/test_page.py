@@ -1,7 +1,5 @@
 """The page without a browser: served to this machine alone, dragged, and drawn."""
 
-from __future__ import annotations
-
 import math
 import socket
 import threading

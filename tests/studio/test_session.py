@@ -1,7 +1,5 @@
 """A session without a page: changes, answers, refusals, the map, and files."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """The studio in a browser: dragged, made impossible, taken back, saved, and planned again from the command line."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from contextlib import closing

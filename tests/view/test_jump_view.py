@@ -1,7 +1,5 @@
 """A jump as pages and pictures show it: the jump's own numbers, in its own clock, beside what its check found."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any

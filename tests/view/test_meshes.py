@@ -1,7 +1,5 @@
 """What is drawn of a robot: less than there is, and nothing that could be seen is missing."""
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The report as a file: one page, whole, with nothing outside it, and safe whatever its names are."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

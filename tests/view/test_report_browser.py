@@ -1,7 +1,5 @@
 """The report and the scene in a browser: they play, they hold the plan's numbers, and they ask nothing of a network."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Callable
 from dataclasses import replace

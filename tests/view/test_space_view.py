@@ -1,7 +1,5 @@
 """Flights in space as pictures, page and scene show them."""
 
-from __future__ import annotations
-
 import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
