@@ -264,7 +264,7 @@ def _shared(contact: GroundContact, force: Array) -> dict[str, Array]:
 
 
 def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
-    """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
+    """State of a flight, in a plane or in space, at times (N,) s from the start of its jump; it begins at ``takeoff``."""
     flight = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration)).coordinates
     motion = (flight.positions, flight.velocities, flight.accelerations)
     return JumpState(read_only(times), *motion, {}, flight.torques, {})

@@ -18,11 +18,10 @@ from floatplan.jumps.check import (
     unlimited_figures,
     worst_values,
 )
-from floatplan.jumps.motion import JumpState
+from floatplan.jumps.motion import JumpState, flight_state
 from floatplan.jumps.spatial.jump_motion import (
     JOINTS,
     SpatialJumpMotion,
-    flight_state,
     planned_joints,
     poses_of,
     state_of,
