@@ -194,7 +194,8 @@ def certificate_summary(certificate: fp.Certificate) -> RenderableType:
     rows: list[list[str | Text]] = [[*row] for row in cells[: SHOWN.findings]]
     for row, (_, word, *_) in zip(rows, cells, strict=False):
         row[1] = Text(word, colours[word])
-    return Group(verdict, _table(titles, rows), *_more(len(cells) - SHOWN.findings))
+    reasons = [f"goal.orientation: {reason}" for reason in certificate.reasons]
+    return Group(verdict, *reasons, _table(titles, rows), *_more(len(cells) - SHOWN.findings))
 
 
 def replay_summary(replay: fp.Replay) -> RenderableType:

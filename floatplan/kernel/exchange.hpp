@@ -250,14 +250,23 @@ template <typename Flight> class Follower {
         status = turned && search.now->worst <= program.back_off / 4 ? feasible : infeasible;
     }
 
-    // Finds the local minima of the rows, unless they are those found last.
+    // Finds the local minima of the rows, unless they are those found last. Where all are high enough, a closer look has the
+    // last word.
     void look() {
         const double *x = search.now->x;
         if (program.level == looked_level && std::equal(x, x + program.size, looked_at)) return;
         copy(looked_at, x, program.size);
         looked_level = program.level;
-        program.look(*search.now, problem.minima);
+        Minima &minima = problem.minima;
+        program.look(*search.now, minima);
+        const auto enough = [this](Index row) { return rules.inside_enough * room_inside(row); };
+        for (Index found = 0; found < minima.found; ++found)
+            if (minima.least[found] < enough(minima.row[found])) return;
+        program.look_closer(*search.now, minima, enough);
     }
+
+    // How far inside its limit a row is to be between the instants; below 0, what it may be outside.
+    double room_inside(Index row) const { return program.back_off > 0 ? program.back_off : -problem.tolerance[row]; }
 
     // Whether no row is nearer to its limit between the instants; those where one is low join, and of the ones that had
     // joined before those stay that are beside a new one.
@@ -270,7 +279,7 @@ template <typename Flight> class Follower {
         for (Index found = 0; found < minima.found; ++found) {
             const double s = minima.s[found], least = minima.least[found];
             if (!(s > rules.given && s < 1 - rules.given)) continue;
-            const double room = program.back_off > 0 ? program.back_off : -problem.tolerance[minima.row[found]];
+            const double room = room_inside(minima.row[found]);
             if (least < rules.inside_enough * room) holds = false;
             left_between = larger(left_between, rules.inside_enough * room - least);
             if (least < rules.watched && news < rules.most_instants) watched[news++] = s;

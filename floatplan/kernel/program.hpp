@@ -289,6 +289,16 @@ template <typename Flight> class Program {
         work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * problem.bodies;
     }
 
+    // Minima lower than `enough(row)` that a look as close as the nodes adds, where these are closer than the instants of
+    // a look: two dips of a row side by side between two of these instants are one there. It counts as no work: it is taken
+    // where nothing else is left to do.
+    template <typename Enough> void look_closer(const At &at, Minima &minima, const Enough &enough) {
+        const Index closer = (nodes() + minima.instants - 1) / minima.instants;
+        if (!rows || !is_known(at) || closer < 2) return;
+        Series whole = series_of(at);
+        add_closer_minima(flight.rows_between(at.motion, at.state, whole), minima, closer, enough, between);
+    }
+
     // What at.x tells before a search.
     Chance chance(const At &at) {
         if (!is_known(at)) return {true, true, true};

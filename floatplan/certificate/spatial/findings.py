@@ -92,8 +92,9 @@ def _advice(flight: SpatialEnclosure) -> str:
     if attitude.residual > SHARP:
         return f"the residual of {attitude.residual:.1e} rad is too coarse; {more}"
     return (
-        f"a small turn grows {attitude.amplification:.0f} times, too much for double precision; fewer twists or a "
-        "shorter flight may help, and in flight it needs corrections"
+        f"the goal to within {ORIENTATION:g} rad is beyond double precision: a small turn grows "
+        f"{attitude.amplification:.0f} times in flight; fewer turns or a shorter flight may help, and in flight it "
+        "needs corrections"
     )
 
 

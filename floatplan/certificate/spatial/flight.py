@@ -112,7 +112,8 @@ def fly(
         found = None
         if (attitude.residuals <= sought).all() or not _worth_halving(sizes, before, sought, cells).any():
             found = forces(robot, motion, attitude.seen)
-            sizes[1] = _relative_radii(found.motor_torques)
+            if math.isfinite(attitude.bound):  # without a bound, nothing is known of torques in any number of cells
+                sizes[1] = _relative_radii(found.motor_torques)
         coarse = _worth_halving(sizes, before, sought, cells)
         if found is not None and (not coarse.any() or len(cells) + coarse.sum() > budget):
             return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
@@ -134,7 +135,7 @@ def fly(
 def _sought(attitude: AttitudeBound, motion: BodyMotion, duration: float) -> float:
     """The residual, rad/s, that is small enough: for the bound on the attitude, or because it is rounding."""
     enough = BOUND / attitude.amplification
-    scale = np.fmax(attitude.seen.norm.max(), motion.relative.norm.max()) * motion.inverse.norm.max()
+    scale = np.fmax(attitude.seen.size.max(), motion.relative.norm.max()) * motion.inverse.norm.max()
     return float(np.fmax(max(enough, RESIDUAL) / duration, ROUNDING * scale))
 
 
