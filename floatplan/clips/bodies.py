@@ -14,12 +14,13 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, integers
+from floatplan.kernel.structs import Struct, doubles, integers, pointers
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
+NO_SOLIDS: dict[str, Any] = dict.fromkeys(pointers("PlacedSolids"))
 FIRST_JOINT = 2  # of the model: joint 0 is the world, 1 the base
 
 
@@ -104,17 +105,31 @@ class BodySolids:
 
     def lowest(self, poses: BodyPoses) -> Array:
         """Lowest point (K, G, 3) of each group, m, in the world."""
-        count, all_bodies, _ = poses.places.shape
-        lowest = np.empty((count, len(self.groups), 3))
-        poses_and_result: dict[str, Any] = {
-            "instants": count,
-            "bodies": all_bodies,
-            "places": doubles(poses.places),
-            "rotations": doubles(poses.rotations),
-            "lowest": lowest,
-        }
-        _run("lowest", Struct("LowestPoints", **self._shapes, **poses_and_result))
+        lowest = np.empty((len(poses.places), len(self.groups), 3))
+        _run("lowest", self._placed(poses, lowest=lowest))
         return lowest
+
+    def reach(self, poses: BodyPoses, levels: Array, directions: Array) -> Array:
+        """How far (K, D), m, points on the ground reach from the world's origin in D directions.
+
+        Minus infinity where there are none.
+
+        Parameters
+        ----------
+        levels : (K, G) m, up to which a group's points are on the ground; of a ball about a point, what is lowest
+        directions : (D, 2) horizontal unit vectors
+        """
+        reach = np.empty((len(poses.places), len(directions)))
+        given = {"directions": len(directions), "direction": doubles(directions), "levels": doubles(levels)}
+        _run("reach", self._placed(poses, reach=reach, **given))
+        return reach
+
+    def _placed(self, poses: BodyPoses, **members: Any) -> Struct:
+        """The kernel's struct, with what is to be computed."""
+        places = {"places": doubles(poses.places), "rotations": doubles(poses.rotations)}
+        count, bodies, _ = poses.places.shape
+        shapes = NO_SOLIDS | self._shapes
+        return Struct("PlacedSolids", **(shapes | places | members), instants=count, bodies=bodies)
 
     @cached_property
     def _shapes(self) -> dict[str, Any]:

@@ -90,27 +90,11 @@ def _reach(clip: Clip, poses: BodyPoses, clip_times: Array) -> tuple[Array, Arra
     Minus infinity where none is on the ground.
     """
     scene = clip.scene
-    clearances = scene.foot_clearances(clip_times)
     lowest = scene.foot_solids.lowest(poses)[..., 2]
-    reach = np.full((len(clip_times), len(DIRECTIONS)), -np.inf)
-    for foot, (body, solids) in enumerate(zip(scene.foot_bodies, scene.foot_solids.groups, strict=True)):
-        places = poses.places[:, body]
-        rotations = poses.rotations[:, body]
-        up = rotations[:, 2]  # in the body's frame
-        for solid in solids:
-            # of a ball about a point, what is below that
-            heights = places[:, 2:] + up @ solid.points.T - np.linalg.norm(up @ solid.axes, axis=1)[:, None]
-            # points up to 0.01 m over a foot's lowest point are on the ground
-            on_ground = (heights < lowest[:, foot, None] + 0.01) & (clearances[:, foot, None] < FOOT_CLEARANCE)
-            instants, points = np.nonzero(on_ground)
-            if not len(instants):
-                continue
-            across = places[instants, :2] + np.einsum("iab,ib->ia", rotations[instants, :2], solid.points[points])
-            firsts = np.flatnonzero(np.diff(instants, prepend=-1))
-            farthest = np.maximum.reduceat(across @ DIRECTIONS.T, firsts, axis=0)
-            own = instants[firsts]
-            reach[own] = np.maximum(reach[own], farthest)
-    return reach, lowest.min(axis=1)
+    # points up to 0.01 m over a foot's lowest point are on the ground
+    stands = scene.foot_clearances(clip_times) < FOOT_CLEARANCE
+    levels = np.where(stands, lowest + 0.01, -np.inf)
+    return scene.foot_solids.reach(poses, levels, DIRECTIONS), lowest.min(axis=1)
 
 
 def _centre_of_pressure(com: Array, force: Array, moment: Array, ground: Array) -> Array:

@@ -24,7 +24,7 @@ Index place_bodies(const SpatialTree &tree, const SpatialPoses &poses) {
 }
 
 // The lowest point of one solid in the world: a corner of its hull, and from there that of the ellipsoid.
-static inline Threes lowest_of_solid(const LowestPoints &of, Index solid, const BodyFrame &body) {
+static inline Threes lowest_of_solid(const PlacedSolids &of, Index solid, const BodyFrame &body) {
     const Threes down = -body.turned.row[2];  // in the body's frame
     Vector farthest = all(-INFINITY), number = all(0);
     for (Index p = of.first[solid]; p < of.first[solid + 1]; ++p) {
@@ -46,7 +46,7 @@ static inline Threes lowest_of_solid(const LowestPoints &of, Index solid, const 
 }
 
 // Of the solids of each group at all instants; 1 where there was no memory.
-Index lowest_points(const LowestPoints &of) {
+Index lowest_points(const PlacedSolids &of) {
     Threes *lowest;
     Workspace room;
     if (!room.make([&](Arena &arena) { arena.take(lowest, of.groups); })) return 1;
@@ -64,6 +64,30 @@ Index lowest_points(const LowestPoints &of) {
         }
         for (Index group = 0; group < of.groups; ++group)
             k.store3(of.lowest + 3 * group, 3 * of.groups, 1, lowest[group]);
+    }
+    return 0;
+}
+
+// How far points that are no higher than their group's level reach in each direction: minus infinity where there is none.
+// Of a ball about a point, what is below that counts for its height.
+Index reach_on_ground(const PlacedSolids &of) {
+    for (Index k = 0; k < of.instants; ++k) {
+        double *reach = of.reach + k * of.directions;
+        for (Index d = 0; d < of.directions; ++d) reach[d] = -INFINITY;
+        for (Index solid = 0; solid < of.solids; ++solid) {
+            const Index body = k * of.bodies + of.body[solid];
+            const Vector3 place = vector3(of.places + 3 * body);
+            const Matrix3 turned = matrix3(of.rotations + 9 * body);
+            const Vector3 below = turned.row[2] * matrix3(of.axes + 9 * solid);
+            const double level = of.levels[k * of.groups + of.group[solid]] + std::sqrt(dot(below, below)) - place.z;
+            for (Index p = of.first[solid]; p < of.first[solid + 1]; ++p) {
+                const Vector3 point = vector3(of.points + 3 * p);
+                if (!(dot(turned.row[2], point) < level)) continue;
+                const double x = place.x + dot(turned.row[0], point), y = place.y + dot(turned.row[1], point);
+                for (Index d = 0; d < of.directions; ++d)
+                    reach[d] = larger(x * of.direction[2 * d] + y * of.direction[2 * d + 1], reach[d]);
+            }
+        }
     }
     return 0;
 }

@@ -123,8 +123,12 @@ EXPORT Index floatplan_poses(const SpatialTree *tree, const SpatialPoses *poses,
     return CHOSEN(place_bodies(*tree, *poses));
 }
 
-EXPORT Index floatplan_lowest(const LowestPoints *points, Index instructions) {
-    return CHOSEN(lowest_points(*points));
+EXPORT Index floatplan_lowest(const PlacedSolids *solids, Index instructions) {
+    return CHOSEN(lowest_points(*solids));
+}
+
+EXPORT Index floatplan_reach(const PlacedSolids *solids, Index instructions) {
+    return CHOSEN(reach_on_ground(*solids));
 }
 
 EXPORT Index floatplan_bend(const SpatialTree *tree, const LimbTargets *targets, Index instructions) {

@@ -294,14 +294,18 @@ typedef struct {
     double *places, *rotations;                  // (instants, joints + 2, 3), (.., 3, 3): all but the world's are written
 } SpatialPoses;
 
-// Lowest points of groups of convex solids, each the hull of points grown by an ellipsoid. See bodies.hpp.
+// Groups of convex solids, each the hull of points grown by an ellipsoid, and where their bodies are: what is lowest of
+// them, or how far those of their points reach that are no higher than a level. See bodies.hpp.
 typedef struct {
     Index instants, bodies, solids, groups;
     const Index *body, *group, *first;       // (solids), (solids), (solids + 1): the first one of its points
     const double *points, *axes;             // (points, 3), (solids, 3, 3): in the body's frame, semi-axes as columns
     const double *places, *rotations;        // (instants, bodies, 3), (.., 3, 3)
     double *lowest;                          // (instants, groups, 3), in the world
-} LowestPoints;
+    Index directions;
+    const double *levels, *direction;        // (instants, groups), (directions, 2): unit vectors, horizontal
+    double *reach;                           // (instants, directions), from the world's origin
+} PlacedSolids;
 
 // Where a limb is to bring a point of its last body, and that body's attitude. See bodies.hpp.
 typedef struct {
@@ -503,7 +507,10 @@ Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Inde
 Index floatplan_poses(const SpatialTree *tree, const SpatialPoses *poses, Index instructions);
 
 // Lowest points of solids; returns 0, or 1 where there was no memory for it.
-Index floatplan_lowest(const LowestPoints *points, Index instructions);
+Index floatplan_lowest(const PlacedSolids *solids, Index instructions);
+
+// How far they reach on the ground; returns 0.
+Index floatplan_reach(const PlacedSolids *solids, Index instructions);
 
 // Positions of a limb's joints that bring it to where it is to be; returns 0, or 1 where there was no memory for it.
 Index floatplan_bend(const SpatialTree *tree, const LimbTargets *targets, Index instructions);
