@@ -15,9 +15,9 @@ from drawn_twists import draw_twist, slowly
 from measuring import Counts, heading, table
 from scipy.spatial.transform import Rotation
 
+from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.fall import fit_fall
 from floatplan.clips.repair import ClipRepair, FlightRepair, repair_clip
 from floatplan.clips.repaired_flight import repair_flight

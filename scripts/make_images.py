@@ -20,7 +20,7 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.clips.curve import centre_of_mass
+from floatplan.clips.bodies import centre_of_mass
 from floatplan.files import write_atomically
 from floatplan.view.charts import charts
 from floatplan.view.figures.figures import draw_panel, figures, sample

@@ -12,7 +12,8 @@ from itertools import pairwise
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.clips.curve import ClipCurve, body_poses
+from floatplan.clips.bodies import BodySolids, body_poses, in_body, on_body
+from floatplan.clips.curve import ClipCurve
 from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.robot.robot import Robot
@@ -20,7 +21,6 @@ from floatplan.robot.shapes.solids import LinkSolid
 
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
-DOWN = np.array([0.0, 0.0, -1.0])
 BASE_BODY = 1  # the model's joint that carries the base
 
 
@@ -89,7 +89,7 @@ class Scene:
         Joints of the model that carry the feet.
     foot_names : (F,)
         A link of each.
-    foot_solids : (F,)
+    foot_solids : BodySolids
         The shapes of each.
     foot_heights : (K, F) m
         Of each foot's lowest point, in the world.
@@ -107,7 +107,7 @@ class Scene:
     times: Array
     foot_bodies: tuple[int, ...]
     foot_names: tuple[str, ...]
-    foot_solids: tuple[Sequence[LinkSolid], ...]
+    foot_solids: BodySolids
     foot_heights: Array
     foot_velocities: Array
     other_heights: Array
@@ -152,7 +152,7 @@ class Scene:
             times=times,
             foot_bodies=tuple(feet_bodies),
             foot_names=tuple(by_body[body][0].link for body in feet_bodies),
-            foot_solids=tuple(by_body[body] for body in feet_bodies),
+            foot_solids=BodySolids(tuple(by_body[body] for body in feet_bodies)),
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
             other_heights=heights[:, others],
@@ -222,6 +222,8 @@ def _lowest_points(
     A velocity is that of the material point which is lowest, over the span of some instants to either side.
     """
     count = len(times)
+    bodies = list(by_body)
+    solids = BodySolids(tuple(by_body.values()))
     heights = np.empty((count, len(by_body)))
     velocities = np.empty((count, len(feet), 3))
     for begin in range(0, count, SAMPLING.chunk):
@@ -232,48 +234,18 @@ def _lowest_points(
         before = np.maximum(own - SAMPLING.speed_steps, 0)
         after = np.minimum(own + SAMPLING.speed_steps, count - 1)
         inside = _some(poses, own - first)
-        for column, (body, solids) in enumerate(by_body.items()):
-            lowest = lowest_point(inside, solids)
-            heights[own, column] = lowest[:, 2]
-            if body in feet:
-                local = in_body(inside, body, lowest)
-                moved = on_body(_some(poses, after - first), body, local)
-                moved -= on_body(_some(poses, before - first), body, local)
-                velocities[own, feet.index(body)] = moved / (times[after] - times[before])[:, None]
+        lowest = solids.lowest(inside)
+        heights[own] = lowest[..., 2]
+        for number, body in enumerate(feet):
+            local = in_body(inside, body, lowest[:, bodies.index(body)])
+            moved = on_body(_some(poses, after - first), body, local)
+            moved -= on_body(_some(poses, before - first), body, local)
+            velocities[own, number] = moved / (times[after] - times[before])[:, None]
     return heights, velocities
-
-
-def lowest_point(poses: BodyPoses, solids: Sequence[LinkSolid]) -> Array:
-    """Lowest point (K, 3) of the solids of one body, m, in the world."""
-    points = np.stack([_lowest_of_solid(poses, solid) for solid in solids], axis=1)
-    least = points[..., 2].argmin(axis=1)
-    return np.asarray(points[np.arange(len(points)), least])
-
-
-def _lowest_of_solid(poses: BodyPoses, solid: LinkSolid) -> Array:
-    """Lowest point (K, 3) of one solid: a corner of its hull, and from there that of the ellipsoid."""
-    rotations = poses.rotations[:, solid.body]
-    directions = DOWN @ rotations
-    corner = solid.points[(directions @ solid.points.T).argmax(axis=1)]
-    along_axes = directions @ solid.axes
-    length = np.linalg.norm(along_axes, axis=1, keepdims=True)
-    to_surface = (along_axes / np.where(length > 0, length, 1.0)) @ solid.axes.T
-    local = corner + to_surface
-    return np.asarray(poses.places[:, solid.body] + np.einsum("kab,kb->ka", rotations, local))
 
 
 def _some(poses: BodyPoses, instants: IntArray) -> BodyPoses:
     return BodyPoses(poses.places[instants], poses.rotations[instants])
-
-
-def in_body(poses: BodyPoses, body: int, points: Array) -> Array:
-    """Points (K, 3) of the world, one at each instant, in a body's frame, m."""
-    return np.asarray(np.einsum("kba,kb->ka", poses.rotations[:, body], points - poses.places[:, body]))
-
-
-def on_body(poses: BodyPoses, body: int, local: Array) -> Array:
-    """Places (K, 3) in the world, m, of points (K, 3) in a body's frame, one at each instant."""
-    return np.asarray(poses.places[:, body] + np.einsum("kab,kb->ka", poses.rotations[:, body], local))
 
 
 def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> list[int]:
@@ -298,7 +270,7 @@ def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tup
     upright = curve.attitudes(times[:1])[0] if _base_ends_a_limb(curve.robot) else np.eye(3)
     attitudes = np.broadcast_to(upright, (len(times), 3, 3))
     poses = body_poses(curve.robot, np.zeros((len(times), 3)), attitudes, curve.positions(times))
-    heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
+    heights = BodySolids(tuple(by_body.values())).lowest(poses)[..., 2]
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     often = np.percentile(over_lowest, 20.0, axis=0)  # [%] of the time
     return often, float(np.median(over_lowest.max(axis=1)))

@@ -15,7 +15,7 @@ from floatplan.clips.flights import ClipFlight
 from floatplan.clips.formats import check_rate
 from floatplan.clips.judge import GRAVITY
 from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
-from floatplan.clips.repaired_motion import RepairedMotion, plan_configurations
+from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
 from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
@@ -193,7 +193,7 @@ def _flight_repair(
     flight = clip.flights[number]
     begin = motion.begins[number]
     ends = np.array([flight.begin, flight.end])
-    q = plan_configurations(plan, np.array([0.0, plan.duration]))
+    q = motion.ends[number]
     attitudes = clip.curve.attitudes(ends)
     base = float(np.linalg.norm(q[:, :3] - clip.curve.base_positions(ends), axis=1).max())
     turns = [angle_between(now, own) for now, own in zip(of_quaternions(q[:, 3:7]), attitudes, strict=True)]

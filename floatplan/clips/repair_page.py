@@ -10,9 +10,9 @@ import numpy as np
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
+from floatplan.clips.bodies import centre_of_mass
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import centre_of_mass
 from floatplan.clips.formats import continuous_signs
 from floatplan.clips.page import clip_facts
 from floatplan.clips.repair import ClipRepair, FlightRepair

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
+from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.flights import ClipFlight
 from floatplan.clips.judge import largest_share
 from floatplan.clips.timing import fall_duration

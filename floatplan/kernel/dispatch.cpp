@@ -119,6 +119,22 @@ EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motio
     return CHOSEN(move_in_space(*tree, *motion));
 }
 
+EXPORT Index floatplan_poses(const SpatialTree *tree, const SpatialPoses *poses, Index instructions) {
+    return CHOSEN(place_bodies(*tree, *poses));
+}
+
+EXPORT Index floatplan_lowest(const PlacedSolids *solids, Index instructions) {
+    return CHOSEN(lowest_points(*solids));
+}
+
+EXPORT Index floatplan_reach(const PlacedSolids *solids, Index instructions) {
+    return CHOSEN(reach_on_ground(*solids));
+}
+
+EXPORT Index floatplan_bend(const SpatialTree *tree, const LimbTargets *targets, Index instructions) {
+    return CHOSEN(bend_limb(*tree, *targets));
+}
+
 EXPORT Index floatplan_turn(const Turning *turning, Index asked, Index instructions) {
     return CHOSEN(turn_in_space(*turning, static_cast<Asked>(asked)));
 }

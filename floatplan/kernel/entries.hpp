@@ -18,5 +18,9 @@ Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Const
                         Evaluation &at);
 Index lift_motion(const SpatialBody &body, const Cells &cells, const Motions &motions, const Nodes &nodes, Lifted &of);
 Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion);
+Index place_bodies(const SpatialTree &tree, const SpatialPoses &poses);
+Index lowest_points(const PlacedSolids &solids);
+Index reach_on_ground(const PlacedSolids &solids);
+Index bend_limb(const SpatialTree &tree, const LimbTargets &targets);
 Index turn_in_space(const Turning &turning, Asked asked);
 Index bound_boxes(const Cosines &cosines);

@@ -287,6 +287,36 @@ typedef struct {
     double *torque_slopes;                 // (instants, joints, 3 joints + 3)
 } SpatialMotion;
 
+// Where its bodies are at some instants: the world's frame, the base's, and those that the joints move. See bodies.hpp.
+typedef struct {
+    Index instants;
+    const double *base, *attitudes, *positions;  // (instants, 3), (.., 3, 3), (.., joints)
+    double *places, *rotations;                  // (instants, joints + 2, 3), (.., 3, 3): all but the world's are written
+} SpatialPoses;
+
+// Groups of convex solids, each the hull of points grown by an ellipsoid, and where their bodies are: what is lowest of
+// them, or how far those of their points reach that are no higher than a level. See bodies.hpp.
+typedef struct {
+    Index instants, bodies, solids, groups;
+    const Index *body, *group, *first;       // (solids), (solids), (solids + 1): the first one of its points
+    const double *points, *axes;             // (points, 3), (solids, 3, 3): in the body's frame, semi-axes as columns
+    const double *places, *rotations;        // (instants, bodies, 3), (.., 3, 3)
+    double *lowest;                          // (instants, groups, 3), in the world
+    Index directions;
+    const double *levels, *direction;        // (instants, groups), (directions, 2): unit vectors, horizontal
+    double *reach;                           // (instants, directions), from the world's origin
+} PlacedSolids;
+
+// Where a limb is to bring a point of its last body, and that body's attitude. See bodies.hpp.
+typedef struct {
+    Index instants, links, sweeps;
+    const Index *chain, *moves;              // (links): joints from the base outwards, and whether each is moved
+    const double *base, *attitudes;          // (instants, 3), (.., 3, 3)
+    const double *local, *place, *attitude;  // (instants, 3): the point in its body, where it is to be; (.., 3, 3)
+    double turn_weight, damping, settled;    // [m/rad], [m^2], [rad]
+    double *positions;                       // (instants, links): where it begins, then the result
+} LimbTargets;
+
 // How its base turns in cells with as many stages each, K stages in all. See turning.hpp.
 typedef struct {
     Index cells, stages, is_chained, sweeps;
@@ -472,6 +502,18 @@ Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions 
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions);
+
+// Where its bodies are; returns 0, or 1 where there was no memory for it.
+Index floatplan_poses(const SpatialTree *tree, const SpatialPoses *poses, Index instructions);
+
+// Lowest points of solids; returns 0, or 1 where there was no memory for it.
+Index floatplan_lowest(const PlacedSolids *solids, Index instructions);
+
+// How far they reach on the ground; returns 0.
+Index floatplan_reach(const PlacedSolids *solids, Index instructions);
+
+// Positions of a limb's joints that bring it to where it is to be; returns 0, or 1 where there was no memory for it.
+Index floatplan_bend(const SpatialTree *tree, const LimbTargets *targets, Index instructions);
 
 // How the base of one turns; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
 Index floatplan_turn(const Turning *turning, Index asked, Index instructions);

@@ -26,7 +26,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
+from floatplan.kernel.structs import Struct, doubles, enumeration, integers, pointers
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import cross_matrix, of_quaternions, unwrapped_angles
 from floatplan.problem.attitude import Reorientation, tilt
@@ -139,14 +139,38 @@ class Turning:
         )
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
 
+    @cached_property
+    def mobility(self) -> Array:
+        """M (K, 3, 3) of (S2) at the stages, 1/(kg m^2)."""
+        return np.asarray(self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2))
+
+    def turns_by_momentum(self, instants: Array) -> Array:
+        """Derivative (L, 3, 3) by h of the small turn of the world at instants (L,) of [0, 1], 1/(kg m^2/s)."""
+        cell, integrals = self.cells.place(instants)
+        turns = np.empty((len(instants), 3, 3))
+        _ask(
+            "turns",
+            self.cells,
+            self.duration,
+            momentum=doubles(self.angular_momentum),
+            inverse=self.inverse_inertia,
+            attitudes=self.attitudes,
+            columns=3,
+            instants=len(instants),
+            cell=integers(cell),
+            reached=doubles(integrals),
+            drifts=doubles(self.mobility),
+            turns=turns,
+        )
+        return turns
+
     def landing_by_momentum(self, onward: Array) -> Array:
         """Derivative (3, 3) by h of ``onward`` (3, 3) times a small turn of the world at landing.
 
         It is ``onward sum_j W_j M_j``, backwards through the cells, where W_j carries g of (S2) to landing.
         """
         transitions, weights = self.carried
-        mobility = self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2)  # M of (S2)
-        mobility = mobility.reshape(weights.shape)
+        mobility = self.mobility.reshape(weights.shape)
         slope = np.zeros((3, 3))
         for cell in range(len(weights) - 1, -1, -1):
             slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)
