@@ -15,6 +15,7 @@ import pytest
 from browser import Browser, started
 from long_cases import cases
 from once import made_once
+from places import ROOT
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from threadpoolctl import threadpool_limits
 from typer.main import get_command
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from floatplan import Plan, Robot
     from floatplan.robot.shapes.capsules import Outline
 
-ROOT = Path(__file__).resolve().parents[1]
 PATIENT = 60.0  # [s] of search: a slow machine is no reason to fail
 LARGE = 2000  # bytes of a mesh, or of points of one
 LITTLE = 20  # times less work than usual
@@ -82,10 +82,11 @@ def robots_once(shared_folder: None) -> Iterator[None]:
     Tests read the same robots hundreds of times. Small meshes are made by tests, most of them spoiled.
     """
     from floatplan.cli import robots
-    from floatplan.robot.shapes import collisions, links
+    from floatplan.robot.shapes import collisions, links, solid_capsules
     from floatplan.robot.urdf.tree import PREFIX
 
     read, fit, facts = collisions._corners_and_faces, links.fit, robots._facts
+    fit_in_space = solid_capsules.fit
 
     def read_once(content: bytes, kind: str) -> Any:
         if len(content) < LARGE:
@@ -98,6 +99,10 @@ def robots_once(shared_folder: None) -> Iterator[None]:
         given = sha256(outline.points.tobytes() + outline.edges.tobytes() + str(outline.radius).encode())
         return made_once(f"capsules {given.hexdigest()}", lambda: fit(outline))
 
+    def fit_in_space_once(points: Any, radius: float, splits: int = 2) -> Any:
+        given = sha256(points.tobytes() + f"{points.shape} {radius} {splits}".encode())
+        return made_once(f"solid capsules {given.hexdigest()}", lambda: fit_in_space(points, radius, splits))
+
     def facts_once(source: str) -> Any:
         if not source.startswith(PREFIX):
             return facts(source)
@@ -107,6 +112,7 @@ def robots_once(shared_folder: None) -> Iterator[None]:
         patch.setattr(robots, "_facts", facts_once)
         patch.setattr(collisions, "_corners_and_faces", read_once)
         patch.setattr(links, "fit", fit_once)
+        patch.setattr(solid_capsules, "fit", fit_in_space_once)
         yield
 
 

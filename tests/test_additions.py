@@ -4,17 +4,14 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Mapping
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 6
 
-Edits = Mapping[str, tuple[tuple[str, str], ...]]  # file -> what is there once, and what is put in its place
 
-EFFORT: Edits = {
+EFFORT = {
     "floatplan/tables.py": (
         ('Literal["velocity", "acceleration", "torque",', 'Literal["velocity", "acceleration", "torque", "effort",'),
         (
@@ -36,7 +33,7 @@ EFFORT: Edits = {
             "    @property\n    def efforts(self) -> Array:\n"
             '        """Torques (..., n) with the friction of 1 N m s/rad, N m."""\n'
             "        return self.torques + self.velocities\n\n    def shaped(self",
-        ),
+        )
     ),
     "floatplan/planning/constraints.py": (
         (
@@ -63,7 +60,7 @@ EFFORT: Edits = {
     ),
 }
 
-BEND: Edits = {
+BEND = {
     "floatplan/problem/parts.py": (
         (
             "OBSTACLE_KINDS: dict[str, type[Obstacle]] =",
@@ -261,9 +258,9 @@ assert "bend" in OBSTACLE_KINDS and OBSTACLE_KINDS["bend"].example(1 + 1j, 2.0).
 """
 
 
-def added(edits: Edits, folder: Path) -> Path:
+def added(edits, folder):
     """Return a folder with the package and its reference, edited."""
-    shutil.copytree(ROOT / "floatplan", folder / "floatplan", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "floatplan", folder / "floatplan")
     shutil.copytree(ROOT / "docs", folder / "docs")
     for name, changes in edits.items():
         text = (folder / name).read_text(encoding="utf-8")
@@ -280,7 +277,7 @@ def added(edits: Edits, folder: Path) -> Path:
     [(EFFORT, MOST_FILES_OF_A_LIMIT, LIMIT_WORKS), (BEND, MOST_FILES_OF_AN_OBSTACLE, OBSTACLE_WORKS)],
     ids=["limit", "obstacle"],
 )
-def test_an_addition_works_in_every_room(edits: Edits, most: int, works: str, tmp_path: Path) -> None:
+def test_an_addition_works_in_every_room(edits, most, works, tmp_path):
     assert len(edits) <= most
     folder = added(edits, tmp_path)
     program = folder / "works.py"

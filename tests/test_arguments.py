@@ -3,7 +3,7 @@
 import inspect
 import math
 import webbrowser
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -26,7 +26,7 @@ TRIED_AMONG_CLIPS = ("load_clip", "check_clip", "repair_clip")
 NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError", "method"}
 FEW_LETTERS = 1500  # of any representation
 
-STRANGE: dict[str, Callable[[], Any]] = {
+STRANGE = {
     "None": lambda: None,
     "true": lambda: True,
     "text": lambda: "x",
@@ -81,38 +81,38 @@ class Call:
 
 
 @pytest.fixture(scope="module")
-def problem(root: Path) -> fp.Problem:
+def problem(root):
     return fp.load_problem(root / "problems" / "handstand.toml")
 
 
 @pytest.fixture(scope="module")
-def plan(problem: fp.Problem) -> fp.Plan:
+def plan(problem):
     return fp.plan(problem)
 
 
 @pytest.fixture(scope="module")
-def authority(plan: fp.Plan) -> Iterator[fp.Authority]:
+def authority(plan):
     """Of few errors, here and wherever it is asked for while this one is at hand."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(authority_module, "LARGEST", 0.01)
         yield fp.authority(plan)
 
 
-def parts(problem: fp.Problem) -> dict[str, Call]:
+def parts(problem):
     """What people make; what they put into a problem is put into one."""
     gymnast = problem.robot
 
-    def into(field: str, wrapped: Callable[[Any], Any] = lambda part: part) -> Callable[[Any], Any]:
+    def into(field, wrapped=lambda part: part):
         return lambda part: replace(problem, **{field: wrapped(part)})
 
-    def in_flight(field: str) -> Callable[[Any], Any]:
+    def in_flight(field):
         return into("flight", lambda part: replace(problem.flight, **{field: part}))
 
     limits = {"position": "full", "velocity": 99.0, "torque": {"q1": 99.0}, "motor": {}, "orientation_rate": 99.0}
     obstacle = {"margin": 0.1, "velocity": (0.0, 0.0), "window": (0.1, 0.2)}
     in_space = {**obstacle, "velocity": (0, 0, 0)}
     ends = {"contacts": [["hand"]], "durations": [(0.1, 0.2)]}
-    made: list[tuple[Any, Callable[[Any], Any]]] = [
+    made = [
         (fp.Posture(0.1, {"q1": 0.1, "q2": 0.2}, 0.0, [0.0, 0.0]), into("start")),
         (fp.Attitude(angles=(0.1, 0.2, 0.3), axes="yxz"), str),
         (fp.Takeoff("foot", (0.0, 0.0)), in_flight("takeoff")),
@@ -156,12 +156,12 @@ def parts(problem: fp.Problem) -> dict[str, Call]:
     }
 
 
-def tried(problems: Any) -> None:
+def tried(problems):
     for index in range(len(problems)):
         repr(problems[index])
 
 
-def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: Path) -> dict[str, Call]:
+def calls(problem, plan, authority, folder):
     """Public functions, and methods of what they return."""
     file = plan.save(folder / "plan.json")
     toml = fp.save_problem(problem, folder / "problem.toml")
@@ -217,7 +217,7 @@ def calls(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, folder: P
     }
 
 
-def refusals(name: str, call: Call) -> Iterator[str]:
+def refusals(name, call):
     """Put everything strange in the place of each argument; yield what was raised that floatplan does not raise."""
     for argument in call.arguments:
         refused = 0
@@ -237,7 +237,7 @@ def refusals(name: str, call: Call) -> Iterator[str]:
             yield f"{name}({argument}): takes anything"
 
 
-def names_of(function: Callable[..., Any]) -> set[str]:
+def names_of(function):
     """Names of a function's arguments, of which some may stand in a TypedDict."""
     names = set(inspect.signature(function).parameters)
     if "choices" in names:
@@ -245,7 +245,7 @@ def names_of(function: Callable[..., Any]) -> set[str]:
     return names
 
 
-def test_what_people_make(problem: fp.Problem) -> None:
+def test_what_people_make(problem):
     found = []
     for name, call in parts(problem).items():
         assert names_of(call.function) == set(call.arguments), name
@@ -255,13 +255,7 @@ def test_what_people_make(problem: fp.Problem) -> None:
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_what_people_call(
-    problem: fp.Problem,
-    plan: fp.Plan,
-    authority: fp.Authority,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_what_people_call(problem, plan, authority, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda _: True)
     monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 1e-2)
@@ -274,7 +268,7 @@ def test_what_people_call(
     assert found == []
 
 
-def test_studies(root: Path, problem: fp.Problem, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_studies(root, problem, tmp_path, monkeypatch):
     pytest.importorskip("pyarrow")
     monkeypatch.chdir(tmp_path)
     fp.save_problem(problem, tmp_path / "problem.toml")
@@ -299,9 +293,7 @@ def test_studies(root: Path, problem: fp.Problem, tmp_path: Path, monkeypatch: p
     assert "2 rows" in repr(study)
 
 
-def test_every_public_name_is_tried(
-    problem: fp.Problem, plan: fp.Plan, authority: fp.Authority, tmp_path: Path
-) -> None:
+def test_every_public_name_is_tried(problem, plan, authority, tmp_path):
     tried = {
         name.partition(".")[0]
         for name in (
@@ -315,7 +307,7 @@ def test_every_public_name_is_tried(
     assert set(fp.__all__) == tried | MADE_BY_FLOATPLAN | NO_ARGUMENTS
 
 
-SAID: list[tuple[Callable[[fp.Problem], Any], str]] = [  # a call, and what is said of it
+SAID = [  # a call, and what is said of it
     (lambda _: fp.Flight(duration=-1), "duration: -1 s is not positive"),
     (lambda _: fp.Flight(duration=math.nan), "duration: nan is not a finite number"),
     (lambda _: fp.Flight(duration="1.4"), "duration: '1.4' is not a number"),
@@ -340,14 +332,12 @@ SAID: list[tuple[Callable[[fp.Problem], Any], str]] = [  # a call, and what is s
 
 
 @pytest.mark.parametrize(("call", "message"), SAID)
-def test_what_is_wrong_is_said_at_once(problem: fp.Problem, call: Callable[[fp.Problem], Any], message: str) -> None:
+def test_what_is_wrong_is_said_at_once(problem, call, message):
     with pytest.raises(fp.InputError, match=message):
         call(problem)
 
 
-def test_a_path_stands_for_what_is_in_its_file(
-    root: Path, plan: fp.Plan, authority: fp.Authority, tmp_path: Path
-) -> None:
+def test_a_path_stands_for_what_is_in_its_file(root, plan, authority, tmp_path):
     toml, file = root / "problems" / "handstand.toml", plan.save(tmp_path / "plan.json")
     for path in (toml, str(toml)):
         assert fp.plan(path).coefficients.tolist() == plan.coefficients.tolist()
@@ -360,26 +350,26 @@ def test_a_path_stands_for_what_is_in_its_file(
     assert fp.authority(file).momentum.shape == authority.momentum.shape
 
 
-def test_arrays_are_kept_as_they_were(problem: fp.Problem) -> None:
+def test_arrays_are_kept_as_they_were(problem):
     """What is given cannot change under a posture that was checked."""
     positions, center = np.array([0.1, 0.2]), np.array([9.0, 9.0])
-    posture, circle = fp.Posture(0.1, positions), fp.Circle(center=center, radius=0.1)  # type: ignore[arg-type]
+    posture, circle = fp.Posture(0.1, positions), fp.Circle(center=center, radius=0.1)
     positions[0] = center[0] = math.nan
-    assert list(posture.positions) == [0.1, 0.2]  # type: ignore[arg-type]
+    assert list(posture.positions) == [0.1, 0.2]
     assert circle == fp.Circle(center=(9.0, 9.0), radius=0.1)
 
 
-def test_a_posture_in_degrees() -> None:
+def test_a_posture_in_degrees():
     turned = fp.Posture.degrees(72, {"q1": 18, "q2": -45}, [90, 0], "free")
     assert turned.orientation == math.radians(72)
     assert turned.positions == {"q1": math.radians(18), "q2": math.radians(-45)}
-    assert list(turned.velocities) == [math.pi / 2, 0.0]  # type: ignore[arg-type]
+    assert list(turned.velocities) == [math.pi / 2, 0.0]
     assert turned.accelerations == "free"
     assert fp.Posture.degrees(0.0, 0, "takeoff").velocities == "takeoff"
 
 
-def test_degrees_given_as_radians_are_a_warning(problem: fp.Problem) -> None:
-    def turns(start: fp.Posture, goal: fp.Posture) -> list[dict[str, Any]]:
+def test_degrees_given_as_radians_are_a_warning(problem):
+    def turns(start, goal):
         limits = fp.Limits({"q1": (-50.0, 50.0), "q2": (-50.0, 50.0)})
         asked = replace(problem, start=start, goal=goal, limits=limits)
         return [each.to_dict() for each in fp.plan(asked).warnings if each.kind == "turns"]
@@ -396,7 +386,7 @@ def test_degrees_given_as_radians_are_a_warning(problem: fp.Problem) -> None:
     assert turns(fp.Posture(4.1 * math.pi, 0.1), two[1]) != []
 
 
-def test_representations_are_short_and_tell(problem: fp.Problem, plan: fp.Plan, authority: fp.Authority) -> None:
+def test_representations_are_short_and_tell(problem, plan, authority):
     family = fp.Family(problem, {"flight.duration": np.linspace(1.3, 1.5, 1000)})
     plans = fp.plan_many(family)
     replanner = fp.Replanner(plan)

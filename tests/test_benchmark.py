@@ -3,9 +3,6 @@
 import importlib.util
 import pkgutil
 import sys
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -22,7 +19,7 @@ if importlib.util.find_spec("casadi") is None:
 
 
 @pytest.fixture(scope="module")
-def benchmark(root: Path) -> Iterator[ModuleType]:
+def benchmark(root):
     """The benchmark, its peers cut short."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(root / "scripts")
@@ -80,9 +77,7 @@ LONG = {
 
 
 @pytest.mark.parametrize("section", cases(EXPECTED, LONG))
-def test_section_runs(
-    section: str, benchmark: ModuleType, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_section_runs(section, benchmark, capsys, monkeypatch):
     tiny = benchmark.Counts(
         turns=1,
         slow_turns=1,
@@ -118,7 +113,7 @@ def test_section_runs(
     assert EXPECTED[section] in capsys.readouterr().out
 
 
-def test_section_that_there_is_not(benchmark: ModuleType) -> None:
+def test_section_that_there_is_not(benchmark):
     with pytest.raises(SystemExit):
         benchmark.main(["nonsense"])
 
@@ -128,7 +123,7 @@ SAME_OPTIMUM = 1e-7  # of |b|
 
 
 @pytest.fixture
-def compiler(benchmark: ModuleType) -> None:
+def compiler(benchmark):
     """CasADi's C can be compiled."""
     from peers_compiled import can_compile
 
@@ -137,9 +132,7 @@ def compiler(benchmark: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("peer", ["peers_pinocchio.PinocchioSlsqp", "peers_compiled.CompiledSqp"])
-def test_a_peer_reaches_the_optimum(
-    peer: str, planned: Callable[[str], fp.Plan], request: pytest.FixtureRequest
-) -> None:
+def test_a_peer_reaches_the_optimum(peer, planned, request):
     request.getfixturevalue("compiler" if "compiled" in peer else "benchmark")
     plan = planned("new_configuration")
     answer = pkgutil.resolve_name(peer)(plan.problem, NODES_OF_A).solve()
@@ -148,7 +141,7 @@ def test_a_peer_reaches_the_optimum(
 
 
 @pytest.mark.usefixtures("benchmark")
-def test_peers_know_the_same_momentum(any_robot: fp.Robot) -> None:
+def test_peers_know_the_same_momentum(any_robot):
     import casadi as ca
     from peers_compiled import orientation_rate
     from peers_pinocchio import pinocchio_rate
@@ -165,7 +158,7 @@ def test_peers_know_the_same_momentum(any_robot: fp.Robot) -> None:
 
 
 @pytest.mark.usefixtures("benchmark")
-def test_the_peer_in_space_turns_as_fast(root: Path) -> None:
+def test_the_peer_in_space_turns_as_fast(root):
     import casadi as ca
     from peers_space import turning_rate
 

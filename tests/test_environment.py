@@ -4,11 +4,10 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 NEEDED = ("scripts/environment", "pyproject.toml", "floatplan/kernel/build.py", "floatplan/kernel/kernel.h")
 PYTHON = """#!/bin/sh
 case "$*" in *install*) echo "$@" "elsewhere=${{FLOATPLAN_KERNEL_ELSEWHERE:-}}" >> installed; exit 0 ;; esac
@@ -24,14 +23,14 @@ done
 """
 
 
-def executable(path: Path, text: str) -> None:
+def executable(path, text):
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text)
     path.chmod(0o755)
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
+def checkout(tmp_path):
     """What the script reads, an interpreter that writes down what it is to install, and a few commands."""
     for name in NEEDED:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -42,14 +41,14 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def made(checkout: Path) -> subprocess.CompletedProcess[str]:
+def made(checkout):
     kept = {name: value for name, value in os.environ.items() if name not in ("CXX", "CI")}
     environment = {**kept, "PATH": str(checkout / "bin"), "PIP_NO_INDEX": "1"}
     command = ["/bin/sh", "-c", "exec bash scripts/environment"]
     return subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True)
 
 
-def test_without_compiler_and_index_it_says_so_and_installs_nothing(checkout: Path) -> None:
+def test_without_compiler_and_index_it_says_so_and_installs_nothing(checkout):
     done = made(checkout)
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
@@ -58,7 +57,7 @@ def test_without_compiler_and_index_it_says_so_and_installs_nothing(checkout: Pa
     assert not (checkout / "installed").exists()
 
 
-def test_with_a_compiler_it_installs_and_compiles_meanwhile(checkout: Path) -> None:
+def test_with_a_compiler_it_installs_and_compiles_meanwhile(checkout):
     executable(checkout / "bin" / "c++", COMPILER)
     assert made(checkout).returncode == 0
     (installed,) = (checkout / "installed").read_text().splitlines()
@@ -68,7 +67,7 @@ def test_with_a_compiler_it_installs_and_compiles_meanwhile(checkout: Path) -> N
     assert (checkout / ".venv" / "installed-alone").is_file()
 
 
-def test_where_compiling_fails_it_says_so_and_tries_again_next_time(checkout: Path) -> None:
+def test_where_compiling_fails_it_says_so_and_tries_again_next_time(checkout):
     executable(checkout / "bin" / "c++", '#!/bin/sh\n[ "$1" = --version ] || { echo "no memory" >&2; exit 1; }\n')
     done = made(checkout)
     assert done.returncode == 1

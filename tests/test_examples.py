@@ -9,16 +9,15 @@ import sys
 from contextlib import redirect_stdout
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import example_pages
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from places import ROOT
 
 from floatplan.robot.urdf.tree import robots_folder
 
-ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
 PROMISED = {
     "first_flight": "for every instant of the flight: proved; warnings: none",
@@ -58,7 +57,7 @@ LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair
 
 
 @pytest.fixture(scope="module")
-def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def copied(tmp_path_factory):
     """The examples with all that they may read: nothing else is beside them."""
     folder = tmp_path_factory.mktemp("copied")
     for name in ("examples", "problems", "urdf"):
@@ -66,21 +65,21 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "examples"
 
 
-def test_none_is_left_out() -> None:
+def test_none_is_left_out():
     shown = [name for names in example_pages.SHOWN.values() for name in names]
     assert sorted(shown) == sorted(path.stem for path in EXAMPLES.iterdir() if path.suffix in (".py", ".ipynb"))
     assert set(shown) == {*PROMISED, "first_flip", "handstand"}
     assert len(shown) > 15
 
 
-def test_pages_are_as_the_scripts_say() -> None:
+def test_pages_are_as_the_scripts_say():
     pages = example_pages.pages()
     assert {path.name for path in example_pages.PAGES.glob("*.md")} == set(pages)
     for name, content in pages.items():
         assert (example_pages.PAGES / name).read_text(encoding="utf-8") == content, "run scripts/example_pages.py"
 
 
-def test_each_has_what_it_draws_and_prints() -> None:
+def test_each_has_what_it_draws_and_prints():
     pages = example_pages.pages()
     for picture in example_pages.PICTURES.iterdir():
         assert (
@@ -92,9 +91,7 @@ def test_each_has_what_it_draws_and_prints() -> None:
 
 
 @pytest.mark.parametrize("name", cases(list(PROMISED), LONG))
-def test_script_runs(
-    name: str, copied: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_script_runs(name, copied, tmp_path, monkeypatch, capsys):
     for module in EXTRAS.get(name, ()):
         if find_spec(module) is None:
             skip_or_fail(f"{module} is not installed")
@@ -109,13 +106,13 @@ def test_script_runs(
     assert [path.name for path in tmp_path.iterdir()] == [out.parts[0]] * (name != "the_method")
 
 
-def outputs(cell: dict[str, Any]) -> str:
+def outputs(cell):
     """What a cell of the notebook printed and returned when it was written."""
     texts = [output.get("text") or output["data"]["text/plain"] for output in cell["outputs"]]
     return "".join(line for text in texts for line in text)
 
 
-def run(source: str, namespace: dict[str, Any]) -> str:
+def run(source, namespace):
     """Execute a cell: what it prints, and what its last line returns unless that is None."""
     tree = ast.parse(source)
     returned = ast.Expression(tree.body.pop().value) if tree.body and isinstance(tree.body[-1], ast.Expr) else None
@@ -127,11 +124,11 @@ def run(source: str, namespace: dict[str, Any]) -> str:
 
 
 @pytest.mark.parametrize(("name", "count"), [("first_flip", 3), ("handstand", 6)])
-def test_notebook_gives_the_outputs_that_it_shows(name: str, count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_notebook_gives_the_outputs_that_it_shows(name, count, monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     cells = json.loads((EXAMPLES / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
     code = [cell for cell in cells if cell["cell_type"] == "code"]
     assert len(code) == count
-    namespace: dict[str, Any] = {}
+    namespace = {}
     for cell in code:
         assert run("".join(cell["source"]), namespace) == outputs(cell)

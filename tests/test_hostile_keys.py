@@ -1,16 +1,14 @@
 """Whatever is wrong under any key of any file is refused in words that name its place: one table for all files."""
 
 import tomllib
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hostile_keys import damaged
 from proof_plans import example_b
 
 from floatplan.errors import InputError
-from floatplan.keys import Keyed, in_files, read_tables
+from floatplan.keys import in_files, read_tables
 from floatplan.plans.reading import record_from_dict
 from floatplan.plans.record import PlanRecord
 from floatplan.problem.file import ProblemFile, RobotRequest
@@ -20,7 +18,7 @@ from floatplan.studies.schema import PlanTable, StudyTables, with_sampling
 
 EVERYTHING = Path(__file__).parent / "problem" / "cases" / "everything.toml"
 STANCE = {"contacts": [["hand"]], "durations": [[0.1, 0.4]]}
-MORE: dict[str, dict[str, Any]] = {  # keys of tables that no one problem that is planned has together
+MORE = {  # keys of tables that no one problem that is planned has together
     "robot": {
         "locked": {"q4": 5},
         "reference": "standing",
@@ -80,7 +78,7 @@ map = ["flight.gravity", "flight.duration", "torque_peak"]
 """
 
 
-def every_key() -> dict[str, Any]:
+def every_key():
     """A problem with something under every key of a file."""
     content = tomllib.loads(EVERYTHING.read_text(encoding="utf-8"))
     for table, more in MORE.items():
@@ -88,15 +86,15 @@ def every_key() -> dict[str, Any]:
     return content | {"ground": False}
 
 
-def read_problem(content: Mapping[str, Any]) -> Keyed:
+def read_problem(content):
     return read_tables(ProblemFile, content)
 
 
-def read_study(content: Mapping[str, Any]) -> Keyed:
+def read_study(content):
     return read_tables(StudyTables, with_sampling(content))
 
 
-FILES: dict[str, tuple[type[Keyed], Callable[[], dict[str, Any]], Callable[[Any], object], int]] = {
+FILES = {
     "problem": (ProblemFile, every_key, read_problem, 1000),
     "problem in space": (ProblemFile, lambda: tomllib.loads(IN_SPACE), read_problem, 300),
     "study": (StudyTables, lambda: tomllib.loads(STUDY), read_study, 150),
@@ -104,7 +102,7 @@ FILES: dict[str, tuple[type[Keyed], Callable[[], dict[str, Any]], Callable[[Any]
 }
 
 
-def refusal(read: Callable[[Any], object], content: dict[str, Any]) -> str:
+def refusal(read, content):
     """What is said where content is refused; nothing where it is taken."""
     try:
         read(content)
@@ -114,7 +112,7 @@ def refusal(read: Callable[[Any], object], content: dict[str, Any]) -> str:
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_what_is_wrong_under_any_key_is_refused_with_its_place(name: str) -> None:
+def test_what_is_wrong_under_any_key_is_refused_with_its_place(name):
     part, content, read, least = FILES[name]
     sound = content()
     read(sound)
@@ -131,7 +129,7 @@ def test_what_is_wrong_under_any_key_is_refused_with_its_place(name: str) -> Non
     assert tried >= least
 
 
-def test_the_files_above_have_every_key() -> None:
+def test_the_files_above_have_every_key():
     problem, study = every_key(), tomllib.loads(STUDY)
     assert ProblemFile.keys.keys() == problem.keys()
     assert StudyTables.keys.keys() == study.keys()

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from places import ROOT
+
 import floatplan
 
 PACKAGE = Path(floatplan.__file__).parent
-ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
     "statements": (41_160, 26_500),
@@ -60,29 +61,29 @@ class Module:
     text: str
 
     @cached_property
-    def nodes(self) -> list[ast.AST]:
+    def nodes(self):
         return list(ast.walk(self.tree))
 
     @cached_property
-    def tree(self) -> ast.Module:
+    def tree(self):
         return ast.parse(self.text)
 
     @property
-    def statements(self) -> int:
+    def statements(self):
         return sum(isinstance(node, ast.stmt) for node in self.nodes)
 
     @property
-    def packs(self) -> int:
+    def packs(self):
         """Assignments `a, b = x, y`: several written as one."""
         assignments = [node for node in self.nodes if isinstance(node, ast.Assign)]
         return sum(isinstance(node.value, ast.Tuple) and isinstance(node.targets[0], ast.Tuple) for node in assignments)
 
     @property
-    def comprehensions(self) -> int:
+    def comprehensions(self):
         return sum(isinstance(node, COMPREHENSIONS) for node in self.nodes)
 
     @property
-    def constants(self) -> int:
+    def constants(self):
         count = 0
         for statement in self.tree.body:
             if isinstance(statement, ast.Assign):
@@ -96,51 +97,51 @@ class Module:
         return count
 
     @property
-    def private_words(self) -> int:
+    def private_words(self):
         """In names and in prose; of names with underscores, every part."""
         variables = sum(isinstance(node, ast.Name) and node.id == "each" for node in self.nodes)
         return variables + len(PRIVATE_WORD.findall(self.text))
 
     @property
-    def asks_kind(self) -> int:
+    def asks_kind(self):
         lines = [line for line in self.text.splitlines() if ASKS_KIND.search(line)]
         return sum("import" not in line for line in lines)
 
     @cached_property
-    def functions(self) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
+    def functions(self):
         return [node for node in self.nodes if isinstance(node, FUNCTIONS)]
 
-    def longest_function(self) -> tuple[int, str]:
+    def longest_function(self):
         return max(((length(node), self.name_of(node)) for node in self.functions), default=(0, ""))
 
-    def most_parameters(self) -> tuple[int, str]:
+    def most_parameters(self):
         """Of all functions but commands of the command line, whose parameters are its options."""
         command = "Annotated[" if self.path.parent.name == "cli" else None
         functions = [node for node in self.functions if command is None or command not in ast.unparse(node.args)]
         return max(((parameters(node), self.name_of(node)) for node in functions), default=(0, ""))
 
-    def name_of(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
+    def name_of(self, node):
         return f"{self.path.relative_to(PACKAGE)}: {node.name}"
 
 
-def length(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+def length(function):
     assert function.end_lineno is not None
     return function.end_lineno - function.lineno + 1
 
 
-def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+def parameters(function):
     arguments = function.args
     names = [argument.arg for argument in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
     return len(names) - (names[:1] in (["self"], ["cls"]))
 
 
-def ignored_imports() -> int:
+def ignored_imports():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     contracts = project["tool"]["importlinter"]["contracts"]
     return sum(len(contract.get("ignore_imports", [])) for contract in contracts)
 
 
-def test_no_measure_of_the_house_grows() -> None:
+def test_no_measure_of_the_house_grows():
     paths = [path for path in PACKAGE.rglob("*.py") if path.name != "_declarations.py"]
     modules = [Module(path, path.read_text(encoding="utf-8")) for path in paths]
     lines = sum(module.text.count("\n") for module in modules)
@@ -172,7 +173,7 @@ def test_no_measure_of_the_house_grows() -> None:
     report(values, LIMITS, where)
 
 
-def test_the_way_from_plan_to_a_plan_grows_no_longer() -> None:
+def test_the_way_from_plan_to_a_plan_grows_no_longer():
     command = [sys.executable, ROOT / "tests" / "helpers" / "way_of_a_plan.py", *WAYS]
     finished = subprocess.run(command, cwd=ROOT / "problems", stdout=subprocess.PIPE, text=True, check=True)
     counts = json.loads(finished.stdout)
@@ -185,7 +186,7 @@ def test_the_way_from_plan_to_a_plan_grows_no_longer() -> None:
     report(values, limits, {})
 
 
-def report(values: dict[str, float], limits: dict[str, tuple[float, float]], where: dict[str, str]) -> None:
+def report(values, limits, where):
     """Print all measures, and fail with those above their limits."""
     assert values.keys() == limits.keys()
     grown = []

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.certificate.planar.obstacles import SEPARATIONS
@@ -16,7 +17,7 @@ from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS, SpatialObstacle
 from floatplan.view.outlines import OUTLINES
 
-EXAMPLE = Path(__file__).resolve().parents[1] / "problems" / "new_configuration.toml"
+EXAMPLE = PROBLEMS / "new_configuration.toml"
 MAPS = (Path(fp.__file__).parent / "view" / "report" / "assets" / "flight.js").read_text(encoding="utf-8")
 OF_KINDS = {
     "plan files": OBSTACLES.keys(),

@@ -11,18 +11,18 @@ from floatplan import errors
 from floatplan.errors import InputError, import_optional
 
 
-def test_a_module_that_is_there_is_returned() -> None:
+def test_a_module_that_is_there_is_returned():
     assert import_optional("math", name="maths", element="engine", extra="maths") is math
 
 
-def refusal(monkeypatch: pytest.MonkeyPatch) -> str:
+def refusal(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(InputError) as refused:
         import_optional("viser", name="viser", element="scene", extra="view")
     return str(refused.value)
 
 
-def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_from_a_clone_the_command_installs_the_clone(monkeypatch, tmp_path):
     (tmp_path / "pyproject.toml").touch()
     monkeypatch.setattr(errors, "CLONE", tmp_path)
     monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
@@ -38,7 +38,7 @@ def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyP
     assert words[1:5] == ["-m", "pip", "install", "-e"]
 
 
-def test_from_a_wheel_it_installs_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_from_a_wheel_it_installs_the_package(monkeypatch, tmp_path):
     monkeypatch.setattr(errors, "CLONE", tmp_path)
     monkeypatch.chdir(tmp_path)
     assert refusal(monkeypatch).endswith(f"install it: {shlex.quote(sys.executable)} -m pip install 'floatplan[view]'")

@@ -6,20 +6,18 @@ import json
 import re
 import shlex
 import tomllib
-from collections.abc import Callable, Iterator
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 import jsonschema
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
 from once import made_once
+from places import ROOT
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
 EXTRAS = {  # words of commands, and the distribution that they need
     "parquet": "pyarrow",
@@ -43,10 +41,8 @@ VERDICTS = (
     "floatplan replay",
 )  # commands that may find that something is not so
 
-Command = Callable[..., Any]
 
-
-def blocks(page: str, *languages: str) -> Iterator[tuple[str, str]]:
+def blocks(page, *languages):
     """Language and text of a page's code blocks."""
     text = (ROOT / page).read_text(encoding="utf-8")
     for language, block in re.findall(r"^```(\w+)\n(.*?)^```", text, re.DOTALL | re.MULTILINE):
@@ -54,7 +50,7 @@ def blocks(page: str, *languages: str) -> Iterator[tuple[str, str]]:
             yield language, block
 
 
-def commands(block: str) -> Iterator[str]:
+def commands(block):
     """Lines of a shell block that call floatplan, without their comments."""
     for line in block.replace("\\\n", " ").splitlines():
         command = " ".join(shlex.split(line, comments=True))
@@ -62,13 +58,13 @@ def commands(block: str) -> Iterator[str]:
             yield command
 
 
-def with_snippets(*languages: str) -> list[str]:
+def with_snippets(*languages):
     """Pages that have such blocks."""
     return [page for page in PAGES if any(blocks(page, *languages))]
 
 
 @pytest.fixture
-def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def jumps_once(monkeypatch, tmp_path):
     """A jump takes seconds: pages that ask for the same one are given what the first found."""
     if importlib.util.find_spec("casadi") is None:
         return
@@ -76,10 +72,9 @@ def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
     search = planner.jump
 
-    def jump(problem: fp.Problem, progress: Any = None, **options: Any) -> fp.Jump:
+    def jump(problem, progress=None, **options):
         asked = fp.save_problem(problem, tmp_path / "asked.toml").read_bytes() + repr(sorted(options.items())).encode()
-        found: fp.Jump = made_once(f"jump {sha256(asked).hexdigest()}", lambda: search(problem, **options))
-        return found
+        return made_once(f"jump {sha256(asked).hexdigest()}", lambda: search(problem, **options))
 
     monkeypatch.setattr(planner, "jump", jump)
     monkeypatch.setattr(fp, "jump", jump)
@@ -88,13 +83,13 @@ def jumps_once(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("jumps_once")
 @pytest.mark.parametrize("page", cases([*with_snippets("python", "sh"), WITH_JUMP], LONG))
-def test_snippets_run(page: str, floatplan: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_snippets_run(page, floatplan, monkeypatch):
     if page == "README.md":
         monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 1 / 200)  # as often as it corrects
     passed_over, page = ("floatplan jump" if page == "README.md" else "nothing"), page.split()[0]
     for name in ("problems", "urdf"):
         Path(name).symlink_to(ROOT / name)
-    names: dict[str, Any] = {}
+    names = {}
     for language, block in blocks(page, "python", "sh"):
         if language == "python":
             exec(compile(block, page, "exec"), names)  # the project's own text
@@ -114,7 +109,7 @@ def test_snippets_run(page: str, floatplan: Command, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("page", with_snippets("toml"))
-def test_toml_is_as_the_schema_says(page: str, floatplan: Command) -> None:
+def test_toml_is_as_the_schema_says(page, floatplan):
     """A study file, or tables of a problem file, some of them left out."""
     schemas = {kind: json.loads(floatplan("schema", kind).stdout) for kind in ("problem", "study")}
     schemas["problem"].pop("required")

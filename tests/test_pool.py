@@ -3,18 +3,15 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from multiprocessing import forkserver
-from pathlib import Path
-from typing import Any
 
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from places import ROOT
 
 from floatplan.pool import fork_server
 
-ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 300.0  # [s] for what takes a few
 PLANTED = ("numpy.py", "random.py", "socket.py", "floatplan/__init__.py", "floatplan/studies/__init__.py")
 PROGRAM = "from floatplan.cli import main\nif __name__ == '__main__':\n    main()\n"
@@ -26,9 +23,9 @@ problem = "{}"
 
 
 @pytest.fixture(autouse=True)
-def own_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def own_server(monkeypatch):
     """A fork server of these tests' own, as it loads nothing, and is killed; other tests go on with theirs."""
-    own: Any = forkserver.ForkServer()
+    own = forkserver.ForkServer()
     for name in ("ensure_running", "connect_to_new_process", "set_forkserver_preload"):
         monkeypatch.setattr(forkserver, name, getattr(own, name))
     monkeypatch.setattr(fork_server, "_server", None)
@@ -37,7 +34,7 @@ def own_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @pytest.fixture
-def here(tmp_path: Path) -> Path:
+def here(tmp_path):
     """A folder whose modules, where one is executed, leave their names in a file."""
     folder = tmp_path / "here"
     for name in PLANTED:
@@ -47,7 +44,7 @@ def here(tmp_path: Path) -> Path:
     return folder
 
 
-def run_there(here: Path, script: str, *arguments: str | Path) -> None:
+def run_there(here, script, *arguments):
     """Run a script of another folder, as an installed command is, and see that nothing planted was executed."""
     program = here.parent / "bin" / "floatplan"
     program.parent.mkdir()
@@ -70,14 +67,14 @@ def run_there(here: Path, script: str, *arguments: str | Path) -> None:
 
 
 @pytest.fixture
-def study_file(tmp_path: Path) -> Path:
+def study_file(tmp_path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY.format(ROOT / "problems" / "somersault.toml"))
     return path
 
 
 @pytest.mark.parametrize("engine", cases(["processes", "dask"], {"dask"}))
-def test_a_study_executes_nothing_of_the_working_directory(here: Path, study_file: Path, engine: str) -> None:
+def test_a_study_executes_nothing_of_the_working_directory(here, study_file, engine):
     try:
         import distributed  # noqa: F401
         import pyarrow  # noqa: F401
@@ -86,12 +83,12 @@ def test_a_study_executes_nothing_of_the_working_directory(here: Path, study_fil
     run_there(here, PROGRAM, "study", study_file, "--jobs", "2", "--engine", engine)
 
 
-def test_nor_does_a_search(here: Path) -> None:
+def test_nor_does_a_search(here):
     problem = ROOT / "problems" / "obstacle.toml"
     run_there(here, PROGRAM, "plan", problem, "--starts", "4", "--no-figures")
 
 
-def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path: Path, study_file: Path) -> None:
+def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path, study_file):
     """Each process reads a script anew, and this one would start further processes there."""
     script = tmp_path / "script.py"
     script.write_text(f"import floatplan as fp\nfp.study({str(study_file)!r}, folder='out', jobs=2)\n")
@@ -109,7 +106,7 @@ def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path: Path, s
     assert not list((tmp_path / "out").rglob("*.parquet"))
 
 
-def test_whoever_forgets_them_ends_all_the_same(tmp_path: Path) -> None:
+def test_whoever_forgets_them_ends_all_the_same(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         "import os, time\nfrom floatplan.pool import processes\n"

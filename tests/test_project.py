@@ -10,22 +10,21 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
 import release
 import yaml
 from check_links import broken_links
 from needed import skip_or_fail
+from places import ROOT
 
 import floatplan
 
-ROOT = Path(__file__).resolve().parents[1]
 DEVELOPERS = ("test", "docs", "dev", "bench")  # extras
 HEAVY = ("numpy", "pinocchio", "proxsuite", "scipy", "matplotlib", "rich", "yourdfpy", "flint", "viser")
 
 
-def python(*arguments: str, cwd: Path = ROOT, **environment: str) -> str:
+def python(*arguments, cwd=ROOT, **environment):
     return subprocess.run(
         [sys.executable, *arguments],
         check=True,
@@ -37,12 +36,12 @@ def python(*arguments: str, cwd: Path = ROOT, **environment: str) -> str:
 
 
 @pytest.mark.parametrize("code", ["import floatplan", "import floatplan.cli"])
-def test_imports_are_light(code: str) -> None:
+def test_imports_are_light(code):
     loaded = python("-c", f"{code}, sys; print(*sys.modules)").split()
     assert not set(HEAVY) & set(loaded)
 
 
-def test_a_plan_imports_only_what_it_uses(tmp_path: Path) -> None:
+def test_a_plan_imports_only_what_it_uses(tmp_path):
     (tmp_path / "plan.json").touch()  # of an older run, of which pictures and other formats may have been made
     code = "import sys, floatplan.cli\ntry: floatplan.cli.main()\nfinally: print(*sys.modules)"
     loaded = python("-c", code, "plan", "problems/handstand.toml", "--quiet", "-o", str(tmp_path)).split()
@@ -56,18 +55,18 @@ def test_a_plan_imports_only_what_it_uses(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", floatplan.__all__)
-def test_public_names_are_there(name: str) -> None:
+def test_public_names_are_there(name):
     assert getattr(floatplan, name) is not None
     assert name in dir(floatplan)
 
 
-def test_every_public_name_has_its_place_in_the_api_reference() -> None:
+def test_every_public_name_has_its_place_in_the_api_reference():
     pages = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "api").glob("*.md"))
     listed = re.findall(r"^\.\. auto(?:class|function|exception|module):: (?:floatplan\.)?(\w+)$", pages, re.MULTILINE)
     assert sorted(listed) == sorted(set(floatplan.__all__) - {"__version__"})
 
 
-def documented(of: type, member: str) -> bool:
+def documented(of, member):
     """Whether a class, or one that it is derived from, says what a member is: in a docstring of its own, or by name."""
     for base in of.__mro__:
         own = vars(base).get(member)
@@ -80,7 +79,7 @@ def documented(of: type, member: str) -> bool:
     return False
 
 
-def test_every_public_member_is_documented() -> None:
+def test_every_public_member_is_documented():
     without, count = [], 0
     for name in floatplan.__all__[1:]:
         value = getattr(importlib.import_module(floatplan._HOMES[name]), name)  # tests wrap some that are imported
@@ -98,7 +97,7 @@ def test_every_public_member_is_documented() -> None:
 
 
 @pytest.mark.long
-def test_the_pages_are_built_without_a_warning_and_their_links_lead_somewhere(tmp_path: Path) -> None:
+def test_the_pages_are_built_without_a_warning_and_their_links_lead_somewhere(tmp_path):
     if importlib.util.find_spec("sphinx") is None:
         skip_or_fail("Sphinx is not installed: the extra docs")
     python("-m", "sphinx", "-q", "--fail-on-warning", "-d", str(tmp_path / "cache"), "docs", str(tmp_path / "pages"))
@@ -107,34 +106,34 @@ def test_the_pages_are_built_without_a_warning_and_their_links_lead_somewhere(tm
     assert [link for link in broken if ": reports/" not in link] == [], "reports are made by scripts/docs"
 
 
-def test_links_of_the_documents_lead_somewhere() -> None:
+def test_links_of_the_documents_lead_somewhere():
     for path in (*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")):
         for link in re.findall(r"\]\(([^)#:]+)\)", path.read_text(encoding="utf-8")):
             assert (path.parent / link).exists(), f"{path.name}: {link}"
 
 
-def test_files_that_the_guide_names_are_there() -> None:
+def test_files_that_the_guide_names_are_there():
     guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     package = [path.as_posix() for path in (ROOT / "floatplan").rglob("*.py")]
     for name in re.findall(r"`([\w/]+\.py)`", guide):
         assert (ROOT / name).is_file() or any(path.endswith(f"/{name}") for path in package), name
 
 
-def test_the_version_is_the_project_s() -> None:
+def test_the_version_is_the_project_s():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert floatplan.__version__ == project["version"]
 
 
 class TestRelease:
-    def test_every_file_names_the_same_version(self) -> None:
+    def test_every_file_names_the_same_version(self):
         assert set(release.versions().values()) == {floatplan.__version__}
 
-    def test_the_recipe_needs_what_the_project_needs(self) -> None:
+    def test_the_recipe_needs_what_the_project_needs(self):
         project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
         recipe = yaml.safe_load((ROOT / "recipe" / "recipe.yaml").read_text())["requirements"]
         conda = {"pin": "pinocchio", "matplotlib": "matplotlib-base", "mujoco": "mujoco-python"}
 
-        def named(requirements: list[str], sign: str) -> dict[str, str]:
+        def named(requirements, sign):
             pairs = (re.split(f"{sign}(?=[<>])", each, maxsplit=1) for each in requirements if each != "python")
             return {conda.get(name, name): bounds for name, bounds in pairs}
 
@@ -144,7 +143,7 @@ class TestRelease:
         ]
         assert named(recipe["run_constraints"], " ").items() <= named(extras, "").items()
 
-    def test_only_the_job_of_a_tag_may_publish(self) -> None:
+    def test_only_the_job_of_a_tag_may_publish(self):
         publishing = []
         for path in (ROOT / ".github" / "workflows").glob("*.yml"):
             workflow = yaml.safe_load(path.read_text())
@@ -158,7 +157,7 @@ class TestRelease:
         tagged = "github.event_name == 'push' && github.ref_type == 'tag'"
         assert publishing == [("release.yml", "publish", tagged, "packages")]
 
-    def test_a_prepared_version_is_ready_and_no_other_is(self, tmp_path: Path) -> None:
+    def test_a_prepared_version_is_ready_and_no_other_is(self, tmp_path):
         (tmp_path / "recipe").mkdir()
         for name in (*release.NAMED, "CHANGELOG.md"):
             shutil.copy(ROOT / name, tmp_path / name)
@@ -175,7 +174,7 @@ class TestRelease:
         assert (cited["version"], cited["date-released"]) == ("7.0.0", day)
 
 
-def test_no_test_imports_another() -> None:
+def test_no_test_imports_another():
     """What tests share is in ``tests/helpers``."""
     tests = [path for path in (ROOT / "tests").rglob("*.py") if "helpers" not in path.parts]
     names = {path.stem for path in tests}
@@ -201,24 +200,24 @@ class TestScripts:
             ".ci/run",
         ],
     )
-    def test_can_be_run(self, name: str) -> None:
+    def test_can_be_run(self, name):
         path = ROOT / name
         assert os.access(path, os.X_OK)
         subprocess.run(["bash", "-n", str(path)], check=True)
 
-    def test_readme_commands_are_scripts(self) -> None:
+    def test_readme_commands_are_scripts(self):
         text = (ROOT / "README.md").read_text()
         block = text.split("## Two commands")[1].split("```")[1]
         commands = [line.split("#")[0].strip() for line in block.splitlines()[1:] if line]
         assert commands == ["scripts/demo", "scripts/test"]
 
-    def test_continuous_integration_runs_the_readme_s_test_command_and_that_the_checks(self) -> None:
+    def test_continuous_integration_runs_the_readme_s_test_command_and_that_the_checks(self):
         commands = (ROOT / ".ci" / "run").read_text().splitlines()[-2:]
         assert commands == ["scripts/test", "exec scripts/check --long"]
         assert (ROOT / "scripts" / "test").read_text().splitlines()[-1] == "exec scripts/check"
 
     @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
-    def test_an_unfit_python_is_refused(self, tmp_path: Path) -> None:
+    def test_an_unfit_python_is_refused(self, tmp_path):
         for name in ("scripts", "pyproject.toml"):
             source = ROOT / name
             shutil.copytree(source, tmp_path / name) if source.is_dir() else shutil.copy(source, tmp_path)

@@ -4,18 +4,15 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 from long_cases import cases
 from needed import skip_or_fail
+from places import ROOT
 
 import floatplan as fp
 from floatplan import pool
 
-ROOT = Path(__file__).resolve().parents[1]
 PROBLEMS = ("obstacle_hard", "moving_hoop")  # their sums are long enough to be shared among threads
 STUDY = """
 problem = "{problem}"
@@ -45,7 +42,7 @@ if __name__ == "__main__":
 """
 
 
-def told(code: str, wanted: str | None, folder: Path, *arguments: str) -> str:
+def told(code, wanted, folder, *arguments):
     """What a script prints where BLAS may use so many threads; None: as many as it likes."""
     folder.mkdir()
     (folder / "script.py").write_text(code)
@@ -57,7 +54,7 @@ def told(code: str, wanted: str | None, folder: Path, *arguments: str) -> str:
 
 
 @pytest.mark.parametrize("name", cases(PROBLEMS, {"moving_hoop", "obstacle_hard"}))
-def test_plans_are_the_same_bit_for_bit(name: str, tmp_path: Path) -> None:
+def test_plans_are_the_same_bit_for_bit(name, tmp_path):
     problem = str(ROOT / "problems" / f"{name}.toml")
     one, *others = (told(ANSWERS, wanted, tmp_path / f"{wanted}", problem) for wanted in ("1", "2", None))
     assert json.loads(one.splitlines()[0])["certificate"]["verdict"] == "proved"
@@ -65,7 +62,7 @@ def test_plans_are_the_same_bit_for_bit(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_studies_are_the_same_bit_for_bit(tmp_path: Path) -> None:
+def test_studies_are_the_same_bit_for_bit(tmp_path):
     try:
         import pyarrow  # noqa: F401
     except ImportError:
@@ -82,9 +79,7 @@ def test_studies_are_the_same_bit_for_bit(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "compute", [fp.plan, lambda problem: fp.plan_many([problem]), fp.takeoff], ids=["plan", "plan_many", "takeoff"]
 )
-def test_public_calls_hold_numpys_library_and_give_it_back(
-    compute: Callable[[fp.Problem], Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_public_calls_hold_numpys_library_and_give_it_back(compute, monkeypatch):
     (blas, *_) = pool._libraries()
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     seen = []

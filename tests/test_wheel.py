@@ -9,17 +9,17 @@ from pathlib import Path
 
 import pytest
 from elsewhere import told
+from places import ROOT
 
 import floatplan
 from floatplan.kernel.build import header_digest
 
-ROOT = Path(__file__).resolve().parents[1]
 pytestmark = pytest.mark.long
 SOURCES = ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE")
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("checkout")
     shutil.copytree(ROOT / "floatplan", folder / "floatplan", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     for name in SOURCES:
@@ -33,12 +33,12 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def unpacked(wheel: Path, tmp_path: Path) -> Path:
+def unpacked(wheel, tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path)
     return tmp_path
 
 
-def test_holds_robots_and_problems(wheel: Path) -> None:
+def test_holds_robots_and_problems(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     for kind, ending in (("urdf", "urdf"), ("problems", "toml")):
         files = {path.name for path in (ROOT / kind).glob(f"*.{ending}")}
@@ -46,12 +46,12 @@ def test_holds_robots_and_problems(wheel: Path) -> None:
         assert {f"floatplan/data/{kind}/{name}" for name in files} <= names
 
 
-def test_holds_no_tests_and_no_scripts(wheel: Path) -> None:
+def test_holds_no_tests_and_no_scripts(wheel):
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert tops == {"floatplan", f"floatplan-{floatplan.__version__}.dist-info"}
 
 
-def test_its_problems_find_its_robots(unpacked: Path) -> None:
+def test_its_problems_find_its_robots(unpacked):
     code = (
         "import floatplan as fp, pathlib; folder = pathlib.Path(fp.__file__).parent\n"
         "for path in sorted(folder.glob('data/problems/*.toml')):\n"
@@ -62,7 +62,7 @@ def test_its_problems_find_its_robots(unpacked: Path) -> None:
     assert told(code, unpacked).split() == sorted(path.stem for path in (ROOT / "problems").glob("*.toml"))
 
 
-def test_it_plans_the_paper_s_example_without_a_compiler(unpacked: Path) -> None:
+def test_it_plans_the_paper_s_example_without_a_compiler(unpacked):
     (unpacked / "empty").mkdir()
     code = (
         "import shutil, sys\n"
@@ -76,18 +76,18 @@ def test_it_plans_the_paper_s_example_without_a_compiler(unpacked: Path) -> None
     assert (unpacked / "runs" / "new_configuration" / "plan.json").is_file()
 
 
-def test_its_kernel_knows_no_folder_of_the_machine(wheel: Path) -> None:
+def test_its_kernel_knows_no_folder_of_the_machine(wheel):
     kernel = zipfile.ZipFile(wheel).read("floatplan/kernel/_kernel.so")
     for folder in (ROOT, Path.home(), wheel.parents[2]):
         assert str(folder).encode() not in kernel
 
 
-def test_it_has_the_kernel_s_header_as_cffi_has_read_it(wheel: Path) -> None:
+def test_it_has_the_kernel_s_header_as_cffi_has_read_it(wheel):
     kept = zipfile.ZipFile(wheel).read("floatplan/kernel/_declarations.py").decode()
     assert f'HEADER = "{header_digest()}"' in kept
 
 
-def test_it_is_for_this_platform(wheel: Path, unpacked: Path) -> None:
+def test_it_is_for_this_platform(wheel, unpacked):
     assert "-py3-none-" in wheel.name
     assert "any" not in wheel.name
     describe = "import floatplan as fp, floatplan.kernel.library as kernel; print(fp.__file__, kernel.description())"

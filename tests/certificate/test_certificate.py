@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import proof_reference as reference
 import pytest
-from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan, unlimited
+from places import URDF
+from proof_plans import draw_coefficients, example_a, example_b, make_plan, unlimited
 from proof_records import certify_record
 
 from floatplan.certificate.certificate import shapes_of

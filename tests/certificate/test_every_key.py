@@ -9,7 +9,8 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from long_cases import cases
-from proof_plans import URDF, draw_coefficients, make_plan
+from places import URDF
+from proof_plans import draw_coefficients, make_plan
 
 import floatplan as fp
 from floatplan.certificate import branch_and_bound as say
@@ -55,7 +56,7 @@ TABLE = {  # pattern of a path -> what its value is; the first that fits counts
 
 
 @pytest.fixture(scope="module")
-def honest() -> PlanRecord:
+def honest():
     """A plan with something under every key."""
     robot = Robot.from_urdf(
         URDF / "chain10.urdf",

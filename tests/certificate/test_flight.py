@@ -8,7 +8,8 @@ import pinocchio as pin
 import proof_reference as reference
 import pytest
 from flint import acb, arb, arb_series
-from proof_plans import URDF, draw_coefficients, make_plan
+from places import URDF
+from proof_plans import draw_coefficients, make_plan
 
 from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.planar.flight import assemble, fly, joint_models

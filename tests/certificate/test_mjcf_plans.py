@@ -4,21 +4,21 @@ import hashlib
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from mjcf_samples import RandomModel
+from places import URDF
 from proof_plans import draw_coefficients, make_plan
 
 import floatplan as fp
 from floatplan.certificate.planar.inertia import cached_robot
 from floatplan.errors import InputError
 
-KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
+KANGAROO = URDF / "kangaroo.xml"
 
 
-def flight(robot: fp.Robot, **more) -> fp.Problem:
+def flight(robot, **more):
     """A flight from one posture to another, with an obstacle to look at."""
     low, high = robot.position_limits.T
     ends = (low + share * (high - low) for share in (0.4, 0.5))
@@ -28,7 +28,7 @@ def flight(robot: fp.Robot, **more) -> fp.Problem:
 
 
 @pytest.fixture
-def split(tmp_path) -> Path:
+def split(tmp_path):
     """The kangaroo, its leg in a file that it includes."""
     head, leg, tail = re.split(r"(<body name=\"shank\".*?</body>\s*</body>)", KANGAROO.read_text(), flags=re.DOTALL)
     (tmp_path / "parts").mkdir()
@@ -113,13 +113,13 @@ def test_an_inertia_from_a_mesh_is_proved(tmp_path):
     assert plan.certificate.proved
 
 
-def write_mesh(file: Path, corners: str) -> None:
+def write_mesh(file, corners):
     numbers = corners.split()
     places = [f"v {' '.join(numbers[first : first + 3])}" for first in range(0, len(numbers), 3)]
     file.write_text("\n".join([*places, "f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]))
 
 
-def drawn_case(tmp_path: Path, seed: int) -> bool:
+def drawn_case(tmp_path, seed):
     """A motion of a random robot, with joints coupled and locked, is proved; False where none can be planned."""
     file, rng = tmp_path / "random.xml", np.random.default_rng(seed)
     file.write_bytes(RandomModel(seed, planar=True).xml)

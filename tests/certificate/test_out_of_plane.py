@@ -3,7 +3,6 @@
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -131,7 +130,7 @@ def test_a_flight_in_space_is_in_no_plane():
         fp.certify(plan, out_of_plane="yes")
 
 
-def test_the_command_says_it(plans, floatplan, tmp_path: Path):
+def test_the_command_says_it(plans, floatplan, tmp_path):
     path = plans["go2"].save(tmp_path / "plan.json")
     run = floatplan("certify", path, "--out-of-plane", "--json", "--save")
     assert run.code == 0

@@ -141,7 +141,10 @@ class TestBounds:
             items = items.split(np.arange(len(items.cell)), halvings)
             bound = distances.below(items.forms, items.member)
             u = items.start[:, None] + items.width * np.linspace(0, 1, 41)
-            values = np.array([seen(*place) for place in zip(items.cell, items.member, u, strict=True)])
+            values = np.empty(u.shape)
+            for cell, member in np.ndindex(len(cells), len(members)):
+                own = (items.cell == cell) & (items.member == member)
+                values[own] = seen(cell, member, u[own].ravel()).reshape(-1, u.shape[1])
             assert (bound <= values.min(axis=1) + 1e-12).all()
             above = distances.at_point(items.ends, items.member)
             assert above == pytest.approx(values[:, [0, -1]].T, abs=1e-9)

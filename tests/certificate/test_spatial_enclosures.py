@@ -4,8 +4,9 @@ import flint
 import numpy as np
 import pytest
 from flint import arb
+from places import URDF
 from space_chains import chain_file
-from space_reference import URDF, draw_coefficients, make_record
+from space_reference import draw_coefficients, make_record
 from space_sharp import BITS, SharpRobot, column, cross, joints, placement, turned
 
 import floatplan as fp

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from proof_plans import URDF, draw_coefficients, example_b, make_plan
+from places import URDF
+from proof_plans import draw_coefficients, example_b, make_plan
 from proof_records import certify_record
 
 from floatplan.arrays import read_only

@@ -2,33 +2,27 @@
 
 import json
 import tomllib
-from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from places import PROBLEMS, URDF
 from robot_samples import GYMNAST, PAIR, inertial, robot_text
 
 import floatplan as fp
 from floatplan.robot.urdf import tree as urdf
 
-ROOT = Path(__file__).resolve().parents[2]
-URDF = ROOT / "urdf"
-PROBLEMS = ROOT / "problems"
-Command = Callable[..., Any]
-
 
 @pytest.fixture
-def pair(tmp_path: Path) -> Path:
+def pair(tmp_path):
     path = tmp_path / "pair.urdf"
     path.write_text(robot_text(f'<link name="body">{inertial(2.0, "0 0 0")}</link>', PAIR))
     return path
 
 
 class TestRobots:
-    def test_each_can_be_named_as_it_is_listed(self, floatplan: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_each_can_be_named_as_it_is_listed(self, floatplan, monkeypatch):
         listed = json.loads(floatplan("robots", "--json").stdout)
         told = {facts["robot"]: facts for facts in (*listed["robots"], *listed["unusable"])}
         monkeypatch.setattr("floatplan.cli.robots._facts", told.__getitem__)  # each is read once
@@ -49,7 +43,7 @@ class TestRobots:
         assert all(facts["reason"] for facts in listed["unusable"])
         assert {urdf.PREFIX + name for name in urdf.example_urdfs()} <= told.keys()
 
-    def test_a_file_here_comes_before_one_of_the_same_name_that_comes_with_floatplan(self, floatplan: Command) -> None:
+    def test_a_file_here_comes_before_one_of_the_same_name_that_comes_with_floatplan(self, floatplan):
         own = floatplan("info", "urdf/gymnast.urdf", "--json")
         assert own.code == 0
         Path("urdf").mkdir()
@@ -58,14 +52,14 @@ class TestRobots:
         for name in ("urdf/nobody.urdf", "urdf/../urdf/acrobat.urdf", "problems", "problems/" + 300 * "a"):
             assert floatplan("info", name).code == 2
 
-    def test_problems_that_come_with_floatplan_plan_anywhere(self, floatplan: Command) -> None:
+    def test_problems_that_come_with_floatplan_plan_anywhere(self, floatplan):
         run = floatplan("plan", "problems/handstand.toml", "--quiet", "--no-figures")
         assert run.code == 0, run
         assert fp.load_plan("runs/handstand/plan.json").ok
 
 
 class TestInfo:
-    def test_joints_come_first_and_the_rest_when_asked_for(self, floatplan: Command) -> None:
+    def test_joints_come_first_and_the_rest_when_asked_for(self, floatplan):
         run = floatplan("info", URDF / "gymnast.urdf")
         lines = run.stdout.splitlines()
         assert [line.split()[0] for line in lines[:5]] == ["robot", "plane", "joint", "q1", "q2"]
@@ -76,14 +70,14 @@ class TestInfo:
         assert floatplan("info", URDF / "gymnast.urdf", "--shapes", "links.png").code == 0
         assert Path("links.png").is_file()
 
-    def test_followers_are_said_in_words(self, floatplan: Command, pair: Path) -> None:
+    def test_followers_are_said_in_words(self, floatplan, pair):
         text = floatplan("info", pair, "--coupled", "mirror").stdout
         assert "right_hip follows left_hip\n" in text
         text = floatplan("info", pair, "--coupled", "right_hip=-left_hip,right_knee=0.5*left_knee").stdout
         assert "right_hip follows -left_hip\n" in text
         assert "right_knee follows 0.5 left_knee\n" in text
 
-    def test_a_file_with_the_robot_alone(self, floatplan: Command, pair: Path) -> None:
+    def test_a_file_with_the_robot_alone(self, floatplan, pair):
         file = pair.with_name("robot.toml")
         file.write_text('angles = "deg"\n[robot]\nurdf = "pair.urdf"\nlocked = { left_knee = 90, right_knee = 90 }\n')
         facts = json.loads(floatplan("info", file, "--json").stdout)
@@ -93,7 +87,7 @@ class TestInfo:
 
 
 class TestChoices:
-    def test_are_those_of_python(self, floatplan: Command, pair: Path) -> None:
+    def test_are_those_of_python(self, floatplan, pair):
         run = floatplan(
             *("info", pair, "--coupled", "right_hip = left_hip", "--degrees", "--json"),
             *("--locked", "left_knee=90, right_knee=45"),
@@ -119,13 +113,13 @@ class TestChoices:
             (["--reference", "standing"], ["standing"]),
         ],
     )
-    def test_wrong_ones(self, floatplan: Command, pair: Path, arguments: list[str], naming: list[str]) -> None:
+    def test_wrong_ones(self, floatplan, pair, arguments, naming):
         run = floatplan("info", pair, *arguments)
         assert (run.code, run.stdout) == (2, ""), run
         assert all(part in run.stderr for part in naming), run.stderr
 
     @pytest.mark.parametrize("option", ["coupled", "locked", "reference", "plane"])
-    def test_beside_a_problem_file(self, floatplan: Command, option: str) -> None:
+    def test_beside_a_problem_file(self, floatplan, option):
         for command in ("info", "plan"):
             run = floatplan(command, PROBLEMS / "handstand.toml", f"--{option}", "xz")
             assert run.code == 2
@@ -133,7 +127,7 @@ class TestChoices:
 
 
 @pytest.fixture(scope="module")
-def validator() -> Any:
+def validator():
     from floatplan.problem.file import problem_schema
 
     jsonschema = pytest.importorskip("jsonschema")
@@ -144,7 +138,7 @@ def validator() -> Any:
 
 class TestSchema:
     @pytest.mark.parametrize("path", sorted(PROBLEMS.rglob("*.toml")), ids=lambda path: path.stem)
-    def test_admits_every_problem(self, validator: Any, path: Path) -> None:
+    def test_admits_every_problem(self, validator, path):
         content = tomllib.loads(path.read_text())
         assert "vary" in content or list(validator.iter_errors(content)) == []
 
@@ -161,9 +155,7 @@ class TestSchema:
             ("orientation = 72", "orientation = true", "start.orientation"),
         ],
     )
-    def test_refuses_what_the_program_refuses(
-        self, validator: Any, tmp_path: Path, old: str, new: str, place: str
-    ) -> None:
+    def test_refuses_what_the_program_refuses(self, validator, tmp_path, old, new, place):
         text = (PROBLEMS / "obstacle.toml").read_text().replace("../urdf", str(URDF))
         assert old in text
         path = tmp_path / "problem.toml"
@@ -175,7 +167,7 @@ class TestSchema:
         with pytest.raises(fp.InputError):
             fp.load_problem(path)
 
-    def test_every_key_is_described(self) -> None:
+    def test_every_key_is_described(self):
         """A key that a table gets has to get its meaning too, and a meaning goes with its key."""
         from floatplan.problem.file import TABLES
 
@@ -184,7 +176,7 @@ class TestSchema:
             assert {each.name for each in fields(table)} - {"settled"} == set(table.keys)
             assert all(key.meaning for key in table.keys.values())
 
-    def test_the_command(self, floatplan: Command) -> None:
+    def test_the_command(self, floatplan):
         from floatplan.problem.file import problem_schema
 
         for arguments in (("schema",), ("schema", "problem")):
@@ -193,13 +185,13 @@ class TestSchema:
         run = floatplan("schema", "-o", "out/floatplan.schema.json")
         assert json.loads(Path(run.stdout.strip()).read_text()) == problem_schema()
 
-    def test_the_reference_is_in_step(self) -> None:
+    def test_the_reference_is_in_step(self):
         from key_reference import PAGE, page
 
         assert PAGE.read_text(encoding="utf-8") == page(), "run scripts/key_reference.py"
 
 
-def test_byte_order_marks_are_read(tmp_path: Path, floatplan: Command) -> None:
+def test_byte_order_marks_are_read(tmp_path, floatplan):
     mark = b"\xef\xbb\xbf"
     (tmp_path / "robot.urdf").write_bytes(mark + GYMNAST.encode())
     text = (PROBLEMS / "handstand.toml").read_text().replace("../urdf/gymnast.urdf", "robot.urdf")

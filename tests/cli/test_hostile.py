@@ -287,12 +287,12 @@ def _on_a_full_disk(**options):
     return os.open("/dev/full", os.O_WRONLY), path
 
 
-def _contents(folder: Path) -> dict[Path, bytes]:
+def _contents(folder):
     """All files below a folder."""
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def _relative(folder: Path) -> dict[Path, bytes]:
+def _relative(folder):
     return {path.relative_to(folder): content for path, content in _contents(folder).items()}
 
 

@@ -2,10 +2,8 @@
 
 import json
 import sys
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 from jumps import INSTALLED, backflip
@@ -20,20 +18,18 @@ from floatplan.jumps.launch import Launch
 if not INSTALLED:
     skip_or_fail("CasADi or example-robot-data is not installed")
 
-Command = Callable[..., Any]
-
 
 @pytest.fixture
-def go2(root: Path) -> Path:
+def go2(root):
     return root / "problems" / "jumps" / "go2.toml"
 
 
 @pytest.fixture
-def found(monkeypatch: pytest.MonkeyPatch) -> list[fp.Problem]:
+def found(monkeypatch):
     """The search finds the jump that is at hand; which problems it is asked."""
-    asked: list[fp.Problem] = []
+    asked = []
 
-    def search(problem: fp.Problem, **_: Any) -> Jump:
+    def search(problem, **_):
         asked.append(problem)
         return backflip()
 
@@ -41,15 +37,15 @@ def found(monkeypatch: pytest.MonkeyPatch) -> list[fp.Problem]:
     return asked
 
 
-def answering(monkeypatch: pytest.MonkeyPatch, answer: Jump) -> None:
+def answering(monkeypatch, answer):
     monkeypatch.setattr(fp, "jump", lambda problem, **_: answer)
 
 
-def words(text: str) -> str:
+def words(text):
     return " ".join(text.split())
 
 
-def test_found_checked_and_proved(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
+def test_found_checked_and_proved(floatplan, go2, found):
     run = floatplan("jump", go2, "-o", "results")
     assert run.code == 0
     for part in ("flight proved, stances checked", "FL_foot", "torques take", "jump.json", "plan.json", "not proved"):
@@ -57,7 +53,6 @@ def test_found_checked_and_proved(floatplan: Command, go2: Path, found: list[fp.
     assert len(run.stdout.splitlines()) < 50  # phases, what was checked, three warnings
     assert [each.jump is not None for each in found] == [True]
     flight = fp.load_plan("results/plan.json")
-    assert flight.certificate is not None
     assert flight.certificate.proved
     again = fp.load_jump("results/jump.json")
     assert again.ok
@@ -65,7 +60,7 @@ def test_found_checked_and_proved(floatplan: Command, go2: Path, found: list[fp.
     assert sorted(path.name for path in Path("results").iterdir()) == ["jump.json", "plan.json", "report.html"]
 
 
-def test_json(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
+def test_json(floatplan, go2, found):
     run = floatplan("jump", go2, "--json", "--quiet")
     assert run.code == 0
     facts = json.loads(run.stdout)
@@ -75,14 +70,13 @@ def test_json(floatplan: Command, go2: Path, found: list[fp.Problem]) -> None:
     assert [path.name for path in sorted(Path("runs/go2_backflip").iterdir())] == ["jump.json", "plan.json"]
 
 
-def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
+def test_show_draws_a_jump(floatplan, tmp_path):
     path = backflip().save(tmp_path / "jump.json")
     run = floatplan("show", path)
     assert (run.code, run.stdout.strip()) == (0, str(tmp_path / "report.html"))
     problem = backflip().problem
     nothing = Jump(problem, fp.JumpRequest(), explanation="Friction stands in the way.").save(tmp_path / "none.json")
     plan = fp.load_jump(path).flight
-    assert plan is not None
     for arguments, said in (
         ((nothing,), "none.json: no jump found, so there is nothing to show"),
         ((path, "--compare", plan.save(tmp_path / "plan.json")), "compare: a jump is not compared"),
@@ -100,7 +94,7 @@ def test_show_draws_a_jump(floatplan: Command, tmp_path: Path) -> None:
     assert floatplan("show", path).code == 2
 
 
-def test_not_found(floatplan: Command, go2: Path, found: list[fp.Problem], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_not_found(floatplan, go2, found, monkeypatch):
     floatplan("jump", go2, "-o", "results", "--quiet")
     problem = fp.load_problem(go2)
     assert problem.jump is not None
@@ -113,9 +107,7 @@ def test_not_found(floatplan: Command, go2: Path, found: list[fp.Problem], monke
     assert not fp.load_jump("results/jump.json").ok
 
 
-def test_stances_that_do_not_hold_are_not_called_checked(
-    floatplan: Command, go2: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stances_that_do_not_hold_are_not_called_checked(floatplan, go2, monkeypatch):
     broken = replace(backflip())
     figures = {**backflip().check.figures, "torque": 1.2}
     vars(broken)["check"] = JumpCheck(False, figures, ("torques take 120% of their limits, 0.85 at most",))
@@ -126,11 +118,8 @@ def test_stances_that_do_not_hold_are_not_called_checked(
     assert "not within limits: torques take 120% of their limits" in words(run.stdout)
 
 
-def test_without_casadi_it_says_what_to_install(
-    floatplan: Command, go2: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_casadi_it_says_what_to_install(floatplan, go2, tmp_path, monkeypatch):
     flight = backflip().flight
-    assert flight is not None
     plan = flight.save(tmp_path / "plan.json")
     monkeypatch.setitem(sys.modules, "casadi", None)
     for command in (("jump", go2), ("launch", plan)):
@@ -141,11 +130,11 @@ def test_without_casadi_it_says_what_to_install(
     assert list(Path.cwd().iterdir()) == []
 
 
-def test_plan_says_which_stances_reach_it(floatplan: Command, root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_plan_says_which_stances_reach_it(floatplan, root, monkeypatch):
     """In the summary, in the report and in JSON; and where no frame stands, that none was looked for."""
     said = {"takeoff": "A stance reaches the takeoff, with 15% to spare.", "landing": "No stance was found."}
 
-    def search(plan: fp.Plan, *, end: str, seed: int, starts: int, **_: Any) -> Launch:
+    def search(plan, *, end, seed, starts, **_):
         return Launch(end == "takeoff", 0.85, "velocity", "q1", (said[end], "more of it"), {})
 
     monkeypatch.setattr(launching, "launch", search)
@@ -193,7 +182,7 @@ WRONG = {  # in go2.toml: what is replaced, and what is said then
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_refused(floatplan: Command, go2: Path, tmp_path: Path, name: str) -> None:
+def test_what_is_wrong_is_refused(floatplan, go2, tmp_path, name):
     before, after, said = WRONG[name]
     text = go2.read_text().replace('"rolling"', '"point"')
     assert before in text
@@ -214,13 +203,10 @@ def test_what_is_wrong_is_refused(floatplan: Command, go2: Path, tmp_path: Path,
         (Launch(False, float("inf"), "", "", ("No stance was found.",), {}), 1, "does not prove that none exists"),
     ],
 )
-def test_launch(
-    floatplan: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: Launch, code: int, said: str
-) -> None:
-    asked: list[Any] = []
+def test_launch(floatplan, tmp_path, monkeypatch, answer, code, said):
+    asked = []
     monkeypatch.setattr(fp, "launch", lambda plan, request, **words: asked.append((request, words)) or answer)
     flight = backflip().flight
-    assert flight is not None
     path = flight.save(tmp_path / "plan.json")
     run = floatplan("launch", path, "--landing", "--friction", "0.4")
     assert run.code == code
@@ -232,7 +218,7 @@ def test_launch(
 
 
 @pytest.mark.long
-def test_from_end_to_end(floatplan: Command, go2: Path) -> None:
+def test_from_end_to_end(floatplan, go2):
     run = floatplan("jump", go2, "-o", "results", "--starts", "1")
     assert run.code == 0
     assert "flight proved, stances checked" in words(run.stdout)

@@ -3,13 +3,10 @@
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
+from places import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 GYMNAST, PROBLEMS = ROOT / "urdf" / "gymnast.urdf", ROOT / "problems"
 EXAMPLE = PROBLEMS / "new_configuration.toml"
 ROBOT = ("plan", GYMNAST, "--start", "0,0,0", "--goal", "1,0,0", "--duration", "1")
@@ -35,9 +32,7 @@ ROBOT = ("plan", GYMNAST, "--start", "0,0,0", "--goal", "1,0,0", "--duration", "
         (("study", PROBLEMS / "studies" / "first.toml", "--engine", "x"), ["--engine: must be"]),
     ],
 )
-def test_options_are_named_as_they_are_typed(
-    floatplan: Callable[..., Any], words: tuple[Any, ...], told: list[str]
-) -> None:
+def test_options_are_named_as_they_are_typed(floatplan, words, told):
     run = floatplan(*words)
     assert run.code == 2
     lines = run.stderr.splitlines()
@@ -45,7 +40,7 @@ def test_options_are_named_as_they_are_typed(
     assert all(line.startswith(f"error: {start}") for line, start in zip(lines, told, strict=True)), lines
 
 
-def test_a_file_has_the_blame_for_what_it_says_of_the_robot(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_file_has_the_blame_for_what_it_says_of_the_robot(floatplan, tmp_path):
     path = tmp_path / "up.toml"
     text = EXAMPLE.read_text().replace("../urdf", str(GYMNAST.parent))
     for key, value in (("plane", '"up"'), ("joints", '["q9"]'), ("locked", "{ q9 = 1 }"), ("reference", '"sitting"')):
@@ -62,14 +57,14 @@ def test_a_file_has_the_blame_for_what_it_says_of_the_robot(floatplan: Callable[
 @pytest.mark.parametrize(
     "content", ['<link name="x"/><link name="x"/>', "", '<link name="x"><inertial><mass value="a"/></inertial></link>']
 )
-def test_a_refused_urdf_is_named(floatplan: Callable[..., Any], tmp_path: Path, command: str, content: str) -> None:
+def test_a_refused_urdf_is_named(floatplan, tmp_path, command, content):
     path = tmp_path / "bad.urdf"
     path.write_text(f'<robot name="a">{content}</robot>')
     run = floatplan(command, path)
     assert (run.code, run.stderr.startswith(f"error: {path}: ")) == (2, True), run.stderr
 
 
-def test_a_fault_is_told_once(floatplan: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_fault_is_told_once(floatplan, tmp_path):
     path = tmp_path / "wrong.toml"
     text = EXAMPLE.read_text().replace("../urdf", str(GYMNAST.parent)).split("[limits]")[0]
     text = text.replace('takeoff = { frame = "foot" }', 'takeoff = { frame = "toe" }')
@@ -79,7 +74,7 @@ def test_a_fault_is_told_once(floatplan: Callable[..., Any], tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("where", ["typer", "floatplan.cli.study"])
-def test_interrupted_while_it_is_imported(where: str) -> None:
+def test_interrupted_while_it_is_imported(where):
     code = (
         "import os, signal, sys, floatplan.cli\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"

@@ -4,17 +4,16 @@ import json
 import shutil
 import sys
 import tomllib
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import pytest
+from places import URDF
 
 import floatplan as fp
 from floatplan.export.formats import FORMATS
 
-KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
+KANGAROO = URDF / "kangaroo.xml"
 FLIGHT = """
 angles = "deg"
 [robot]
@@ -36,11 +35,10 @@ kind = "circle"
 center = [3.0, 3.0]
 radius = 0.1
 """
-Command = Callable[..., Any]
 
 
 @pytest.fixture
-def problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def problem(tmp_path, monkeypatch):
     """A problem file; its robot's leg is in a file that the robot's includes."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "parts").mkdir()
@@ -53,14 +51,13 @@ def problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_a_plan_is_of_an_mjcf_and_what_it_includes(floatplan: Command, problem: Path) -> None:
+def test_a_plan_is_of_an_mjcf_and_what_it_includes(floatplan, problem):
     assert floatplan("plan", problem, "--no-figures", "-o", "result").code == 0
     robot = json.loads(Path("result/plan.json").read_text())["robot"]
     assert "urdf" not in robot
     assert Path(robot["mjcf"]) == problem.parent / "parts" / "kangaroo.xml"
     assert list(robot["meshes"]) == ["leg.xml"]
     plan = fp.load_plan("result/plan.json")
-    assert plan.certificate is not None
     assert plan.certificate.proved
     assert fp.certify("result/plan.json").proved
     assert fp.replay(plan, engine="mujoco").orientation_error < 1e-6
@@ -83,7 +80,7 @@ def test_a_plan_is_of_an_mjcf_and_what_it_includes(floatplan: Command, problem: 
         fp.load_plan(moved / "plan.json")
 
 
-def test_a_problem_names_one_file_of_its_kind(floatplan: Command, problem: Path) -> None:
+def test_a_problem_names_one_file_of_its_kind(floatplan, problem):
     for robot, reason in {
         "": "robot.urdf: is missing: give it, or mjcf",
         'urdf = "a.urdf"\nmjcf = "a.xml"': "robot.mjcf: is given beside urdf: keep one of them",
@@ -95,14 +92,14 @@ def test_a_problem_names_one_file_of_its_kind(floatplan: Command, problem: Path)
         assert (run.code, reason in " ".join(run.stderr.split())) == (2, True), run.stderr
 
 
-def test_commands_tell_an_mjcf_by_what_it_is(floatplan: Command, problem: Path) -> None:
+def test_commands_tell_an_mjcf_by_what_it_is(floatplan, problem):
     shutil.move("parts/kangaroo.xml", "parts/kangaroo.urdf")
     facts = json.loads(floatplan("info", "parts/kangaroo.urdf", "--json").stdout)
     assert facts["joints"] == ["hip", "knee", "ankle", "shoulder", "tail"]
     assert facts["armature"] == dict.fromkeys(facts["joints"], 0.02)
 
 
-def test_a_first_problem_is_of_an_mjcf(floatplan: Command, problem: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_first_problem_is_of_an_mjcf(floatplan, problem, monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)  # no jump is looked for
     assert floatplan("init", "parts/kangaroo.xml", "-o", "first.toml").code == 0
     content = tomllib.loads(Path("first.toml").read_text())
@@ -112,12 +109,11 @@ def test_a_first_problem_is_of_an_mjcf(floatplan: Command, problem: Path, monkey
 
 @pytest.mark.long
 @pytest.mark.skipif(find_spec("casadi") is None, reason="CasADi is not installed")
-def test_a_first_problem_is_a_flip_that_is_proved(floatplan: Command, problem: Path) -> None:
+def test_a_first_problem_is_a_flip_that_is_proved(floatplan, problem):
     assert floatplan("init", "parts/kangaroo.xml", "--force").code == 0
     assert floatplan("jump", "kangaroo.toml", "-o", "result").code == 0
     jump = fp.load_jump("result/jump.json")
     assert jump.ok
     assert json.loads(Path("result/jump.json").read_text())["robot"]["mjcf"].endswith("kangaroo.xml")
-    assert jump.flight is not None
     assert fp.certify(jump.flight).proved
     assert abs(jump.flight.problem.final.orientation - jump.flight.problem.initial.orientation) > 3

@@ -1,9 +1,7 @@
 """What somebody reads who comes for the first time: what is wrong says where it belongs, nothing is 0 % of no limit."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -11,7 +9,6 @@ from floatplan.arguments import in_line, percent, short, shortened
 from floatplan.jumps.check import FIGURES
 from floatplan.robot.urdf.tree import robots_folder
 
-Command = Callable[..., Any]
 NEGATIVE_ZERO = re.compile(r"(?<![\w.])-0(?:\.0+)?(?![\w.])")
 PROBLEM = """angles = "deg"
 {top}
@@ -33,7 +30,7 @@ position = "full"
 """
 
 
-def written(root: Path, **parts: str) -> Path:
+def written(root, **parts):
     """A problem of the gymnast in this folder, with more in its tables."""
     blank = {"top": "", "start": "", "limits": "", "robot": f'urdf = "{root / "urdf" / "gymnast.urdf"}"'}
     path = Path("asked.toml")
@@ -55,9 +52,7 @@ class TestMisplacedKeys:
             ("start", "nonsense = 1", ["start.nonsense", "known are"]),
         ],
     )
-    def test_say_where_they_belong(
-        self, floatplan: Command, root: Path, table: str, line: str, told: list[str]
-    ) -> None:
+    def test_say_where_they_belong(self, floatplan, root, table, line, told):
         run = floatplan("plan", written(root, **{table: line}), "-o", "result")
         assert run.code == 2
         for part in ("asked.toml", "unknown key", *told):
@@ -66,13 +61,13 @@ class TestMisplacedKeys:
 
 class TestWrongFiles:
     @pytest.mark.parametrize("kind", ["urdf", "mjcf"])
-    def test_a_robot_that_is_not_there(self, floatplan: Command, root: Path, kind: str) -> None:
+    def test_a_robot_that_is_not_there(self, floatplan, root, kind):
         run = floatplan("plan", written(root, robot=f'{kind} = "not/there.xml"'))
         assert run.code == 2
         for part in ("asked.toml", f"robot.{kind}", "not/there.xml", "floatplan robots"):
             assert part in run.stderr
 
-    def test_a_plane_in_which_nothing_turns(self, floatplan: Command, root: Path) -> None:
+    def test_a_plane_in_which_nothing_turns(self, floatplan, root):
         urdf = root / "urdf" / "gymnast.urdf"
         for name in ("xy", "zy"):
             run = floatplan("plan", written(root, robot=f'urdf = "{urdf}"\nplane = "{name}"'))
@@ -81,13 +76,13 @@ class TestWrongFiles:
                 assert part in run.stderr
 
     @pytest.mark.parametrize("command", ["certify", "show", "replay", "launch"])
-    def test_a_problem_where_a_plan_is_to_be(self, floatplan: Command, root: Path, command: str) -> None:
+    def test_a_problem_where_a_plan_is_to_be(self, floatplan, root, command):
         run = floatplan(command, written(root))
         assert run.code == 2
         assert "is a TOML file, not a plan" in run.stderr
         assert "floatplan plan asked.toml makes a plan" in run.stderr
 
-    def test_a_folder_where_a_plan_is_to_be(self, floatplan: Command, root: Path) -> None:
+    def test_a_folder_where_a_plan_is_to_be(self, floatplan, root):
         Path("empty").mkdir()
         run = floatplan("show", "empty")
         assert run.code == 2
@@ -97,7 +92,7 @@ class TestWrongFiles:
         assert run.code == 2
         assert "did you mean made/plan.json?" in run.stderr
 
-    def test_a_problem_where_a_robot_is_to_be(self, floatplan: Command, root: Path) -> None:
+    def test_a_problem_where_a_robot_is_to_be(self, floatplan, root):
         run = floatplan("init", written(root), "-o", "new.toml")
         assert run.code == 2
         assert "is a TOML file, not a robot's" in run.stderr
@@ -107,7 +102,7 @@ class TestWrongFiles:
         ("name", "meant"),
         [("go2", "go2_description/urdf/go2.urdf"), ("Talos", "talos_data/"), ("hyq", "hyq_description/")],
     )
-    def test_a_robots_bare_name(self, floatplan: Command, name: str, meant: str) -> None:
+    def test_a_robots_bare_name(self, floatplan, name, meant):
         for command in (("info", name), ("init", name, "-o", "new.toml")):
             run = floatplan(*command)
             assert run.code == 2
@@ -116,13 +111,13 @@ class TestWrongFiles:
 
 class TestNumbers:
     @pytest.mark.parametrize("value", [-0.0, -1e-300, -4e-9])
-    def test_no_zero_has_a_sign(self, value: float) -> None:
+    def test_no_zero_has_a_sign(self, value):
         """Nor what is rounded to one."""
         words = [short(value), shortened([value]), in_line(value), percent(value)]
         words += [figure.sentence.format(-0.0) for figure in FIGURES.values()]
         assert not [word for word in words if NEGATIVE_ZERO.search(word)]
 
-    def test_words_of_the_paper_are_not_in_tables(self, floatplan: Command, root: Path) -> None:
+    def test_words_of_the_paper_are_not_in_tables(self, floatplan, root):
         """D_i, leak, monotonic: what they mean is said instead."""
         path = written(root)
         for command in (("info", root / "urdf" / "gymnast.urdf"), ("bounds", path), ("plan", path, "-o", "made")):

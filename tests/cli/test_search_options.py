@@ -5,18 +5,16 @@ import math
 import os
 import re
 import signal
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from own_process import started
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.planning import search
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PATIENCE = 300.0  # s until a process that should have ended is given up; less than the budgets here
 ENDLESS = 100_000  # starts
 IMPOSSIBLE = """
@@ -27,7 +25,7 @@ torque = 0.2
 
 
 @pytest.fixture
-def hopeless(tmp_path: Path) -> Path:
+def hopeless(tmp_path):
     """Example A with a tenth of the torque that it needs: nothing proves that at once."""
     text = (PROBLEMS / "new_configuration.toml").read_text(encoding="utf-8")
     text = text.replace("../urdf", str(PROBLEMS.parent / "urdf")).split("[limits]")[0] + IMPOSSIBLE
@@ -37,7 +35,7 @@ def hopeless(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def endless(tmp_path: Path) -> Path:
+def endless(tmp_path):
     """Ten joints with hardly any torque."""
     robot = fp.Robot.from_urdf(PROBLEMS.parent / "urdf" / "chain10.urdf")
     path = tmp_path / "endless.toml"
@@ -54,7 +52,7 @@ def endless(tmp_path: Path) -> Path:
     return path
 
 
-def interrupted(wanted: str, folder: Path, *arguments: str | Path) -> tuple[int, str]:
+def interrupted(wanted, folder, *arguments):
     """Run the program and press Ctrl-C once the search reports what is wanted; its exit code and what it told."""
     ours, theirs = os.pipe()
     with os.fdopen(ours) as told:
@@ -72,7 +70,7 @@ def interrupted(wanted: str, folder: Path, *arguments: str | Path) -> tuple[int,
 
 
 class TestInterrupt:
-    def test_the_nearest_motion_is_kept(self, endless: Path, tmp_path: Path) -> None:
+    def test_the_nearest_motion_is_kept(self, endless, tmp_path):
         code, told = interrupted("0 solved", tmp_path / "out", endless, "--budget", "500")
         assert code == 1, told
         assert "planning: " in told
@@ -86,7 +84,7 @@ class TestInterrupt:
         assert fp.load_plan(tmp_path / "out" / "plan.json").status == "interrupted"
         assert (tmp_path / "out" / "trajectory.csv").is_file()
 
-    def test_the_best_plan_is_kept(self, tmp_path: Path) -> None:
+    def test_the_best_plan_is_kept(self, tmp_path):
         words = (PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000")
         code, told = interrupted("1 solved", tmp_path / "out", *words)
         assert code == 0, told
@@ -97,7 +95,7 @@ class TestInterrupt:
 
 
 class TestBudget:
-    def test_search_ends_with_the_budget(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+    def test_search_ends_with_the_budget(self, hopeless, floatplan):
         run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--budget", "1e-9")
         assert run.code == 1
         content = json.loads(Path("out/plan.json").read_text())
@@ -108,13 +106,13 @@ class TestBudget:
 @pytest.mark.usefixtures("little_work")
 class TestProgress:
     @pytest.fixture(params=[0.0])
-    def every(self, request: pytest.FixtureRequest, floatplan: Callable[..., Any], monkeypatch: Any) -> None:
+    def every(self, request, floatplan, monkeypatch):
         """So many seconds lie between words about the progress."""
         monkeypatch.setattr(search, "ANNOUNCED_EVERY", request.param)
 
     @pytest.mark.parametrize(("every", "told"), [(0.0, True), (math.inf, False)], indirect=["every"])
     @pytest.mark.usefixtures("every")
-    def test_is_told_on_stderr(self, told: bool, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+    def test_is_told_on_stderr(self, told, hopeless, floatplan):
         run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--json")
         lines = [line for line in run.stderr.splitlines() if line.startswith("planning: ")]
         answer = json.loads(run.stdout)
@@ -126,6 +124,6 @@ class TestProgress:
         assert answer["ok"] is False
 
     @pytest.mark.usefixtures("every")
-    def test_quiet(self, hopeless: Path, floatplan: Callable[..., Any]) -> None:
+    def test_quiet(self, hopeless, floatplan):
         run = floatplan("plan", hopeless, "-o", "out", "--no-figures", "--quiet")
         assert (run.code, run.stdout, run.stderr) == (1, "", "")

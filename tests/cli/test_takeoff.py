@@ -1,9 +1,7 @@
 """``floatplan takeoff``, and what ``floatplan bounds`` tells beside the interval for h."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,16 +10,14 @@ from PIL import Image
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-Command = Callable[..., Any]
-
 
 @pytest.fixture
-def jump(root: Path) -> Path:
+def jump(root):
     return root / "problems" / "high_jump.toml"
 
 
 @pytest.fixture
-def possible(root: Path, tmp_path: Path) -> Path:
+def possible(root, tmp_path):
     """A hop of the high jumper within its limits: from a crouch, and back into it."""
     robot = fp.Robot.from_urdf(root / "urdf" / "high_jumper.urdf")
     crouch = fp.Posture(1.2, [1.0, -1.6, -1.0])
@@ -33,7 +29,7 @@ def possible(root: Path, tmp_path: Path) -> Path:
 
 
 class TestTakeoff:
-    def test_for_reading(self, floatplan: Command, jump: Path) -> None:
+    def test_for_reading(self, floatplan, jump):
         run = floatplan("takeoff", jump)
         assert run.code == 1
         text = " ".join(run.stdout.split())
@@ -42,12 +38,12 @@ class TestTakeoff:
         assert run.stderr == ""
         assert list(Path.cwd().iterdir()) == []
 
-    def test_possible(self, floatplan: Command, possible: Path) -> None:
+    def test_possible(self, floatplan, possible):
         run = floatplan("takeoff", possible)
         assert run.code == 0
         assert "leaves the ground at rest" in " ".join(run.stdout.split())
 
-    def test_json(self, floatplan: Command, jump: Path) -> None:
+    def test_json(self, floatplan, jump):
         run = floatplan("takeoff", jump, "--json")
         assert run.code == 1
         facts = json.loads(run.stdout)
@@ -59,7 +55,7 @@ class TestTakeoff:
         assert facts["landing"]["frame"] == "trunk"
         assert facts["no_common_momentum"] is None
 
-    def test_a_free_momentum_has_to_suit_both_ends(self, floatplan: Command, root: Path) -> None:
+    def test_a_free_momentum_has_to_suit_both_ends(self, floatplan, root):
         if robots_folder() is None:
             pytest.skip("example-robot-data is not installed")
         run = floatplan("takeoff", root / "problems" / "gallery" / "go2.toml")
@@ -68,7 +64,7 @@ class TestTakeoff:
 
 
 class TestBounds:
-    def test_json(self, floatplan: Command, possible: Path) -> None:
+    def test_json(self, floatplan, possible):
         facts = json.loads(floatplan("bounds", possible, "--json").stdout)
         for end in ("takeoff", "landing"):
             asked = facts[f"{end}_asked"]
@@ -77,14 +73,14 @@ class TestBounds:
                 assert low <= value <= high
             assert len(facts[f"{end}_polygon"]) == 6
 
-    def test_picture(self, floatplan: Command, jump: Path) -> None:
+    def test_picture(self, floatplan, jump):
         run = floatplan("bounds", jump, "--picture", "reached.png")
         assert run.code == 0
         pixels = np.asarray(Image.open("reached.png").convert("RGB")).reshape(-1, 3)
         assert len(np.unique(pixels, axis=0)) > 10
         assert floatplan("bounds", jump, "--picture", "reached.svg").code == 0
 
-    def test_pictures_that_cannot_be(self, floatplan: Command, jump: Path, root: Path) -> None:
+    def test_pictures_that_cannot_be(self, floatplan, jump, root):
         for arguments, reason in (
             ((jump, "--picture", "reached.txt"), "--picture"),
             ((root / "problems" / "somersault.toml", "--picture", "reached.png"), "limits.velocity"),

@@ -7,18 +7,14 @@ import re
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pytest
 from own_process import started
+from places import PROBLEMS, ROOT
 
 import floatplan as fp
 from floatplan.kernel.library import description
 
-ROOT = Path(__file__).resolve().parents[2]
-PROBLEMS = ROOT / "problems"
 PROGRAM = [sys.executable, "-m", "floatplan"]
 BAR = "\u2501"  # what rich draws bars of
 AT_ONCE = {  # a bar and words about the progress, of a search that ends after a start
@@ -28,12 +24,12 @@ AT_ONCE = {  # a bar and words about the progress, of a search that ends after a
 }
 
 
-def in_terminal(*arguments: str | Path, cwd: Path, **constants: float) -> tuple[str, str]:
+def in_terminal(*arguments, cwd, **constants):
     """Run the program with a terminal for stderr; what it wrote to stdout and to the terminal."""
     ours, theirs = pty.openpty()
     seen = bytearray()
 
-    def read() -> None:
+    def read():
         try:
             while piece := os.read(ours, 4096):
                 seen.extend(piece)
@@ -55,7 +51,7 @@ def in_terminal(*arguments: str | Path, cwd: Path, **constants: float) -> tuple[
 
 
 @pytest.fixture
-def long_search(tmp_path: Path) -> Path:
+def long_search(tmp_path):
     """A twist with hardly any torque, which nothing proves at once."""
     text = (PROBLEMS / "space/diver_half_twist.toml").read_text(encoding="utf-8")
     path = tmp_path / "long.toml"
@@ -65,25 +61,25 @@ def long_search(tmp_path: Path) -> Path:
 
 
 class TestBar:
-    def test_a_search_has_one_in_a_terminal(self, long_search: Path, tmp_path: Path) -> None:
+    def test_a_search_has_one_in_a_terminal(self, long_search, tmp_path):
         output, seen = in_terminal("plan", long_search, "--no-figures", "--budget", "500", cwd=tmp_path, **AT_ONCE)
         assert BAR in seen
         assert re.search(r"planning: \d+ starts tried, 0 solved", seen)
         assert "no plan found" in output
         assert BAR not in output
 
-    def test_what_takes_no_time_has_none(self, tmp_path: Path) -> None:
+    def test_what_takes_no_time_has_none(self, tmp_path):
         output, seen = in_terminal("bounds", PROBLEMS / "handstand.toml", cwd=tmp_path)
         assert "midpoint" in output
         assert seen == ""
 
-    def test_quiet_has_none(self, long_search: Path, tmp_path: Path) -> None:
+    def test_quiet_has_none(self, long_search, tmp_path):
         asked = ("plan", long_search, "--no-figures", "-q", "--budget", "500")
         assert in_terminal(*asked, cwd=tmp_path, **AT_ONCE) == ("", "")
 
 
 class TestLog:
-    def test_says_what_the_search_does(self, floatplan: Callable[..., Any]) -> None:
+    def test_says_what_the_search_does(self, floatplan):
         run = floatplan("plan", PROBLEMS / "obstacle.toml", "-v", "--no-figures", "--starts", "2", "-o", "out")
         lines = run.stderr.splitlines()
         assert re.search(r"start 1, degree 7, \d+ steps; optimal, coefficients [\d.]+; best violation 0$", lines[0])
@@ -93,19 +89,19 @@ class TestLog:
         assert not logging.getLogger("floatplan").handlers
 
 
-def test_the_version(floatplan: Callable[..., Any]) -> None:
+def test_the_version(floatplan):
     run = floatplan("--version")
     solver = f"floatplan {fp.__version__}, {description()}\n"
     assert (run.code, run.stdout, run.stderr) == (0, solver, "")
 
 
-def test_shells_complete_commands() -> None:
+def test_shells_complete_commands():
     words = {"_FLOATPLAN_COMPLETE": "complete_bash", "COMP_WORDS": "floatplan ex", "COMP_CWORD": "1"}
     run = subprocess.run(PROGRAM, capture_output=True, text=True, check=False, env={**os.environ, **words})
     assert run.stdout.split() == ["export"]
 
 
-def test_objectives_have_units(floatplan: Callable[..., Any]) -> None:
+def test_objectives_have_units(floatplan):
     text = " ".join(floatplan("plan", "--help").stdout.split())
     assert "torque: integral of the squared joint torques (N^2 m^2 s);" in text
     run = floatplan("plan", PROBLEMS / "new_configuration.toml", "--objective", "torque", "--no-figures", "-o", "out")

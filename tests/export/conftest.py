@@ -1,21 +1,17 @@
 """Plans whose files are read back: of coupled legs, and of a tree with joints of every kind."""
 
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from robot_samples import PAIR, RandomTree, inertial, robot_text
 
 import floatplan as fp
 
-Flown = Callable[[fp.Robot], fp.Plan]
-
 
 @pytest.fixture(scope="session")
-def flown() -> Flown:
+def flown():
     """The plan of a robot between postures drawn at random."""
 
-    def flown(robot: fp.Robot) -> fp.Plan:
+    def flown(robot):
         start, goal = np.random.default_rng(0).uniform(-0.6, 0.6, (2, len(robot.joints)))
         flight = fp.Flight(0.8, angular_momentum="free", horizontal_velocity=0.4)
         plan = fp.plan(fp.Problem(robot, fp.Posture(0.2, start), fp.Posture(1.0, goal), flight))
@@ -26,7 +22,7 @@ def flown() -> Flown:
 
 
 @pytest.fixture(scope="session")
-def coupled(flown: Flown, tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+def coupled(flown, tmp_path_factory):
     """Two legs that move together, the right one with its own names: what a quadruped's are."""
     path = tmp_path_factory.mktemp("robot") / "pair.urdf"
     path.write_text(robot_text(f'<link name="body">{inertial(2.0, "0 0 0")}</link>', PAIR))
@@ -34,7 +30,7 @@ def coupled(flown: Flown, tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
 
 
 @pytest.fixture(scope="session")
-def tree(flown: Flown, tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+def tree(flown, tmp_path_factory):
     """Turned frames, fixed, sliding, continuous and off-plane joints between: a locked slide is there in metres.
 
     Its last joint follows the first one the other way round.

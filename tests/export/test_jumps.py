@@ -1,11 +1,8 @@
 """Exports of whole jumps: each file is read back by its consumer, and is the jump to the last bit."""
 
 import csv
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import jumps
@@ -25,49 +22,49 @@ RATE = 500.0
 
 
 @pytest.fixture(scope="module")
-def jump() -> fp.Jump:
+def jump():
     return jumps.backflip()
 
 
 @pytest.fixture(scope="module")
-def jump_file(jump: fp.Jump, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def jump_file(jump, tmp_path_factory):
     return jump.save(tmp_path_factory.mktemp("jump") / "jump.json")
 
 
 @pytest.fixture
-def read_once(jump_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def read_once(jump_file, monkeypatch):
     """Commands are given the jump of the file as it was read, and checked, before."""
     jump = as_read(jump_file)
     monkeypatch.setattr(fp, "load_jump", lambda *_: jump)
 
 
 @cache
-def as_read(path: Path) -> fp.Jump:
+def as_read(path):
     return fp.load_jump(path)
 
 
-def near(found: Any, wanted: Any, rounding: float = EXACT) -> None:
+def near(found, wanted, rounding=EXACT):
     wanted = np.asarray(wanted)
     np.testing.assert_allclose(found, wanted, rtol=0, atol=rounding * max(1.0, np.abs(wanted).max(initial=0.0)))
 
 
-def model_of(jump: fp.Jump) -> Any:
+def model_of(jump):
     return pin.buildModelFromUrdf(str(jump.problem.robot.path), pin.JointModelFreeFlyer())
 
 
-def rows_of(path: Path) -> dict[str, np.ndarray]:
+def rows_of(path):
     """Columns of a CSV file, as the module csv reads it."""
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
-def read_archive(path: Path) -> dict[str, np.ndarray]:
+def read_archive(path):
     with np.load(path, allow_pickle=False) as archive:
         return dict(archive)
 
 
-def test_inverse_dynamics_of_the_file_give_its_torques(jump: fp.Jump, tmp_path: Path) -> None:
+def test_inverse_dynamics_of_the_file_give_its_torques(jump, tmp_path):
     """Pinocchio's model, the file's q, v, a and forces where they act: what is left are the file's torques."""
     content, model = read_archive(export(jump, "npz", tmp_path / "file.npz", RATE)), model_of(jump)
     data, plane, left = model.createData(), jump.problem.robot.plane, jump.at(content["time"]).torques
@@ -88,7 +85,7 @@ def test_inverse_dynamics_of_the_file_give_its_torques(jump: fp.Jump, tmp_path: 
         near(wrench[3:6] @ plane.normal, left[row, 2], 1e-9)
 
 
-def test_a_trajectory_goes_through_ros_and_back(jump: fp.Jump, tmp_path: Path) -> None:
+def test_a_trajectory_goes_through_ros_and_back(jump, tmp_path):
     """By ROS 2's definitions, no field more or less, and the same from bytes again."""
     content = yaml.safe_load(export(jump, "ros", tmp_path / "file.yaml", 125.0).read_text())
     systems = pytest.importorskip("rosbags.typesys")
@@ -120,7 +117,7 @@ def test_a_trajectory_goes_through_ros_and_back(jump: fp.Jump, tmp_path: Path) -
         assert all((getattr(one, name) == other[name]).all() for name in ("positions", "velocities", "effort"))
 
 
-def test_a_second_reader_finds_the_same_bag_and_its_gains(jump: fp.Jump, tmp_path: Path) -> None:
+def test_a_second_reader_finds_the_same_bag_and_its_gains(jump, tmp_path):
     path = export(jump, "mcap", tmp_path / "jump.mcap", 100.0, kp=60.0, kd=2.0)
     with pytest.importorskip("rosbags.highlevel").AnyReader([path]) as bag:
         found = {
@@ -137,7 +134,7 @@ def test_a_second_reader_finds_the_same_bag_and_its_gains(jump: fp.Jump, tmp_pat
     assert found["/contacts/FL_foot/force"][0].header.frame_id == "world"
 
 
-def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump: fp.Jump, tmp_path: Path) -> None:
+def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump, tmp_path):
     """MuJoCo's reading of the URDF in the file's states, pushed by its forces where they act, needs its torques."""
     mujoco = pytest.importorskip("mujoco")
     content, robot = read_archive(export(jump, "mujoco", tmp_path / "file.npz", 8 * RATE)), jump.problem.robot
@@ -168,7 +165,7 @@ def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump: fp.Jump, tmp_
 
 
 @pytest.mark.parametrize("name", ["a1", "go1", "b1", "go2"])
-def test_robots_of_unitree_s_order(name: str) -> None:
+def test_robots_of_unitree_s_order(name):
     robot = fp.Robot.from_urdf(
         {"go2": jumps.GO2}.get(name, f"example-robot-data:{name}_description/urdf/{name}.urdf"), coupled="mirror"
     )
@@ -177,14 +174,14 @@ def test_robots_of_unitree_s_order(name: str) -> None:
 
 @pytest.mark.usefixtures("read_once")
 @pytest.mark.parametrize("form", ["csv", "npz", "mcap"])
-def test_the_command_takes_a_jump(floatplan: Callable[..., Any], jump_file: Path, tmp_path: Path, form: str) -> None:
+def test_the_command_takes_a_jump(floatplan, jump_file, tmp_path, form):
     told = tmp_path / "elsewhere" / "file"
     run = floatplan("export", jump_file, "-f", form, "-o", told, "--rate", "20")
     assert (run.code, run.stdout.strip(), run.stderr) == (0, str(told), "")
     assert sorted(path.name for path in told.parent.iterdir()) == ["file"]
 
 
-def test_the_command_s_gains(floatplan: Callable[..., Any], jump_file: Path, tmp_path: Path) -> None:
+def test_the_command_s_gains(floatplan, jump_file, tmp_path):
     words = ["--kp", "FR_calf_joint=30,FL_calf_joint=20", "--kd", "1.5", "--rate", "20", "-o", tmp_path / "file.csv"]
     assert floatplan("export", jump_file, "-f", "unitree-sdk", *words).code == 0
     columns = rows_of(tmp_path / "file.csv")
@@ -210,15 +207,13 @@ def test_the_command_s_gains(floatplan: Callable[..., Any], jump_file: Path, tmp
         (["-f", "npz", "--kd", "FL_calf_joint=inf"], "FL_calf_joint"),
     ],
 )
-def test_wrong_numbers_leave_no_file(
-    floatplan: Callable[..., Any], jump_file: Path, tmp_path: Path, words: list[str], said: str
-) -> None:
+def test_wrong_numbers_leave_no_file(floatplan, jump_file, tmp_path, words, said):
     run = floatplan("export", jump_file, *words, "-o", tmp_path / "out" / "file")
     assert (run.code, run.stdout, said in run.stderr) == (2, "", True), run
     assert not (tmp_path / "out").exists()
 
 
-def test_no_jump_no_file(floatplan: Callable[..., Any], jump: fp.Jump, tmp_path: Path) -> None:
+def test_no_jump_no_file(floatplan, jump, tmp_path):
     lost = replace(jump, status="not_found", flight=None, before=(), after=())
     lost.save(tmp_path / "jump.json")
     run = floatplan("export", tmp_path / "jump.json", "-f", "npz")
@@ -229,9 +224,8 @@ def test_no_jump_no_file(floatplan: Callable[..., Any], jump: fp.Jump, tmp_path:
     assert sorted(path.name for path in tmp_path.iterdir() if path.is_file()) == ["half.json", "jump.json"]
 
 
-def test_a_plan_has_gains_where_they_are_asked_for(jump: fp.Jump, tmp_path: Path) -> None:
+def test_a_plan_has_gains_where_they_are_asked_for(jump, tmp_path):
     plan = jump.flight
-    assert plan is not None
     assert (plan.phases, plan.forces(0.1), plan.contact_points(0.1)) == ((), {}, {})
     assert exported(plan).gains is None
     plain, stiff = (read_archive(export(plan, "pinocchio", tmp_path / "file.npz", kp=kp)) for kp in (None, 40))
@@ -241,10 +235,9 @@ def test_a_plan_has_gains_where_they_are_asked_for(jump: fp.Jump, tmp_path: Path
             export(plan, form, tmp_path / "other", kp=40)
 
 
-def gains_of(jump: fp.Jump) -> tuple[float, float]:
+def gains_of(jump):
     """Stiffness and damping by the lightest joint in flight, in the file's own model."""
     model, flight = model_of(jump), jump.flight
-    assert flight is not None
     least = []
     for q in jump.q(jump.takeoff_time + np.linspace(0.0, flight.duration, 50)):
         mass = pin.crba(model, model.createData(), q)
@@ -253,7 +246,7 @@ def gains_of(jump: fp.Jump) -> tuple[float, float]:
     return stiffness, 0.017 * stiffness
 
 
-def test_gains_are_those_of_the_lightest_joint_unless_given(jump: fp.Jump, tmp_path: Path) -> None:
+def test_gains_are_those_of_the_lightest_joint_unless_given(jump, tmp_path):
     columns = rows_of(export(jump, "csv-full", tmp_path / "file.csv", RATE, kp=40, kd={"FL_calf_joint": 0.5}))
     assert {columns[f"{name}_kp"][0] for name in UNITREE_JOINTS} == {40.0}
     assert (columns["FL_calf_joint_kd"] == 0.5).all()

@@ -1,8 +1,6 @@
 """MuJoCo's file is what the file of the robot takes: its actuators, its base's joints, in its order."""
 
 import re
-from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -36,13 +34,13 @@ ACTUATORS = {
 LOSSES = 'damping="0.4" stiffness="3" springref="0.2"'
 
 
-def model_file(folder: Path, actuators: str = "", *, base: str = FREE, name: str = "robot.xml", **more: str) -> Path:
+def model_file(folder, actuators="", *, base=FREE, name="robot.xml", **more):
     path = folder / name
     path.write_text(ROBOT.format(**({"before": "", "joint": ""} | more), base=base, actuators=actuators))
     return path
 
 
-def plan_of(robot: fp.Robot) -> fp.Plan:
+def plan_of(robot):
     start, goal = fp.Posture(0.1, {"z_hip": 0.2, "a_ankle": -0.3}), fp.Posture(2.0, {"z_hip": 0.9, "a_ankle": 0.5})
     start, goal = (
         fp.Posture(each.orientation, [dict(each.positions)[name] for name in robot.joints]) for each in (start, goal)
@@ -50,18 +48,18 @@ def plan_of(robot: fp.Robot) -> fp.Plan:
     return fp.plan(fp.Problem(robot, start, goal, fp.Flight(duration=0.7)))
 
 
-def content_of(path: Path) -> dict[str, Any]:
+def content_of(path):
     with np.load(path) as archive:
         return dict(archive)
 
 
 @pytest.fixture(scope="module")
-def motion(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+def motion(tmp_path_factory):
     """Of the robot without actuators; robots with them move as it does."""
     return plan_of(fp.Robot.from_mjcf(model_file(tmp_path_factory.mktemp("robot"))))
 
 
-def joint_torques(model: Any, content: dict[str, Any], row: int) -> np.ndarray:
+def joint_torques(model, content, row):
     """What actuators, damping and springs give the joints of the file in MuJoCo, N m."""
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:], data.ctrl[:] = (content[key][row] for key in ("qpos", "qvel", "ctrl"))
@@ -155,7 +153,7 @@ SLIDES = "".join(
 )
 
 
-def hinges(order: str, more: str = "") -> str:
+def hinges(order, more=""):
     units = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
     return "".join(f'<joint name="r{k}" axis="{units[axis]}" {more}/>' for k, axis in enumerate(order))
 

@@ -2,10 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import jumps
 import mujoco
@@ -30,7 +27,7 @@ PLANES = {
 
 
 @pytest.fixture(scope="module", params=PLANES)
-def plan(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+def plan(request, tmp_path_factory):
     """Turned frames, fixed, locked, continuous and sliding joints, a turn and a half."""
     drawn = RandomTree(1260, PLANES[request.param][0], joints=7)
     path = tmp_path_factory.mktemp("robot") / "tree.urdf"
@@ -41,7 +38,7 @@ def plan(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="module")
-def pair(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
+def pair(tmp_path_factory):
     """Coupled legs; the joints in the file are not in Pinocchio's order, nor its links in that of its joints."""
     path = tmp_path_factory.mktemp("robot") / "pair.urdf"
     links, moving = re.findall(r"<link.*?</link>", PAIR), re.findall(r"<joint.*?</joint>", PAIR)
@@ -49,26 +46,26 @@ def pair(tmp_path_factory: pytest.TempPathFactory) -> fp.Plan:
     return turning(fp.Robot.from_urdf(path, coupled={"right_hip": "left_hip", "right_knee": "left_knee"}), 6.0)
 
 
-def turning(robot: fp.Robot, momentum: float) -> fp.Plan:
+def turning(robot, momentum):
     posture = np.linspace(-0.5, 0.4, len(robot.joints))
     rest = fp.Posture(0.2, posture, 0.0, 0.0), fp.Posture(9.0, -posture, 0.0, 0.0)
     return forward_plan(fp.Problem(robot, *rest, fp.Flight(0.8, angular_momentum=momentum, horizontal_velocity=0.4)))
 
 
-def near(found: Any, wanted: Any, most: float = EXACT) -> None:
+def near(found, wanted, most=EXACT):
     np.testing.assert_allclose(found, wanted, rtol=0, atol=most)
 
 
-def read(path: Path) -> dict[str, Any]:
+def read(path):
     with np.load(path, allow_pickle=False) as archive:
         return dict(archive)
 
 
-def frame_times(motion: fp.Plan | fp.Jump, rate: float) -> np.ndarray:
+def frame_times(motion, rate):
     return np.arange(math.floor(motion.duration * rate) + 1) / rate
 
 
-def in_mujoco(robot: fp.Robot) -> Any:
+def in_mujoco(robot):
     """The robot's file in MuJoCo, on a free joint, with every link as a body."""
     compiler = '<mujoco><compiler fusestatic="false" balanceinertia="true" discardvisual="true"/></mujoco>'
     ends = f'<parent link="world"/><child link="{robot.file_tree.root}"/>'
@@ -78,7 +75,7 @@ def in_mujoco(robot: fp.Robot) -> Any:
     return mujoco.MjModel.from_xml_string(f"{head}{compiler}{free}<link{rest}")
 
 
-def state_in_mujoco(model: Any, motion: fp.Plan | fp.Jump, to_world: np.ndarray, time: float) -> Any:
+def state_in_mujoco(model, motion, to_world, time):
     """MuJoCo's data of a plan's own coordinates at a time, in a world whose z axis is up."""
     data, whole = mujoco.MjData(model), motion.full_motion([time])
     x, y, z, w = whole.base_quaternion[0]
@@ -95,7 +92,7 @@ def state_in_mujoco(model: Any, motion: fp.Plan | fp.Jump, to_world: np.ndarray,
     return data
 
 
-def check_bodies(motion: fp.Plan | fp.Jump, content: dict[str, Any], to_world: np.ndarray, every: int = 7) -> None:
+def check_bodies(motion, content, to_world, every=7):
     """Places, orientations and velocities of all links are MuJoCo's."""
     model = in_mujoco(motion.problem.robot)
     names = content["body_names"].tolist()
@@ -110,7 +107,7 @@ def check_bodies(motion: fp.Plan | fp.Jump, content: dict[str, Any], to_world: n
             near(content["body_linear_velocities"][frame, index], twist[3:])
 
 
-def check_joints(motion: fp.Plan | fp.Jump, content: dict[str, Any]) -> None:
+def check_joints(motion, content):
     """Joints by their names are the plan's, to the last bit."""
     whole = motion.full_motion(frame_times(motion, RATE))
     names = content["dof_names"].tolist()
@@ -121,13 +118,13 @@ def check_joints(motion: fp.Plan | fp.Jump, content: dict[str, Any]) -> None:
     np.testing.assert_array_equal(content["dof_torques"], whole.motor_torques[:, order])
 
 
-def to_world(plan: fp.Plan) -> np.ndarray:
+def to_world(plan):
     plane = plan.robot.plane
     name = "".join("xyz"[int(np.argmax(np.abs(axis)))] for axis in (plane.horizontal, plane.vertical))
     return PLANES[name][1]
 
 
-def test_isaac_lab_reads_every_link_and_joint(plan: fp.Plan, tmp_path: Path) -> None:
+def test_isaac_lab_reads_every_link_and_joint(plan, tmp_path):
     """What its loader takes: the keys, their shapes, ``1 / fps``, and lists of names to look in."""
     content = read(export(plan, "isaac-amp", tmp_path / "file", rate=RATE))
     assert content["fps"].dtype == np.int64
@@ -143,7 +140,7 @@ def test_isaac_lab_reads_every_link_and_joint(plan: fp.Plan, tmp_path: Path) -> 
     check_bodies(plan, content, to_world(plan))
 
 
-def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan: fp.Plan, tmp_path: Path) -> None:
+def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan, tmp_path):
     content = read(export(plan, "isaac-amp", tmp_path / "file", rate=2000))
     rotations, step = content["body_rotations"], 5e-4
     near(np.linalg.norm(rotations, axis=2), 1.0, 1e-15)
@@ -158,7 +155,7 @@ def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan: fp.Plan, t
 
 
 @pytest.mark.usefixtures("little_work")
-def test_a_base_that_tumbles(root: Path, tmp_path: Path) -> None:
+def test_a_base_that_tumbles(root, tmp_path):
     """A flight in space, whatever its end: velocities in the world and in the body are no longer the same."""
     robot = fp.Robot.from_urdf(root / "urdf" / "space_arm.urdf", base="free-flyer")
     start = fp.Posture(fp.Attitude(quaternion_xyzw=[0.1, 0.2, 0.3, 0.9]), 0.1)
@@ -174,7 +171,7 @@ def test_a_base_that_tumbles(root: Path, tmp_path: Path) -> None:
     assert abs(spin[:, 3:] - content["body_angular_velocities"][:240:20, 0]).max() > 0.1
 
 
-def test_csv_is_what_csv_to_npz_reads(plan: fp.Plan, pair: fp.Plan, tmp_path: Path) -> None:
+def test_csv_is_what_csv_to_npz_reads(plan, pair, tmp_path):
     """Nothing but numbers: place, quaternion with w last, and joints in the file's order."""
     for motion in (plan, pair):
         text = export(motion, "motion-csv", tmp_path / "file", rate=RATE).read_text()
@@ -187,7 +184,7 @@ def test_csv_is_what_csv_to_npz_reads(plan: fp.Plan, pair: fp.Plan, tmp_path: Pa
         np.testing.assert_array_equal(table[:, 7:], content["dof_positions"])
 
 
-def test_loco_mujoco_takes_each_key_and_integrates_qvel(plan: fp.Plan, tmp_path: Path) -> None:
+def test_loco_mujoco_takes_each_key_and_integrates_qvel(plan, tmp_path):
     """Its loader knows seven of these keys and no others; its handler finds joints by name, and rows by type."""
     content = read(export(plan, "loco-mujoco", tmp_path / "file", rate=RATE))
     assert set(content) == KEYS_OF_LOCO_MUJOCO
@@ -215,7 +212,7 @@ def test_loco_mujoco_takes_each_key_and_integrates_qvel(plan: fp.Plan, tmp_path:
 
 @pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
 @pytest.mark.long
-def test_a_jump_has_its_contacts_and_forces(tmp_path: Path) -> None:
+def test_a_jump_has_its_contacts_and_forces(tmp_path):
     jump = jumps.backflip()
     content, times = read(export(jump, "isaac-amp", tmp_path / "file", rate=RATE)), frame_times(jump, RATE)
     check_joints(jump, content)
@@ -244,13 +241,13 @@ IN_ITS_ORDER = ["right_hip", "right_knee", "left_hip", "left_knee"]
 
 
 @pytest.fixture
-def model(tmp_path: Path) -> Path:
+def model(tmp_path):
     path = tmp_path / "model.xml"
     path.write_text(MODEL)
     return path
 
 
-def test_files_are_in_the_order_of_the_model_that_reads_them(pair: fp.Plan, model: Path, tmp_path: Path) -> None:
+def test_files_are_in_the_order_of_the_model_that_reads_them(pair, model, tmp_path):
     own = read(export(pair, "isaac-amp", tmp_path / "own", rate=RATE))
     amp = read(export(pair, "isaac-amp", tmp_path / "amp", rate=RATE, model=model))
     assert amp["dof_names"].tolist() == IN_ITS_ORDER
@@ -265,7 +262,7 @@ def test_files_are_in_the_order_of_the_model_that_reads_them(pair: fp.Plan, mode
     np.testing.assert_array_equal(loco["qvel"][:, 6:], own["dof_velocities"][:, order])
 
 
-def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan: fp.Plan, pair: fp.Plan, tmp_path: Path) -> None:
+def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan, pair, tmp_path):
     """Links on fixed joints are often fused with what they are on: the file leaves them out."""
     own = read(export(plan, "isaac-amp", tmp_path / "own", rate=RATE))
     fixed = [joint.child for joint in plan.robot.file_tree.joints if not joint.moves]
@@ -305,16 +302,7 @@ def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan: fp.Plan, pair: fp.
         ("isaac-amp", "<worldbody>", "<worldbody><nonsense/>", "MuJoCo refuses it"),
     ],
 )
-def test_a_model_that_does_not_fit_is_told(
-    floatplan: Callable[..., Any],
-    pair: fp.Plan,
-    model: Path,
-    tmp_path: Path,
-    form: str,
-    old: str,
-    new: str,
-    message: str,
-) -> None:
+def test_a_model_that_does_not_fit_is_told(floatplan, pair, model, tmp_path, form, old, new, message):
     model.write_text(MODEL.replace(old, new))
     run = floatplan("export", pair.save(tmp_path / "run" / "plan.json"), "-f", form, "--model", model)
     assert run.code == 2
@@ -324,9 +312,7 @@ def test_a_model_that_does_not_fit_is_told(
     assert [path.name for path in (tmp_path / "run").iterdir()] == ["plan.json"]
 
 
-def test_the_command_tells_of_another_order(
-    floatplan: Callable[..., Any], pair: fp.Plan, model: Path, tmp_path: Path
-) -> None:
+def test_the_command_tells_of_another_order(floatplan, pair, model, tmp_path):
     plan_file = pair.save(tmp_path / "run" / "plan.json")
     run = floatplan("export", plan_file, "-f", "motion-csv", "--model", model)
     assert run.code == 0
@@ -338,7 +324,7 @@ def test_the_command_tells_of_another_order(
     assert "no room for the order of a model; take one of mujoco, isaac-amp, motion-csv, loco-mujoco" in run.stderr
 
 
-def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rates_that_no_reader_can_use(pair, tmp_path, monkeypatch):
     with pytest.raises(InputError, match="no whole number"):
         export(pair, "isaac-amp", tmp_path / "file", rate=29.97)
     for wrong in (np.inf, np.nan, -50.0):
@@ -355,7 +341,7 @@ def test_rates_that_no_reader_can_use(pair: fp.Plan, tmp_path: Path, monkeypatch
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_last_frame_is_the_end_where_it_is_a_whole_number_of_steps(pair: fp.Plan, tmp_path: Path) -> None:
+def test_the_last_frame_is_the_end_where_it_is_a_whole_number_of_steps(pair, tmp_path):
     """0.8 s are 40 steps of 50 Hz, and 23 and a bit of 29 Hz; 0.7 s are 49 of 70 Hz, though 0.7 * 70 rounds below."""
     for duration, rate, frames in ((0.8, 50.0, 41), (0.8, 29.0, 24), (0.7, 70.0, 50), (1.1, 30.0, 34)):
         flight = replace(pair.problem.flight, duration=duration)
@@ -370,7 +356,7 @@ PLANAR = """<mujoco model="planar"><worldbody><body name="torso"><joint name="ro
 </body></worldbody></mujoco>"""
 
 
-def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path: Path) -> None:
+def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path):
     """Bodies and joints are those of the file, in its order; what floatplan adds for a joint's anchor is no body."""
     path = tmp_path / "planar.xml"
     path.write_text(PLANAR)

@@ -2,9 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import jumps
 import numpy as np
@@ -18,13 +16,12 @@ from floatplan.export.formats import FORMATS, UNITREE_JOINTS, export
 EXACT = 1e-9
 QUANTITIES = ("position", "velocity", "acceleration", "torque")
 BASE = [f"base_{name}" for name in ("x", "y", "z", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")]
-Found = dict[str, Any]  # time (N,), names (n), quantities of them (N, n), pose (N, 7), velocity of the base (N, 6)
 
 
-def from_columns(columns: dict[str, np.ndarray]) -> Found:
+def from_columns(columns):
     """Columns named by joint and quantity; a base in space and contacts where there are any."""
     names = [name.removesuffix("_position") for name in columns if name.endswith("_position")]
-    found: Found = {"time": columns["time"], "names": names}
+    found = {"time": columns["time"], "names": names}
     for quantity in QUANTITIES:
         having = [name for name in names if f"{name}_{quantity}" in columns]
         found[quantity] = {name: columns[f"{name}_{quantity}"] for name in having}
@@ -37,22 +34,22 @@ def from_columns(columns: dict[str, np.ndarray]) -> Found:
     return found
 
 
-def read_csv(path: Path) -> Found:
+def read_csv(path):
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     return from_columns({name: np.array([float(row[name]) for row in rows]) for name in rows[0]})
 
 
-def read_parquet(path: Path) -> Found:
+def read_parquet(path):
     table = pytest.importorskip("pyarrow.parquet").read_table(path)
     return from_columns({name: table[name].to_numpy() for name in table.column_names})
 
 
-def read_archive(path: Path) -> Found:
+def read_archive(path):
     """Coordinates of the file's model, as Pinocchio's q, v, a and tau, or as MuJoCo's qpos and qvel."""
     with np.load(path, allow_pickle=False) as archive:
         content = dict(archive)
-    found: Found = {"time": content["time"], "names": content["joint_names"].tolist()}
+    found = {"time": content["time"], "names": content["joint_names"].tolist()}
     if "qpos" in content:
         qpos, qvel = content["qpos"], content["qvel"]
         found["pose"] = np.concatenate((qpos[:, :3], np.roll(qpos[:, 3:7], -1, axis=1)), axis=1)
@@ -69,11 +66,11 @@ def read_archive(path: Path) -> Found:
     return found
 
 
-def read_ros(path: Path) -> Found:
+def read_ros(path):
     message = yaml.safe_load(path.read_text())
     points = message["points"]
     since = [point["time_from_start"] for point in points]
-    found: Found = {"time": [each["sec"] + 1e-9 * each["nanosec"] for each in since], "names": message["joint_names"]}
+    found = {"time": [each["sec"] + 1e-9 * each["nanosec"] for each in since], "names": message["joint_names"]}
     keys = ("positions", "velocities", "accelerations", "effort")
     for quantity, key in zip(QUANTITIES, keys, strict=True):
         values = np.array([point[key] for point in points])
@@ -82,12 +79,12 @@ def read_ros(path: Path) -> Found:
     return found
 
 
-def read_mcap(path: Path) -> Found:
-    topics: dict[str, list[Any]] = {}
+def read_mcap(path):
+    topics = {}
     for message in pytest.importorskip("mcap_ros2.reader").read_ros2_messages(str(path)):
         topics.setdefault(message.channel.topic, []).append(message)
     states = [message.ros_msg for message in topics["/joint_states"]]
-    found: Found = {"time": [message.log_time_ns / 1e9 for message in topics["/joint_states"]], "names": states[0].name}
+    found = {"time": [message.log_time_ns / 1e9 for message in topics["/joint_states"]], "names": states[0].name}
     for quantity, key in (("position", "position"), ("velocity", "velocity"), ("torque", "effort")):
         values = np.array([getattr(state, key) for state in states])
         found[quantity] = dict(zip(found["names"], values.T, strict=True))
@@ -98,31 +95,31 @@ def read_mcap(path: Path) -> Found:
     return found
 
 
-def read_unitree(path: Path) -> Found:
+def read_unitree(path):
     """Rows of a base and joints at 50 Hz, which a comment names in the files of plans."""
     comments = [line for line in path.read_text().splitlines() if line.startswith("#")]
     names = [comment.partition(": ")[2] for comment in comments]
     rows = np.loadtxt(path, delimiter=",")
-    found: Found = {"time": np.arange(len(rows)) / 50, "pose": rows[:, :7], "names": names[7:]}
+    found = {"time": np.arange(len(rows)) / 50, "pose": rows[:, :7], "names": names[7:]}
     if not names:
         found["coordinates"] = {"q": rows}
     found["position"] = dict(zip(names[7:], rows[:, 7:].T, strict=bool(names)))
     return found
 
 
-def read_sdk(path: Path) -> Found:
+def read_sdk(path):
     with path.open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     columns = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
     for block, key in enumerate(("q", "dq", "tau", "kp", "kd")):  # motor_cmd of the SDK: FR_0, FR_1, FR_2, FL_0, ..
         assert list(columns)[1 + 12 * block : 13 + 12 * block] == [f"{key}_{name}" for name in UNITREE_JOINTS]
-    found: Found = {"time": columns["time"], "names": UNITREE_JOINTS}
+    found = {"time": columns["time"], "names": UNITREE_JOINTS}
     for quantity, key in (("position", "q"), ("velocity", "dq"), ("torque", "tau")):
         found[quantity] = {name: columns[f"{key}_{name}"] for name in UNITREE_JOINTS}
     return found
 
 
-READERS: dict[str, Callable[[Path], Found]] = {
+READERS = {
     "csv": read_csv,
     "csv-full": read_csv,
     "parquet": read_parquet,
@@ -136,7 +133,7 @@ READERS: dict[str, Callable[[Path], Found]] = {
 }
 
 
-def assert_is(motion: fp.Plan | fp.Jump, found: Found) -> None:
+def assert_is(motion, found):
     """Hold what was found to the motion's own coordinates, which are Pinocchio's, and to its phases."""
     model = motion.problem.robot.free_flyer()
     times = np.minimum(found["time"], motion.duration)
@@ -168,7 +165,7 @@ def assert_is(motion: fp.Plan | fp.Jump, found: Found) -> None:
 
 
 @pytest.fixture(scope="module")
-def jump() -> fp.Jump:
+def jump():
     if not jumps.INSTALLED:
         pytest.skip("CasADi or example-robot-data is not installed")
     return jumps.backflip()
@@ -176,7 +173,7 @@ def jump() -> fp.Jump:
 
 @pytest.mark.parametrize("kind", ["coupled", "tree", "jump"])
 @pytest.mark.parametrize("form", READERS)
-def test_what_is_read_is_the_motion(request: pytest.FixtureRequest, tmp_path: Path, form: str, kind: str) -> None:
+def test_what_is_read_is_the_motion(request, tmp_path, form, kind):
     motion = request.getfixturevalue(kind)
     if form == "unitree-sdk" and kind != "jump":
         with pytest.raises(fp.InputError, match=r"is none of Unitree\'s .*\(A1, Go1, Go2, B1\)"):
@@ -203,7 +200,7 @@ def test_what_is_read_is_the_motion(request: pytest.FixtureRequest, tmp_path: Pa
     assert_is(motion, found)
 
 
-def test_parquet_says_units_and_what_was_asked(tree: fp.Plan, jump: fp.Jump, tmp_path: Path) -> None:
+def test_parquet_says_units_and_what_was_asked(tree, jump, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     for motion in (tree, jump):
         schema = parquet.read_table(export(motion, "parquet", tmp_path / "file", 50.0)).schema
@@ -220,9 +217,7 @@ def test_parquet_says_units_and_what_was_asked(tree: fp.Plan, jump: fp.Jump, tmp
 
 
 @pytest.mark.parametrize("form", [form for form in FORMATS if form != "unitree-sdk"])
-def test_the_command_writes_beside_the_plan_or_where_told(
-    floatplan: Callable[..., Any], handstand: fp.Plan, tmp_path: Path, form: str
-) -> None:
+def test_the_command_writes_beside_the_plan_or_where_told(floatplan, handstand, tmp_path, form):
     plan_file = handstand.save(tmp_path / "run" / "plan.json")
     run = floatplan("export", plan_file, "--format", form)
     assert run.code == 0, run
@@ -232,7 +227,7 @@ def test_the_command_writes_beside_the_plan_or_where_told(
     assert told.stat().st_size > 0
 
 
-def test_python_names_the_formats(handstand: fp.Plan) -> None:
+def test_python_names_the_formats(handstand):
     with pytest.raises(
         fp.InputError,
         match="must be one of csv, csv-full, parquet, npz, pinocchio, mujoco, ros, mcap, unitree, unitree-sdk",

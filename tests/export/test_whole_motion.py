@@ -1,9 +1,6 @@
 """Exports of the whole motion, base and all joints: each read back by the programs that it is for."""
 
 import sys
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -16,29 +13,29 @@ from floatplan.export.formats import FORMATS, export
 
 
 @pytest.fixture(params=["coupled", "tree"])
-def plan(request: pytest.FixtureRequest) -> fp.Plan:
+def plan(request):
     return request.getfixturevalue(request.param)
 
 
-def free_model(plan: fp.Plan) -> tuple[Any, Any]:
+def free_model(plan):
     model = pin.buildModelFromUrdf(str(plan.robot.path), pin.JointModelFreeFlyer())
     return model, model.createData()
 
 
-def messages(path: Path) -> dict[str, list[Any]]:
+def messages(path):
     """Messages by topic, as the ROS 2 reader of MCAP decodes them."""
     reader = pytest.importorskip("mcap_ros2.reader")
-    found: dict[str, list[Any]] = {}
+    found = {}
     for message in reader.read_ros2_messages(str(path)):
         found.setdefault(message.channel.topic, []).append(message)
     return found
 
 
-def seconds(message: Any) -> float:
+def seconds(message):
     return message.log_time_ns / 1e9
 
 
-def test_mcap_is_a_ros_2_bag(plan: fp.Plan, tmp_path: Path) -> None:
+def test_mcap_is_a_ros_2_bag(plan, tmp_path):
     reader = pytest.importorskip("mcap.reader")
     path = export(plan, "mcap", tmp_path / "flight.mcap")
     with path.open("rb") as stream:
@@ -55,13 +52,13 @@ def test_mcap_is_a_ros_2_bag(plan: fp.Plan, tmp_path: Path) -> None:
     assert len(found["/tf"]) == len(found["/joint_states"]) == 81
 
 
-def pose(transform: Any) -> Any:
+def pose(transform):
     place, turn = transform.translation, transform.rotation
     rotation = pin.Quaternion(turn.w, turn.x, turn.y, turn.z).matrix()
     return pin.SE3(rotation, np.array([place.x, place.y, place.z]))
 
 
-def test_mcap_places_every_link_where_pinocchio_has_it(plan: fp.Plan, tmp_path: Path) -> None:
+def test_mcap_places_every_link_where_pinocchio_has_it(plan, tmp_path):
     found = messages(export(plan, "mcap", tmp_path / "flight.mcap"))
     model, data = free_model(plan)
     static = list(found["/tf_static"][0].ros_msg.transforms)
@@ -85,22 +82,20 @@ def test_mcap_places_every_link_where_pinocchio_has_it(plan: fp.Plan, tmp_path: 
 @pytest.mark.parametrize(
     ("form", "module"), [("mcap", "mcap.writer"), ("mcap", "mcap_ros2._dynamic"), ("parquet", "pyarrow")]
 )
-def test_what_is_missing_is_named(
-    coupled: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, form: str, module: str
-) -> None:
+def test_what_is_missing_is_named(coupled, tmp_path, monkeypatch, form, module):
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(InputError, match=rf"pip install .*\[{form}\]"):
         export(coupled, form, tmp_path / "file")
     assert not list(tmp_path.iterdir())
 
 
-def test_the_command_s_help_tells_of_every_format(floatplan: Any) -> None:
+def test_the_command_s_help_tells_of_every_format(floatplan):
     text = floatplan("export", "--help").stdout
     for form in FORMATS:
         assert f"\n  {form:<11}" in text, text
 
 
-def test_a_rotor_alone_is_no_obstacle(flown: Callable[[fp.Robot], fp.Plan], tmp_path: Path) -> None:
+def test_a_rotor_alone_is_no_obstacle(flown, tmp_path):
     """Pinocchio refuses ``<dynamics>`` without damping and friction: the coordinates are the same."""
     path = tmp_path / "rotor.urdf"
     path.write_text(TWO_LINKS.replace("</joint>", '<dynamics armature="0.01"/></joint>'))

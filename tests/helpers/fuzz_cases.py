@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fuzz_meshes import prepare_robot
-from fuzz_mutations import ROOT, spoiled
+from fuzz_mutations import spoiled
 from fuzz_options import prepare_options
 from fuzz_sources import FORMATS, PROBLEMS, has_gallery, plan_of, robot_of
+from places import ROOT
 
 WEIGHTS = {".toml": 8, ".urdf": 8, ".json": 8, "options": 4, "meshes": 4}
 

@@ -11,7 +11,6 @@ from xml.etree import ElementTree
 
 import tomli_w
 
-ROOT = Path(__file__).resolve().parents[2]
 MOST_MUTATIONS = 3
 LARGEST_DOUBLE = 10**308  # whole numbers beyond it cannot be multiplied by a fraction
 

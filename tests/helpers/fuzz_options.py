@@ -10,8 +10,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from fuzz_mutations import ROOT, TEXTS
+from fuzz_mutations import TEXTS
 from fuzz_sources import FORMATS, PROBLEMS, plan_of
+from places import ROOT
 
 MOST_OPTIONS = 3
 # No whole number from 5 to 64, so that no case starts more than four processes.

@@ -27,9 +27,9 @@ from unittest import mock
 
 from fuzz_cases import Case
 from fuzz_clips import prepare_clip
-from fuzz_mutations import ROOT
 from fuzz_sources import FORMATS, PROBLEMS, plan_of
 from own_process import started
+from places import ROOT
 
 from floatplan.files import write_atomically
 

@@ -4,7 +4,7 @@ import os
 import re
 from pathlib import Path
 
-from fuzz_mutations import ROOT
+from places import ROOT
 
 from floatplan.export.formats import FORMATS as KNOWN
 

@@ -15,9 +15,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+from places import ROOT
+
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 QUICK = ("new_configuration", "somersault")
 ALL = (*QUICK, "torque_limited", "obstacle", "falling_cat")
 THREADS = 8

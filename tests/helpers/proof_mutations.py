@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import proof_reference as reference
-from proof_plans import URDF, draw_coefficients, example_a, example_b, make_plan
+from places import URDF
+from proof_plans import draw_coefficients, example_a, example_b, make_plan
 
 from floatplan.arrays import read_only
 from floatplan.plans.record import PlanRecord

@@ -2,18 +2,16 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import proof_reference as reference
+from places import URDF
 
 from floatplan.arrays import read_only
 from floatplan.plans.reading import robot_record
 from floatplan.plans.record import PlanRecord
 from floatplan.robot.robot import Robot
-
-URDF = Path(__file__).parents[2] / "urdf"
 
 
 def draw_coefficients(rng, joints, duration, size=0.4, degree=7):

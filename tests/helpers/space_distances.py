@@ -63,16 +63,21 @@ class Distances:
         path = np.array(com["position0"]) + np.outer(times, com["velocity0"])
         path[:, 2] -= com["gravity"] / 2 * np.asarray(times) ** 2
         model, data = self.body.model, self.body.data
-        frames = [model.getFrameId(link) for link in links]
-        rotations, places = np.empty((len(times), len(links), 3, 3)), np.empty((len(times), len(links), 3))
+        names = sorted(set(links))
+        frames = [model.getFrameId(name) for name in names]
+        rotations, places = np.empty((len(times), len(names), 3, 3)), np.empty((len(times), len(names), 3))
         for k, row in enumerate(positions):
             full = self.body.configuration(row)
-            middle = pin.centerOfMass(model, data, full).copy()
-            pin.framesForwardKinematics(model, data, full)
+            middle = pin.centerOfMass(model, data, full)
+            pin.updateFramePlacements(model, data)
             for i, frame in enumerate(frames):
-                rotations[k, i] = attitudes[k] @ data.oMf[frame].rotation
-                places[k, i] = path[k] + attitudes[k] @ (data.oMf[frame].translation - middle)
-        return rotations, places
+                placement = data.oMf[frame]
+                rotations[k, i], places[k, i] = placement.rotation, placement.translation
+            places[k] -= middle
+        rotations = np.einsum("nab,nlbc->nlac", attitudes, rotations)
+        places = path[:, None] + np.einsum("nab,nlb->nla", attitudes, places)
+        each = [names.index(link) for link in links]
+        return rotations[:, each], places[:, each]
 
     def segments(self, times, links=None):
         """Ends (N, S, 3) and radii (S,) of the capsules of some links, or of all."""

@@ -7,11 +7,12 @@ from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
+from places import URDF
 from proof_records import certify_record
 from scipy.spatial.transform import Rotation
 from space_chains import chain_file
 from space_distances import Distances
-from space_reference import URDF, angle, draw_coefficients, flown, free_robot, make_record
+from space_reference import angle, draw_coefficients, flown, free_robot, make_record
 
 import floatplan as fp
 from floatplan.arrays import read_only

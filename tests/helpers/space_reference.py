@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -15,20 +14,18 @@ from floatplan.plans.record import FORMAT_IN_SPACE, PlanRecord
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.tree import urdf_path
 
-URDF = Path(__file__).parents[2] / "urdf"
 BASE = 6
 RTOL, ATOL = 2.3e-14, 1e-15  # the least that DOP853 takes
 
 
 def joints_at(record, times):
     """Positions, velocities and accelerations (N, n) of (12)."""
-    powers = np.arange(record.coefficients.shape[1])
     b = record.coefficients
-    t = np.asarray(times)[:, None]
-    p, dp, ddp = (
-        sum(c * b[:, k] * t ** max(k - order, 0) for k, c in enumerate(factor) if k >= order)
-        for order, factor in enumerate((np.ones(len(powers)), powers, powers * (powers - 1)))
-    )
+    k = np.arange(b.shape[1])
+    powers = np.asarray(times)[:, None] ** k
+    p = powers @ b.T
+    dp = powers[:, :-1] @ (k * b)[:, 1:].T
+    ddp = powers[:, :-2] @ (k * (k - 1) * b)[:, 2:].T
     sine, cosine = np.sin(p), np.cos(p)
     return (
         record.centre + record.amplitude * sine,

@@ -1,25 +1,22 @@
 """A gymnast's somersault and what corrects it."""
 
-from pathlib import Path
-
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
-
 
 @pytest.fixture(scope="module")
-def plan() -> fp.Plan:
+def plan():
     return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
 
 
 @pytest.fixture(scope="module")
-def shared(plan: fp.Plan) -> fp.Replanner:
+def shared(plan):
     return fp.Replanner(plan)
 
 
 @pytest.fixture
-def replanner(shared: fp.Replanner) -> fp.Replanner:
+def replanner(shared):
     shared.reset()
     return shared

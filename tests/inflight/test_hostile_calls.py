@@ -2,13 +2,10 @@
 
 import math
 from decimal import Decimal
-from typing import Any
 
 import numpy as np
 import pytest
 from flown_plans import Drifting
-
-import floatplan as fp
 
 NAMES = ("t", "orientation", "orientation_rate", "positions", "velocities", "now", "com_position", "com_velocity")
 
@@ -16,14 +13,14 @@ NAMES = ("t", "orientation", "orientation_rate", "positions", "velocities", "now
 class Raising:
     """What fails when it is read."""
 
-    def __float__(self) -> float:
+    def __float__(self):
         raise RuntimeError
 
-    def __array__(self, *_: Any, **__: Any) -> np.ndarray:
+    def __array__(self, *_, **__):
         raise RuntimeError
 
 
-def spoilt(good: Any, rng: np.random.Generator) -> Any:
+def spoilt(good, rng):
     """Another value in the place of a good one: wrong, odd, or only a little off."""
     strange = [math.nan, math.inf, -math.inf, 1e308, -1e308, 1e-308, 10**400, None, "x", "", b"1", [], {}, (), True]
     strange += [1j, [1j, 2j], np.ma.masked, Decimal("sNaN"), Raising(), [[1.0, 2.0]], np.array([["a"]]), object()]
@@ -37,7 +34,7 @@ def spoilt(good: Any, rng: np.random.Generator) -> Any:
     return good
 
 
-def noisy(state: tuple[Any, ...], rng: np.random.Generator, angles: float = 0.002) -> tuple[Any, ...]:
+def noisy(state, rng, angles=0.002):
     """A measurement with noise of its angles, rad, and ten times that, in 1/s, of its rates."""
     t, angle, rate, positions, velocities = state
     of_angles, of_rates = angles * rng.standard_normal(3), 10 * angles * rng.standard_normal(3)
@@ -45,7 +42,7 @@ def noisy(state: tuple[Any, ...], rng: np.random.Generator, angles: float = 0.00
 
 
 @pytest.mark.filterwarnings("ignore::numpy.exceptions.ComplexWarning")
-def test_hostile_calls(plan: fp.Plan, replanner: fp.Replanner) -> None:
+def test_hostile_calls(plan, replanner):
     """All through a flight; from single instants of every family below."""
     rng = np.random.default_rng(0)
     robot = Drifting(plan, 1.05 * plan.angular_momentum)
@@ -81,7 +78,7 @@ def test_hostile_calls(plan: fp.Plan, replanner: fp.Replanner) -> None:
 
 
 @pytest.mark.parametrize(("when", "kick"), [(0.3, 0.3), (0.6, 0.15), (0.3, 0.05), (0.2, -0.12)])
-def test_a_kick_is_made_up_for(plan: fp.Plan, replanner: fp.Replanner, when: float, kick: float) -> None:
+def test_a_kick_is_made_up_for(plan, replanner, when, kick):
     robot = Drifting(plan, plan.angular_momentum)
     rng = np.random.default_rng(0)
     kicked = False
@@ -94,7 +91,7 @@ def test_a_kick_is_made_up_for(plan: fp.Plan, replanner: fp.Replanner, when: flo
 
 
 @pytest.mark.parametrize("turns", [-2, -1, 1])
-def test_whole_turns_do_not_matter(plan: fp.Plan, replanner: fp.Replanner, turns: int) -> None:
+def test_whole_turns_do_not_matter(plan, replanner, turns):
     robot = Drifting(plan, 1.1 * plan.angular_momentum)
     for following in (plan.duration * np.arange(1, 51) / 100).tolist():
         t, angle, *rest = robot.state(replanner)
@@ -108,9 +105,7 @@ def test_whole_turns_do_not_matter(plan: fp.Plan, replanner: fp.Replanner, turns
 
 
 @pytest.mark.parametrize("size", [-0.5, -0.2, 0.2, 0.5])
-def test_an_orientation_far_from_what_the_filter_knows_is_an_outlier(
-    plan: fp.Plan, replanner: fp.Replanner, size: float
-) -> None:
+def test_an_orientation_far_from_what_the_filter_knows_is_an_outlier(plan, replanner, size):
     """One of ten: each is refused, and no other; the flight lands as without them."""
     robot, rng = Drifting(plan, 1.1 * plan.angular_momentum), np.random.default_rng(2)
     for number, following in enumerate((plan.duration * np.arange(1, 201) / 200).tolist()):
@@ -124,13 +119,11 @@ def test_an_orientation_far_from_what_the_filter_knows_is_an_outlier(
 
 @pytest.mark.parametrize("degrees", [0.1, 0.3, 1.0])
 @pytest.mark.parametrize("error", [-0.15, 0.15])
-def test_honest_measurements_are_not_refused(
-    plan: fp.Plan, replanner: fp.Replanner, degrees: float, error: float
-) -> None:
+def test_honest_measurements_are_not_refused(plan, replanner, degrees, error):
     """Noise, another momentum, late measurements: at most one in two hundred is invalid."""
     robot, rng = Drifting(plan, (1 + error) * plan.angular_momentum), np.random.default_rng(7)
     statuses = []
-    waiting: tuple[Any, ...] = ()
+    waiting = ()
     for following in (plan.duration * np.arange(1, 221) / 220).tolist():
         if waiting:
             statuses.append(replanner.update(*waiting, now=robot.time).status)

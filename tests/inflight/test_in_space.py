@@ -3,19 +3,17 @@
 import copy
 import math
 import pickle
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from flown_plans import DriftingInSpace
 from needed import skip_or_fail
+from places import SPACE
 
 import floatplan as fp
-from floatplan.arrays import Array
 from floatplan.inflight import authority as authority_module
 from floatplan.inflight import prediction, update
 from floatplan.kernel.tolerances import CORRECTION_GAINS_IN_SPACE
@@ -24,48 +22,46 @@ from floatplan.motion.flight import flight_of
 from floatplan.planning.constraints import LENGTH_SCALE
 from floatplan.robot.urdf.tree import robots_folder
 
-SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
-
 
 @pytest.fixture(scope="module")
-def diver() -> fp.Plan:
+def diver():
     return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"))
 
 
 @pytest.fixture(scope="module")
-def go2() -> fp.Plan:
+def go2():
     if robots_folder() is None:
         skip_or_fail("example-robot-data is not installed")
     return fp.plan(fp.load_problem(SPACE / "go2_barrel_roll.toml"))
 
 
 @pytest.fixture(scope="module")
-def bar() -> fp.Plan:
+def bar():
     return fp.plan(fp.load_problem(SPACE / "diver_past_a_bar.toml"))
 
 
 @pytest.fixture(scope="module")
-def of_diver(diver: fp.Plan) -> fp.Replanner:
+def of_diver(diver):
     return fp.Replanner(diver)
 
 
 @pytest.fixture(scope="module")
-def of_go2(go2: fp.Plan) -> fp.Replanner:
+def of_go2(go2):
     return fp.Replanner(go2)
 
 
 @pytest.fixture
-def replanner(of_diver: fp.Replanner) -> fp.Replanner:
+def replanner(of_diver):
     of_diver.reset()
     return of_diver
 
 
-def instants(plan: fp.Plan, count: int) -> Sequence[float]:
+def instants(plan, count):
     return (plan.duration * np.arange(1, count + 1) / count).tolist()
 
 
 @pytest.mark.parametrize("error", [-0.1, 0.1])
-def test_a_go2_lands_from_another_momentum(go2: fp.Plan, of_go2: fp.Replanner, error: float) -> None:
+def test_a_go2_lands_from_another_momentum(go2, of_go2, error):
     of_go2.reset()
     robot = DriftingInSpace(go2, go2.angular_momentum * (1 + error))
     for following in instants(go2, 50):
@@ -84,7 +80,7 @@ def test_a_go2_lands_from_another_momentum(go2: fp.Plan, of_go2: fp.Replanner, e
     assert np.linalg.norm(alone.off) > math.radians(20)
 
 
-def test_an_undisturbed_flight_stays_the_plan(diver: fp.Plan, replanner: fp.Replanner) -> None:
+def test_an_undisturbed_flight_stays_the_plan(diver, replanner):
     robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum))
     for following in instants(diver, 40):
         assert replanner.update(*robot.state(replanner)).status == "applied"
@@ -94,7 +90,7 @@ def test_an_undisturbed_flight_stays_the_plan(diver: fp.Plan, replanner: fp.Repl
     assert np.linalg.norm(robot.off) < 1e-4
 
 
-def test_reference_is_the_plan_before_anything_is_measured(diver: fp.Plan, replanner: fp.Replanner) -> None:
+def test_reference_is_the_plan_before_anything_is_measured(diver, replanner):
     state, reference = diver.at(0.0), replanner.reference(0.0)
     np.testing.assert_allclose(reference.feedforward, state.torques, rtol=1e-7, atol=1e-6)
     np.testing.assert_allclose(reference.motors, state.motor_torques, rtol=1e-7, atol=1e-6)
@@ -105,7 +101,7 @@ def test_reference_is_the_plan_before_anything_is_measured(diver: fp.Plan, repla
 
 
 @pytest.mark.parametrize("begin", [0.0, 0.3, 0.7])
-def test_what_is_foreseen_is_what_an_integration_finds(diver: fp.Plan, replanner: fp.Replanner, begin: float) -> None:
+def test_what_is_foreseen_is_what_an_integration_finds(diver, replanner, begin):
     """Of the robot that the filter has found, by Pinocchio and DOP853; errors of h about all axes."""
     turned = pin.exp3(np.array([0.02, -0.03, 0.01]))
     robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 0.97 + [0.5, 0.2, -0.4])
@@ -124,7 +120,7 @@ def test_what_is_foreseen_is_what_an_integration_finds(diver: fp.Plan, replanner
     np.testing.assert_allclose(foreseen.off, correction.predicted_miss, rtol=0, atol=1e-6)
 
 
-def limited(plan: fp.Plan) -> fp.Plan:
+def limited(plan):
     """The plan with limits that its motion comes near to."""
     rate = float(np.linalg.norm(plan.at(np.linspace(0, plan.duration, 50)).orientation_rate, axis=1).max())
     peaks = plan.peaks
@@ -137,9 +133,7 @@ def limited(plan: fp.Plan) -> fp.Plan:
 
 
 @pytest.mark.parametrize("name", ["diver", "go2", "bar"])
-def test_a_step_is_that_of_finite_differences(
-    name: str, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_step_is_that_of_finite_differences(name, request, monkeypatch):
     """Of the miss, and of rows beyond their aims: of torques, rates and distances."""
     gains = replace(CORRECTION_GAINS_IN_SPACE, evaluations_far=1, far=math.inf, most_rows=1000, weighed=1e3)
     monkeypatch.setattr(update, "CORRECTION_GAINS_IN_SPACE", gains)
@@ -155,7 +149,7 @@ def test_a_step_is_that_of_finite_differences(
     rest = replanner.rest(begin)
     shape = (len(rest.coefficients) - CONDITIONS, len(rest.amplitude))
 
-    def looked_at(y: Array) -> tuple[Array, Array]:
+    def looked_at(y):
         coefficients = rest.coefficients.copy()
         coefficients[CONDITIONS:] += views.whitening @ y.reshape(shape) / rest.amplitude
         miss = now.predicted(replace(rest, coefficients=coefficients)).miss
@@ -183,7 +177,7 @@ def test_a_step_is_that_of_finite_differences(
     np.testing.assert_allclose(change, expected, rtol=0, atol=2e-5 * np.abs(expected).max())
 
 
-def test_distances_are_those_of_the_plan(bar: fp.Plan) -> None:
+def test_distances_are_those_of_the_plan(bar):
     replanner, begin = fp.Replanner(bar), 0.3 * bar.duration
     now = replanner._update
     now.estimate.inertial.attitude[:] = pin.Quaternion(bar.at(begin).orientation).matrix()
@@ -198,7 +192,7 @@ def test_distances_are_those_of_the_plan(bar: fp.Plan) -> None:
         np.testing.assert_allclose(found[exists], expected[exists], rtol=0, atol=1e-6)
 
 
-def test_momentum_and_masses_are_found(diver: fp.Plan, replanner: fp.Replanner) -> None:
+def test_momentum_and_masses_are_found(diver, replanner):
     """With noise, of a robot of other masses: how the base turns is then foreseen, which the plan's masses do not."""
     rng = np.random.default_rng(3)
     bodies = len(replanner._estimate.inertial.errors) // 2
@@ -244,7 +238,7 @@ WORDS = {"scalar first": "w, x, y, z", "from the world to the base": "conjugate"
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_is_invalid_and_changes_nothing(diver: fp.Plan, replanner: fp.Replanner, case: str) -> None:
+def test_what_cannot_be_is_invalid_and_changes_nothing(diver, replanner, case):
     robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 1.01)
     for following in (0.1, 0.2, 0.3):
         replanner.update(*robot.state(replanner))
@@ -261,7 +255,7 @@ def test_what_cannot_be_is_invalid_and_changes_nothing(diver: fp.Plan, replanner
     assert replanner.update(**opposite).status != "invalid"
 
 
-def test_copies_go_on_alike(diver: fp.Plan, replanner: fp.Replanner) -> None:
+def test_copies_go_on_alike(diver, replanner):
     robot = DriftingInSpace(diver, np.asarray(diver.angular_momentum) * 0.98)
     for following in (0.05, 0.1):
         replanner.update(*robot.state(replanner))
@@ -273,7 +267,7 @@ def test_copies_go_on_alike(diver: fp.Plan, replanner: fp.Replanner) -> None:
         np.testing.assert_array_equal(other.update(*state).motion.coefficients, own)
 
 
-def test_the_landing_follows_the_centre_of_mass(diver: fp.Plan, replanner: fp.Replanner) -> None:
+def test_the_landing_follows_the_centre_of_mass(diver, replanner):
     path, robot = diver.ballistics, DriftingInSpace(diver, np.asarray(diver.angular_momentum))
     higher = replace(path, velocity0=path.velocity0 * [1.0, 1.0, 1.02])
     height = path.positions(np.array([diver.duration]))[0, 2]
@@ -287,7 +281,7 @@ def test_the_landing_follows_the_centre_of_mass(diver: fp.Plan, replanner: fp.Re
     assert correction.landing == pytest.approx(landing, abs=1e-6)
 
 
-def test_authority_has_three_momenta(diver: fp.Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_authority_has_three_momenta(diver, monkeypatch):
     monkeypatch.setattr(authority_module, "LARGEST", 0.01)
     monkeypatch.setattr(authority_module, "SHARES", (0.0, 0.9))
     found = fp.authority(diver)

@@ -2,19 +2,17 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.motion.planar.clearance import obstacle_distances
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 
-
-def distance_to_circle(plan: fp.Plan, times: np.ndarray, orientations: np.ndarray, positions: np.ndarray) -> float:
+def distance_to_circle(plan, times, orientations, positions):
     """Least distance of any link to the first obstacle's surface, sampled along the links."""
     robot, obstacle = plan.robot, plan.problem.obstacles[0]
     com = plan.ballistics.positions(times)
@@ -31,7 +29,7 @@ def distance_to_circle(plan: fp.Plan, times: np.ndarray, orientations: np.ndarra
 
 
 @pytest.mark.parametrize("error", [-0.1, 0.1])
-def test_an_obstacle_is_passed(error: float) -> None:
+def test_an_obstacle_is_passed(error):
     plan = fp.plan(fp.load_problem(PROBLEMS / "obstacle.toml"))
     replanner = fp.Replanner(plan)
     robot = Drifting(plan, plan.angular_momentum * (1 + error))
@@ -45,7 +43,7 @@ def test_an_obstacle_is_passed(error: float) -> None:
 
 
 @pytest.mark.parametrize(("quantity", "share"), [("torque", 1.1), ("velocity", 1.0)])
-def test_limits_are_kept_where_corrections_are_applied(quantity: str, share: float) -> None:
+def test_limits_are_kept_where_corrections_are_applied(quantity, share):
     free = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
     limit = share * (free.peaks.motor_torque if quantity == "torque" else free.peaks.velocity)
     plan = replace(free, problem=replace(free.problem, limits=fp.Limits(position="full", **{quantity: limit})))
@@ -69,7 +67,7 @@ def test_limits_are_kept_where_corrections_are_applied(quantity: str, share: flo
             assert abs(robot.orientation - plan.problem.final.orientation) < math.radians(0.5)
 
 
-def test_an_impossible_correction_is_told() -> None:
+def test_an_impossible_correction_is_told():
     free = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
     limits = fp.Limits(position="full", torque=1.001 * free.peaks.motor_torque, velocity=1.001 * free.peaks.velocity)
     plan = replace(free, problem=replace(free.problem, limits=limits))
@@ -81,7 +79,7 @@ def test_an_impossible_correction_is_told() -> None:
     assert abs(correction.predicted_miss) > math.radians(5)
 
 
-def through_the_hand(plan: fp.Plan, when: float, error: float, velocity: tuple[float, float]) -> fp.Plan:
+def through_the_hand(plan, when, error, velocity):
     """The plan with a small obstacle that is there for 8 ms, in the way of the corrected flight, not of the plan."""
     replanner, robot = fp.Replanner(plan), Drifting(plan, plan.angular_momentum * (1 + error))
     replanner.update(*robot.state(replanner))
@@ -99,9 +97,7 @@ def through_the_hand(plan: fp.Plan, when: float, error: float, velocity: tuple[f
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (4.0, -2.0)])
 @pytest.mark.parametrize("when", [0.45, 0.62, 0.8])
-def test_an_obstacle_that_is_there_for_a_moment_is_not_flown_through(
-    plan: fp.Plan, when: float, velocity: tuple[float, float]
-) -> None:
+def test_an_obstacle_that_is_there_for_a_moment_is_not_flown_through(plan, when, velocity):
     """Whatever is called applied passes it, as it is foreseen."""
     plan = through_the_hand(plan, when, 0.1, velocity)
     replanner, robot = fp.Replanner(plan), Drifting(plan, 1.1 * plan.angular_momentum)

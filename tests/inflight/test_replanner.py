@@ -1,17 +1,16 @@
 """Corrections in flight: continuous, inside the joint ranges, to the goal; and nothing that is measured stops them."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
 from long_cases import cases
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
 DAILY = (
     "falling_cat",
@@ -25,18 +24,18 @@ LONG = {*FILES} - {PROBLEMS / f"{name}.toml" for name in DAILY}
 STATUSES = {"applied", "limited", "refused"}
 
 
-def instants(plan: fp.Plan, count: int) -> list[float]:
+def instants(plan, count):
     return (plan.duration * np.arange(count) / count).tolist()
 
 
-def assert_continuous(before: fp.Replanner | object, after: object, now: float, scale: float) -> None:
+def assert_continuous(before, after, now, scale):
     """Positions, velocities, accelerations go on where a motion takes the place of another."""
     for old, new in zip(before.at(now), after.at(now), strict=True):
         np.testing.assert_allclose(new, old, rtol=1e-9, atol=1e-8 * scale)
 
 
 @pytest.mark.parametrize("error", [-0.2, -0.1, 0.1, 0.2])
-def test_lands_at_the_goal_from_another_momentum(plan: fp.Plan, replanner: fp.Replanner, error: float) -> None:
+def test_lands_at_the_goal_from_another_momentum(plan, replanner, error):
     robot = Drifting(plan, plan.angular_momentum * (1 + error))
     for following in [*instants(plan, 100)[1:], plan.duration]:
         before = replanner.motion
@@ -54,7 +53,7 @@ def test_lands_at_the_goal_from_another_momentum(plan: fp.Plan, replanner: fp.Re
     assert abs(alone.orientation - plan.problem.final.orientation) > math.radians(20)
 
 
-def test_an_undisturbed_flight_stays_the_plan(plan: fp.Plan, replanner: fp.Replanner) -> None:
+def test_an_undisturbed_flight_stays_the_plan(plan, replanner):
     robot = Drifting(plan, plan.angular_momentum)
     for following in [*instants(plan, 200)[1:], plan.duration]:
         replanner.update(*robot.state(replanner))
@@ -66,7 +65,7 @@ def test_an_undisturbed_flight_stays_the_plan(plan: fp.Plan, replanner: fp.Repla
     assert np.abs(reference.positions - plan.problem.final.positions).max() < 1e-9
 
 
-def test_reference_is_the_plan_before_anything_is_measured(plan: fp.Plan, replanner: fp.Replanner) -> None:
+def test_reference_is_the_plan_before_anything_is_measured(plan, replanner):
     for time in np.linspace(0.0, plan.duration, 23):
         state, reference = plan.at(time), replanner.reference(float(time))
         for name in ("positions", "velocities", "accelerations"):
@@ -75,7 +74,7 @@ def test_reference_is_the_plan_before_anything_is_measured(plan: fp.Plan, replan
         np.testing.assert_allclose(reference.motors, state.motor_torques, rtol=1e-7, atol=1e-7)
 
 
-def test_at_rest_in_the_goal_after_landing(plan: fp.Plan, replanner: fp.Replanner) -> None:
+def test_at_rest_in_the_goal_after_landing(plan, replanner):
     for time in (plan.duration + 0.1, 1e6, math.inf):
         reference = replanner.reference(time)
         assert np.isfinite(reference.feedforward).all()
@@ -114,7 +113,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_cannot_be_is_invalid_and_changes_nothing(plan: fp.Plan, replanner: fp.Replanner, case: str) -> None:
+def test_what_cannot_be_is_invalid_and_changes_nothing(plan, replanner, case):
     robot = Drifting(plan, 1.05 * plan.angular_momentum)
     for following in (0.1, 0.2, 0.3):
         replanner.update(*robot.state(replanner))
@@ -135,7 +134,7 @@ def test_what_cannot_be_is_invalid_and_changes_nothing(plan: fp.Plan, replanner:
 
 
 @pytest.mark.parametrize("speed", [0.95, 1.06])
-def test_landing_time_follows_the_centre_of_mass(plan: fp.Plan, replanner: fp.Replanner, speed: float) -> None:
+def test_landing_time_follows_the_centre_of_mass(plan, replanner, speed):
     path = plan.ballistics
     place, velocity = path.position0.copy(), path.velocity0 * [1.0, speed]
     height = path.positions(np.array([plan.duration]))[0, 1]
@@ -156,7 +155,7 @@ def test_landing_time_follows_the_centre_of_mass(plan: fp.Plan, replanner: fp.Re
 
 
 @pytest.mark.parametrize("file", cases(FILES, LONG), ids=lambda file: file.stem)
-def test_every_problem_from_any_instant_and_after_a_failure(file: Path) -> None:
+def test_every_problem_from_any_instant_and_after_a_failure(file):
     if file.parent.name == "gallery" and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     problem = fp.load_problem(file)

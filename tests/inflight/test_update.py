@@ -2,24 +2,23 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from flown_plans import Drifting, forward_plan
 from long_cases import cases
+from places import PROBLEMS
 from plain_problems import plain_problems
 from update_reference import filtered
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 CHAINS = cases(range(8, 96, 14), range(36, 96, 14))
 NAMES = ("falling_cat_apart", "somersault", "high_jump", "gallery/go2", "gallery/g1", "gallery/human")
 
 
-def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
+def limited(problem, rng):
     """Return a problem with limits of every kind, some of which a correction meets."""
     wild = forward_plan(problem, size=0.3)
     peaks = wild.peaks
@@ -32,7 +31,7 @@ def limited(problem: fp.Problem, rng: np.random.Generator) -> fp.Problem:
     return replace(problem, limits=replace(problem.limits, **found))
 
 
-def assert_foreseen(plan: fp.Plan, error: float = 0.1) -> None:
+def assert_foreseen(plan, error=0.1):
     """What is said of each correction is so of the rest of the flight, flown without another one.
 
     That are the miss, the largest torques, and where it is "applied" the limits that it keeps.
@@ -69,12 +68,12 @@ FORESEEN = 2e-3  # [rad]
 
 
 @pytest.mark.parametrize("number", CHAINS)
-def test_corrections_of_random_robots_are_what_they_say(number: int) -> None:
+def test_corrections_of_random_robots_are_what_they_say(number):
     assert_foreseen(forward_plan(limited(plain_problems(96)[number], np.random.default_rng(number)), seed=number))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_corrections_within_limits_and_past_obstacles_are_what_they_say(name: str) -> None:
+def test_corrections_within_limits_and_past_obstacles_are_what_they_say(name):
     if name.startswith("gallery") and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(0))
@@ -82,7 +81,7 @@ def test_corrections_within_limits_and_past_obstacles_are_what_they_say(name: st
 
 
 @pytest.mark.parametrize("name", ["somersault", "handstand", "high_jump", "somersault_motors"])
-def test_the_filter_is_a_kalman_filter_of_momentum_and_masses(name: str) -> None:
+def test_the_filter_is_a_kalman_filter_of_momentum_and_masses(name):
     plan = forward_plan(fp.load_problem(PROBLEMS / f"{name}.toml"), size=0.2)
     replanner, rng = fp.Replanner(plan), np.random.default_rng(2)
     robot = Drifting(plan, 1.05 * plan.angular_momentum)

@@ -1,10 +1,7 @@
 """The search for a first flight: what it does is counted, and where it ends is what a plan's own search finds."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +10,7 @@ from jumps import GO2, INSTALLED, backflip
 import floatplan as fp
 from floatplan.initial import flight
 from floatplan.initial.flight import FirstFlight, first_flight
-from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.initial.robots import chosen_robot
 from floatplan.initial.shortcomings import shortcomings, with_largest_pitch_error
 from floatplan.initial.text import problem_file_text
 from floatplan.jumps.check import touchdown_height
@@ -22,22 +19,20 @@ from floatplan.jumps.jump import Jump
 needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 
 
-def go2_s() -> ChosenRobot:
+def go2_s():
     chosen = chosen_robot(GO2)
     assert chosen.robot.joints == backflip().problem.robot.joints
     return chosen
 
 
-def asked_to_land_turned(error: float) -> Jump:
+def asked_to_land_turned(error):
     """The Go2's backflip as one that has to be clear of the ground where it lands turned by so much, rad."""
     request = replace(backflip().request, pitch_error=error)
     return replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
 
 
 @needs_jumps
-def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_keeps(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_keeps(monkeypatch, tmp_path):
     """It is written with the largest error at which it is clear, and a warning where that is less than usual."""
     not_clear = asked_to_land_turned(0.5)
     assert not not_clear.ok
@@ -60,21 +55,20 @@ def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_kee
     told = f"touches the ground where it lands turned by {math.degrees(error):.2g} degrees at most"
     assert f"# Warning: Nothing but its feet {told}" in path.read_text()
     again = fp.load_problem(path)
-    assert again.jump is not None
     assert again.jump.pitch_error == pytest.approx(error)
 
 
 @needs_jumps
-def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[fp.Problem] = []
+def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch):
+    asked = []
 
-    def none(problem: fp.Problem, progress: Callable[[str], None], **_: Any) -> Jump:
+    def none(problem, progress, **_):
         asked.append(problem)
         progress("start 1 of 1")
         return Jump(problem, fp.JumpRequest(), explanation="The torques stand in the way.")
 
     monkeypatch.setattr(flight, "jump", none)
-    tried: list[str] = []
+    tried = []
     found = first_flight(go2_s(), progress=tried.append)
     turns = [each.final.orientation - each.initial.orientation for each in asked]
     np.testing.assert_allclose(turns, [-2 * np.pi, 0.0])
@@ -92,7 +86,7 @@ def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch: pytest.MonkeyP
 
 @needs_jumps
 @pytest.mark.parametrize("ground", [False, True])
-def test_a_flight_that_was_planned_above_the_ground_is_asked_so_in_the_file(tmp_path: Path, ground: bool) -> None:
+def test_a_flight_that_was_planned_above_the_ground_is_asked_so_in_the_file(tmp_path, ground):
     chosen, flown = go2_s(), backflip().flight
     assert flown is not None
     problem = flight.flight_of_jump(backflip(), flown)

@@ -1,8 +1,6 @@
 """What is asked of a first flight: it reaches the problem, or is refused by the option's name before any search."""
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 from jumps import GO2, INSTALLED, backflip
@@ -13,7 +11,7 @@ from floatplan.errors import InputError
 from floatplan.initial import flight
 from floatplan.initial.flight import NoFlightError, first_flight, requested_flight
 from floatplan.initial.options import InitOptions
-from floatplan.initial.robots import ChosenRobot, chosen_robot
+from floatplan.initial.robots import chosen_robot
 from floatplan.initial.text import problem_file_text
 from floatplan.jumps.jump import Jump
 
@@ -22,7 +20,7 @@ if not INSTALLED:
 
 
 @pytest.fixture(scope="module")
-def go2() -> ChosenRobot:
+def go2():
     return chosen_robot(GO2)
 
 
@@ -41,17 +39,16 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_be_is_refused_by_its_option(go2: ChosenRobot, name: str) -> None:
+def test_what_cannot_be_is_refused_by_its_option(go2, name):
     asked, reason = REFUSED[name]
     with pytest.raises(InputError, match=f"^{reason}"):
         first_flight(go2, asked)
 
 
-def test_what_was_asked_is_in_the_file(go2: ChosenRobot, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_what_was_asked_is_in_the_file(go2, monkeypatch, tmp_path):
     found = backflip()
     problem = found.problem
     assert problem.jump is not None
-    assert found.flight is not None
     asked = InitOptions(duration=found.flight.duration, backwards=True)
     held = replace(problem, flight=replace(problem.flight, duration=found.flight.duration))
     kept = Jump(held, replace(found.request, fixed=("duration",)), found.flight, found.before, found.after)
@@ -59,20 +56,18 @@ def test_what_was_asked_is_in_the_file(go2: ChosenRobot, monkeypatch: pytest.Mon
     path = tmp_path / "go2.toml"
     path.write_text(problem_file_text(go2, first_flight(go2, asked), path))
     again = fp.load_problem(path)
-    assert again.jump is not None
     assert again.jump.fixed == ("duration",)
     assert again.flight.duration == found.flight.duration
     assert again.jump.takeoff.contacts is not None
 
 
-def test_where_none_is_found_what_stands_in_the_way_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_none_is_found_what_stands_in_the_way_is_said(monkeypatch):
     """And nothing that was asked is dropped for it: without the duration it would be found, so it is."""
-    tried: list[fp.Problem] = []
+    tried = []
 
-    def searched(problem: fp.Problem, **options: Any) -> Jump:
+    def searched(problem, **options):
         if "near" not in options:  # not again, for links that overlap
             tried.append(problem)
-        assert problem.jump is not None
         return Jump(problem, problem.jump, explanation="It is too long.") if problem.jump.fixed else backflip()
 
     monkeypatch.setattr(flight, "jump", searched)

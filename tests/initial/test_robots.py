@@ -74,7 +74,7 @@ def test_legs_side_by_side_are_coupled(tmp_path):
     assert not chosen_robot(written(tmp_path, trunk, legs[0], heavier, joint("one", 0), joint("two", 0))).robot.coupled
 
 
-def humanoid(*, sideways: int) -> str:
+def humanoid(*, sideways):
     """A biped on soles of whose joints more turn sideways than ahead."""
     legs = []
     for side, way in (("left", 0.1), ("right", -0.1)):
@@ -126,7 +126,6 @@ def test_legs_on_wheels_stand_on_them(tmp_path, make, count):
     assert rolls <= set(chosen.robot.locked)
     assert dict(chosen.choices["locked"]) == dict.fromkeys(rolls, 0.0)
     problem = jump_problem(chosen, 0, InitOptions())
-    assert problem.jump is not None
     assert problem.jump.feet == "rolling"
     setup = jump_setup(problem, problem.jump)
     assert all(contact.radius == pytest.approx(0.06, abs=1e-3) for contact in setup.phases[0].contacts)

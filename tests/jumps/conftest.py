@@ -4,7 +4,7 @@ from needed import skip_or_fail
 
 
 @pytest.fixture(scope="session", autouse=True)
-def installed() -> None:
+def installed():
     """What jumps need."""
     if not INSTALLED:
         skip_or_fail("CasADi or example-robot-data is not installed")

@@ -14,18 +14,18 @@ from floatplan.jumps.setup import jump_setup
 
 
 @pytest.fixture
-def at_leisure(monkeypatch: pytest.MonkeyPatch) -> None:
+def at_leisure(monkeypatch):
     """What would help is tried to the end, however long the search before took."""
     monkeypatch.setattr(planner, "process_time", lambda: 0.0)
 
 
-def weak(share: float) -> fp.Problem:
+def weak(share):
     problem = go2_problem()
     own = zip(problem.robot.motors, problem.motor_torque_limits.tolist(), strict=True)
     return replace(problem, limits=replace(problem.limits, torque={name: share * most for name, most in own}))
 
 
-def narrow() -> fp.Problem:
+def narrow():
     problem = go2_problem()
     ranges = (problem.initial.positions[:, None] + [-0.2, 0.2]).tolist()
     return replace(problem, limits=replace(problem.limits, position=ranges))
@@ -41,7 +41,7 @@ CASES = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
-def test_what_was_made_too_small_stands_in_the_way(name: str) -> None:
+def test_what_was_made_too_small_stands_in_the_way(name):
     make, request, kind, most = CASES[name]
     program = jump_setup(replace(make(), jump=request), request).program(MARGINS, iterations=60)
     timed = ("duration of (takeoff",) if request.takeoff.durations else ()
@@ -51,7 +51,7 @@ def test_what_was_made_too_small_stands_in_the_way(name: str) -> None:
 
 @pytest.mark.long
 @pytest.mark.usefixtures("at_leisure")
-def test_a_search_that_finds_nothing_says_why() -> None:
+def test_a_search_that_finds_nothing_says_why():
     said = list[str]()
     answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.12), starts=1, near=backflip(), progress=said.append)
     assert not answer.ok

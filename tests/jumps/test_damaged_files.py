@@ -3,9 +3,6 @@
 import copy
 import json
 import random
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from fuzz_mutations import NUMBERS, TEXTS
@@ -14,17 +11,16 @@ from once import made_once
 import floatplan as fp
 from floatplan.errors import InputError
 
-HOSTILE: tuple[Any, ...] = (*NUMBERS, *TEXTS, None, True, [], {}, [[]], [None], {"": 0}, [1, "x"], "1.0")
+HOSTILE = (*NUMBERS, *TEXTS, None, True, [], {}, [[]], [None], {"": 0}, [1, "x"], "1.0")
 PYTHON_WORDS = ("could not convert", "iterable", "subscriptable", "' object", "attribute", "unhashable", "NoneType")
 LONG_LISTS = 1  # entries of a list of numbers that are spoiled, of all that are there
 
 
-def hop(root: Path) -> fp.Jump:
-    found: fp.Jump = made_once("high_jumper.toml", lambda: fp.jump(root / "problems/jumps/high_jumper.toml", starts=1))
-    return found
+def hop(root):
+    return made_once("high_jumper.toml", lambda: fp.jump(root / "problems/jumps/high_jumper.toml", starts=1))
 
 
-def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+def places(value, path=()):
     """Paths of everything in a file, of long lists only some of the entries."""
     if path:
         yield path
@@ -36,7 +32,7 @@ def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
             yield from places(item, (*path, index))
 
 
-def spoiled(content: Any, path: tuple[Any, ...], value: Any) -> Any:
+def spoiled(content, path, value):
     other = copy.deepcopy(content)
     inside = other
     for step in path[:-1]:
@@ -47,7 +43,7 @@ def spoiled(content: Any, path: tuple[Any, ...], value: Any) -> Any:
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("error")
-def test_any_value_of_a_jumps_file_may_be_anything(root: Path, tmp_path: Path) -> None:
+def test_any_value_of_a_jumps_file_may_be_anything(root, tmp_path):
     """Each place with some hostile value: refused with file and place, or a jump whose check says what is broken."""
     content = json.loads(hop(root).to_json())
     rng, path, refused = random.Random(0), tmp_path / "jump.json", 0
@@ -79,9 +75,7 @@ def test_any_value_of_a_jumps_file_may_be_anything(root: Path, tmp_path: Path) -
         (("flight", "angular_momentum"), "much", r"flight\.angular_momentum"),
     ],
 )
-def test_what_is_wrong_has_a_place_and_advice(
-    place: tuple[Any, ...], value: Any, said: str, root: Path, tmp_path: Path
-) -> None:
+def test_what_is_wrong_has_a_place_and_advice(place, value, said, root, tmp_path):
     path = tmp_path / "some.json"
     path.write_text(json.dumps(spoiled(json.loads(hop(root).to_json()), place, value)))
     with pytest.raises(InputError, match=said) as caught:

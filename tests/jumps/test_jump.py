@@ -2,8 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +15,7 @@ from floatplan.jumps.planner import jump
 from floatplan.jumps.reading import load_jump
 
 
-def test_it_is_found_and_checked() -> None:
+def test_it_is_found_and_checked():
     found = backflip()
     assert found.ok
     assert [phase.kind for phase in found.phases] == ["stance", "stance", "flight", "stance", "stance"]
@@ -37,12 +35,12 @@ def test_it_is_found_and_checked() -> None:
     assert "within 4 ms" in " ".join(found.check.sentences)
 
 
-def test_the_flight_is_proved() -> None:
+def test_the_flight_is_proved():
     assert backflip().flight is not None
     assert fp.certify(backflip().flight).proved
 
 
-def test_it_stands_at_both_ends() -> None:
+def test_it_stands_at_both_ends():
     found = backflip()
     ends = found.at([0.0, found.duration])
     assert np.abs(ends.velocities).max() < 1e-9
@@ -51,7 +49,7 @@ def test_it_stands_at_both_ends() -> None:
 
 
 @pytest.mark.parametrize("feet", cases(["points", "auto"], {"points"}))
-def test_pinocchio_s_free_flyer_of_the_file_balances(feet: Literal["points", "auto"]) -> None:
+def test_pinocchio_s_free_flyer_of_the_file_balances(feet):
     """In the file's own model, with gravity and six coordinates of the base: nothing of floatplan is in it.
 
     Forces act at the frames of feet that are points, and below those of feet that roll, by their radius.
@@ -77,7 +75,7 @@ def test_pinocchio_s_free_flyer_of_the_file_balances(feet: Literal["points", "au
         assert np.abs(wrench[[0, 2, 4]]).max() < 1e-3 * weight
 
 
-def test_it_is_the_same_after_saving(tmp_path: Path) -> None:
+def test_it_is_the_same_after_saving(tmp_path):
     found = backflip()
     again = load_jump(found.save(tmp_path / "jump.json"))
     times = np.linspace(0.0, found.duration, 17)
@@ -88,11 +86,10 @@ def test_it_is_the_same_after_saving(tmp_path: Path) -> None:
 
 
 @pytest.mark.long
-def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root: Path) -> None:
+def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root):
     """A sole's are 10 mm thicker than it, while the legs that swing back may only just clear the ground."""
     found = jump(root / "problems" / "jumps" / "talos_hop.toml", starts=1)
     assert found.ok
-    assert found.flight is not None
     assert fp.certify(found.flight).proved
     assert found.check.figures["feet"] > -1e-3
     below, ground = found.flight.problem.obstacles
@@ -101,7 +98,7 @@ def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(ro
 
 
 @pytest.mark.long
-def test_what_cannot_be_is_not_found_and_says_why() -> None:
+def test_what_cannot_be_is_not_found_and_says_why():
     """With a tenth of its torque the robot does not even lift itself."""
     problem = go2_problem()
     weak = replace(problem, limits=fp.Limits(velocity="urdf", torque=2.0))
@@ -111,7 +108,7 @@ def test_what_cannot_be_is_not_found_and_says_why() -> None:
 
 
 @pytest.mark.long
-def test_from_a_jump_at_hand_another_is_found_that_holds_as_well() -> None:
+def test_from_a_jump_at_hand_another_is_found_that_holds_as_well():
     """Whatever changed, without a start; and where none is, the same is said as without."""
     found, said = backflip(), list[str]()
     lasted = [phase.end - phase.begin for phase in found.phases]
@@ -132,7 +129,7 @@ def test_from_a_jump_at_hand_another_is_found_that_holds_as_well() -> None:
 
 
 @pytest.mark.long
-def test_the_largest_share_of_the_limits_is_less_where_that_is_asked() -> None:
+def test_the_largest_share_of_the_limits_is_less_where_that_is_asked():
     """Than where squared torques are least; and what is said of it is what the check measured."""
     problem = go2_problem()
     spared = jump(problem, fp.JumpRequest(objective="limits"), starts=2)
@@ -142,5 +139,4 @@ def test_the_largest_share_of_the_limits_is_less_where_that_is_asked() -> None:
     figures, margin = spared.check.figures, spared.request.margin
     share = max(figures[name] / margin.get(name, 1.0) for name in ("torque", "velocity", "held_torque"))
     told = re.search(r"Of what the margins leave the jump takes (\d+)%", spared.explanation)
-    assert told is not None
     assert int(told[1]) / 100 >= share - 0.005, "it is the share of the whole jump, of which stances are a part"

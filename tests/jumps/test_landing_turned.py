@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,10 +18,9 @@ from floatplan.jumps.setup import jump_setup
 
 
 @cache
-def touchdown_heights(error: float) -> float:
+def touchdown_heights(error):
     """Least height over the ground of knees and trunk of a Go2's backflip that lands turned, by Pinocchio's frames."""
     found = backflip()
-    assert found.flight is not None
     model = pin.buildModelFromXML(found.problem.robot.xml, pin.JointModelFreeFlyer())
     data, landing = model.createData(), found.takeoff_time + found.flight.duration
     least = np.inf
@@ -43,7 +41,7 @@ def touchdown_heights(error: float) -> float:
     return float(least)
 
 
-def test_it_lands_clear_of_the_ground_also_where_it_is_turned() -> None:
+def test_it_lands_clear_of_the_ground_also_where_it_is_turned():
     found = backflip()
     assert found.ok
     assert found.request.pitch_error == pytest.approx(np.radians(4), abs=1e-3)
@@ -51,7 +49,7 @@ def test_it_lands_clear_of_the_ground_also_where_it_is_turned() -> None:
     assert touchdown_heights(found.request.pitch_error) > 0.03
 
 
-def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path: Path) -> None:
+def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path):
     """The same motion is asked to be clear where it is turned by so much that its trunk is in the ground."""
     content = json.loads(backflip().to_json())
     content["problem"]["jump"]["pitch_error"] = 0.5
@@ -69,14 +67,14 @@ def test_a_landing_that_is_not_clear_where_it_is_turned_does_not_hold(tmp_path: 
 
 
 @pytest.mark.parametrize(("feet", "radius"), [("auto", 0.0227), ("rolling", 0.0227), ("points", 0.0), ("point", 0.0)])
-def test_feet_are_as_round_as_their_shapes_unless_points_are_asked_for(feet: Any, radius: float) -> None:
+def test_feet_are_as_round_as_their_shapes_unless_points_are_asked_for(feet, radius):
     setup = jump_setup(go2_problem(), fp.JumpRequest(feet=feet))
     radii = [contact.radius for phase in setup.phases for contact in phase.contacts]
     assert radii == pytest.approx([radius] * 6, abs=1e-3)
 
 
 @pytest.mark.parametrize("below", cases([0.0, 0.0013, 0.03], {0.0, 0.03}))
-def test_a_half_plane_under_the_feet_is_their_ground(below: float) -> None:
+def test_a_half_plane_under_the_feet_is_their_ground(below):
     """A hop of the high jumper, whose foot's point is at the origin, over a half-plane with a margin."""
     root = Path(__file__).resolve().parents[2]
     problem = fp.load_problem(root / "problems/jumps/high_jumper.toml")
@@ -86,14 +84,14 @@ def test_a_half_plane_under_the_feet_is_their_ground(below: float) -> None:
     assert "obstacles" not in found.check.figures
 
 
-def test_the_least_largest_share_is_that_of_the_whole_jump() -> None:
+def test_the_least_largest_share_is_that_of_the_whole_jump():
     """Of a hop: the flight of least torque takes more of a limit than the whole of the jump of the least share."""
     root = Path(__file__).resolve().parents[2]
     problem = fp.load_problem(root / "problems/jumps/high_jumper.toml")
     assert problem.jump is not None
     shares = []
     for objective in ("torque", "limits"):
-        found = fp.jump(problem, replace(problem.jump, objective=objective), starts=4)  # type: ignore[arg-type]
+        found = fp.jump(problem, replace(problem.jump, objective=objective), starts=4)
         assert found.ok
         shares.append(_largest_share(found, found.check))
     assert shares[1] < 0.7 * shares[0]

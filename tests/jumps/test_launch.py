@@ -1,7 +1,6 @@
 """Stances from rest to a takeoff: those of a jump are found again, and those that no robot can have are not."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ from floatplan.jumps.program import JumpProgram
 
 
 @pytest.mark.long
-def test_the_takeoff_of_a_jump_is_reached() -> None:
+def test_the_takeoff_of_a_jump_is_reached():
     """A stance is known, within 0.88 of the rates and 0.85 of the torques."""
     flight = backflip().flight
     assert flight is not None
@@ -33,10 +32,9 @@ def test_the_takeoff_of_a_jump_is_reached() -> None:
 @pytest.mark.parametrize(
     ("name", "seed", "together"), [("Go2", 324, False), ("A1", 1460, True), ("A1", 7043, True), ("A1", 9478, True)]
 )
-def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: int, together: bool) -> None:
+def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name, seed, together):
     """A foot that dips as little as the check lets; forces that leave the cone only between nodes; far guesses."""
     drawn = drawn_stance(Drawing(name), np.random.default_rng(seed), together)
-    assert drawn is not None
     found = launch(drawn.plan, drawn.request)
     assert found.ok
     assert found.ratio <= 1
@@ -45,7 +43,7 @@ def test_a_takeoff_that_is_known_to_be_within_reach_is_reached(name: str, seed: 
     assert not sentences_on(drawn.request, {key: value for key, value in found.figures.items() if key not in shares})[0]
 
 
-def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch):
     """The rates with which the foot is at rest are those of ``takeoff``: beyond the limits there is nothing to find."""
     monkeypatch.setattr(JumpProgram, "solve", lambda *_: pytest.fail("a search for what there is not"))
     problem = replace(go2_problem(), limits=fp.Limits(velocity=12.0), jump=None)
@@ -60,7 +58,7 @@ def test_a_takeoff_of_a_weak_robot_is_shown_to_be_impossible(monkeypatch: pytest
     assert after.sentences[0].endswith(", whatever comes after.")
 
 
-def test_the_torque_of_a_leader_with_its_followers_is_named_by_the_joint() -> None:
+def test_the_torque_of_a_leader_with_its_followers_is_named_by_the_joint():
     """It has a limit of its own, and its motors have none; limits of motors are named by the motor."""
     problem = go2_problem()
     robot = problem.robot
@@ -81,7 +79,7 @@ def test_the_torque_of_a_leader_with_its_followers_is_named_by_the_joint() -> No
     assert largest_user(by_motor, [state], "torque") == robot.motors[5]
 
 
-def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path: Path) -> None:
+def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_path):
     """The reference posture is in no URDF, and friction in no flight: the plan's file holds both."""
     problem = replace(go2_problem(), jump=fp.JumpRequest(friction=0.45))
     plan = fp.plan(problem)
@@ -89,6 +87,5 @@ def test_a_saved_plan_stands_where_its_robot_did_on_the_ground_of_its_jump(tmp_p
     np.testing.assert_array_equal(again.robot.resting, problem.robot.resting)
     assert again.problem.jump == problem.jump
     flight = backflip().flight
-    assert flight is not None
     assert flight.problem.jump == backflip().request
     np.testing.assert_array_equal(flight.robot.resting, problem.robot.resting)

@@ -24,7 +24,7 @@ ROBOTS = {
 
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("stands", [True, False])
-def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
+def test_torques_are_those_of_pinocchio(name, stands):
     """With contact forces beyond the joints, by RNEA in the robot's own model."""
     source, reference, feet = ROBOTS[name]
     robot = Robot.from_urdf(f"example-robot-data:{source}", coupled="mirror", plane="xz", reference=reference)
@@ -58,7 +58,7 @@ def test_torques_are_those_of_pinocchio(name: str, stands: bool) -> None:
 
 
 @pytest.mark.long
-def test_a_jump_is_found_that_keeps_within_efforts() -> None:
+def test_a_jump_is_found_that_keeps_within_efforts():
     """The front hips take 12.8 N m in the usual one."""
     problem, known = go2_problem(), backflip()
     tree, weaker = problem.robot.joint_tree, ("FL_hip_joint", "FR_hip_joint")

@@ -1,9 +1,6 @@
 """What a jump does not do is refused by its key, and never answered with another jump."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +9,12 @@ from jumps import go2_problem
 import floatplan as fp
 
 
-def flight(**changes: Any) -> fp.Problem:
+def flight(**changes):
     problem = go2_problem()
     return replace(problem, flight=replace(problem.flight, **changes))
 
 
-def test_a_file_without_a_jump_is_refused_by_the_command(floatplan: Callable[..., Any], root: Path) -> None:
+def test_a_file_without_a_jump_is_refused_by_the_command(floatplan, root):
     done = floatplan("jump", root / "problems/somersault.toml")
     assert done.code == 2
     assert "somersault.toml: jump: no jump is asked for" in done.stderr
@@ -36,13 +33,13 @@ def test_a_file_without_a_jump_is_refused_by_the_command(floatplan: Callable[...
         ),
     ],
 )
-def test_what_a_jump_does_not_keep_is_refused(problem: Callable[[], fp.Problem], said: str) -> None:
+def test_what_a_jump_does_not_keep_is_refused(problem, said):
     with pytest.raises(fp.InputError, match=said) as caught:
         fp.jump(problem())
     assert caught.value.advice
 
 
-def test_a_frame_of_the_takeoff_has_to_stand() -> None:
+def test_a_frame_of_the_takeoff_has_to_stand():
     """The feet that stand where none are named, and not the frame of the flight, would take off."""
     feet = [["RL_foot", "FL_foot"], ["RL_foot"]]
     request = fp.JumpRequest(takeoff=fp.JumpTakeoff(feet), landing=fp.JumpLanding(feet[::-1]))

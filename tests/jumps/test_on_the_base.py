@@ -1,22 +1,20 @@
 """Robots whose base is what stands: their jumps, with rotors in their motors and without."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import floatplan as fp
-from floatplan.jumps.jump import Jump
 
 
-def of_file(root: Path, name: str, **motors: float) -> fp.Problem:
+def of_file(root, name, **motors):
     problem = fp.load_problem(root / "problems" / "jumps" / f"{name}.toml")
     return replace(problem, robot=fp.Robot.from_urdf(problem.robot.path, **motors)) if motors else problem
 
 
-def assert_balanced(jump: Jump) -> None:
+def assert_balanced(jump):
     """RNEA of the file's free flyer, with rotors, takes the jump's torques and forces and nothing else."""
     robot = jump.problem.robot
     model = pin.buildModelFromXML(robot.xml, pin.JointModelFreeFlyer())
@@ -32,7 +30,7 @@ def assert_balanced(jump: Jump) -> None:
         assert np.abs(pin.rnea(model, data, q, v, a) - tau - pushed).max() < 1e-3 * 9.81 * robot.mass
 
 
-def test_it_hops_with_rotors_in_its_motors(root: Path) -> None:
+def test_it_hops_with_rotors_in_its_motors(root):
     problem = of_file(root, "high_jumper", armature=0.5)
     found = fp.jump(problem, starts=1)
     assert found.ok
@@ -44,7 +42,7 @@ def test_it_hops_with_rotors_in_its_motors(root: Path) -> None:
     assert fp.launch(found.flight).ok
 
 
-def test_it_lands_on_its_hands(root: Path) -> None:
+def test_it_lands_on_its_hands(root):
     """What stands after the flight alone is not kept above the ground there, and its base is as the goal's."""
     problem = of_file(root, "gymnast")
     bent = np.radians([40.0, -40.0])
@@ -60,7 +58,7 @@ def test_it_lands_on_its_hands(root: Path) -> None:
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["gymnast", "acrobat"])
-def test_jumps_of_chains_are_found(root: Path, name: str) -> None:
+def test_jumps_of_chains_are_found(root, name):
     found = fp.jump(of_file(root, name))
     assert found.ok
     assert_balanced(found)

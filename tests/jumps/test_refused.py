@@ -1,7 +1,6 @@
 """Stances that cannot be: each refused with its key and the reason, before anything is solved."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from jumps import go2_problem
@@ -56,7 +55,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("side", ["takeoff", "landing"])
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_cannot_stand_is_refused(name: str, side: str) -> None:
+def test_what_cannot_stand_is_refused(name, side):
     contacts, posture, reason = REFUSED[name]
     sides = {
         "takeoff": fp.JumpRequest(takeoff=fp.JumpTakeoff(contacts, from_=posture)),
@@ -68,17 +67,17 @@ def test_what_cannot_stand_is_refused(name: str, side: str) -> None:
         fp.jump(go2_problem(), sides[side])
 
 
-def test_the_base_s_own_frame_stands_nowhere() -> None:
+def test_the_base_s_own_frame_stands_nowhere():
     problem = go2_problem()
     free = replace(problem, flight=replace(problem.flight, takeoff=None))
     with pytest.raises(fp.InputError, match=r"flight\.takeoff: the frame there is the base's own"):
         fp.jump(free)
 
 
-def test_shapes_that_are_missing_are_not_passed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shapes_that_are_missing_are_not_passed_over(monkeypatch):
     """What is wrong with the robot is refused; it is no jump that was not found."""
 
-    def refuse(self: Robot) -> None:
+    def refuse(self):
         raise fp.InputError("a mesh is not to be found", source=self.source)
 
     monkeypatch.setattr(Robot, "check_shapes", refuse)
@@ -86,7 +85,7 @@ def test_shapes_that_are_missing_are_not_passed_over(monkeypatch: pytest.MonkeyP
         fp.jump(go2_problem())
 
 
-def test_legs_of_one_joint_cannot_stand_together(tmp_path: Path) -> None:
+def test_legs_of_one_joint_cannot_stand_together(tmp_path):
     legs = "".join(
         f'<body name="{name}" pos="{place} 0 0"><joint name="{name}_hip" axis="0 1 0" range="-60 60"/>'
         '<geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.02"/>'

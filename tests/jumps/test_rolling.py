@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 from jumps import GO2
 
-from floatplan.jumps.contacts import GroundContact, contact_at, rolling
+from floatplan.jumps.contacts import contact_at, rolling
 from floatplan.jumps.exact import OnePoint, StanceDynamics
 from floatplan.jumps.model import PlanarModel
 from floatplan.jumps.motion import Grid, Stance
@@ -15,13 +15,13 @@ from floatplan.jumps.planner import jump
 from floatplan.robot import Robot
 
 
-def go2_foot(frame: str = "RL_foot") -> tuple[Robot, GroundContact, np.ndarray]:
+def go2_foot(frame="RL_foot"):
     robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
     home = np.append(0.0, robot.resting)
     return robot, rolling(robot, contact_at(robot, frame, home)[0], home), home
 
 
-def rocking(times: np.ndarray) -> tuple[np.ndarray, ...]:
+def rocking(times):
     """Joints (4, N) of a Go2 that rocks on one pair of feet, with their derivatives."""
     sizes, rates = np.array([[0.3], [-0.5], [0.2], [0.4]]), np.array([[7.0], [9.0], [8.0], [6.0]])
     home = np.array([[0.7], [-1.4], [0.8], [-1.5]])
@@ -32,7 +32,7 @@ def rocking(times: np.ndarray) -> tuple[np.ndarray, ...]:
     )
 
 
-def test_a_foot_that_rolls_does_not_slip_and_balances() -> None:
+def test_a_foot_that_rolls_does_not_slip_and_balances():
     """A Go2 rocks on its rear feet: by Pinocchio what is on the ground is at rest, and all forces act there."""
     robot, contact, _ = go2_foot()
     dynamics = StanceDynamics(PlanarModel(robot), Phase("takeoff", (contact,), 1.0, (1.0, 1.0), 1), np.zeros(5))
@@ -61,7 +61,7 @@ def test_a_foot_that_rolls_does_not_slip_and_balances() -> None:
     np.testing.assert_allclose(heights, 0.1 - contact.radius, atol=1e-12)
 
 
-def test_a_hop_on_one_round_foot(tmp_path: Path) -> None:
+def test_a_hop_on_one_round_foot(tmp_path):
     """The high jumper, whose shank is its base and whose joints turn the other way, on a ball of 5 cm."""
     ball = '<link name="foot"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>'
     for name, old, new in (

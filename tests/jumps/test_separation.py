@@ -1,7 +1,6 @@
 """Jumps that keep away from obstacles, and whose links keep apart: found, where one without these would not be."""
 
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from jumps import backflip, go2_problem
@@ -9,7 +8,7 @@ from jumps import backflip, go2_problem
 import floatplan as fp
 from floatplan.errors import InputError
 
-AROUND: dict[str, dict[str, Any]] = {
+AROUND = {
     "a ceiling": {"obstacles": (fp.HalfPlane(point=(0.0, 0.85), normal=(0.0, -1.0)),)},
     "a post behind": {"obstacles": (fp.Bar(start=(-0.45, 0.0), end=(-0.45, 0.6), radius=0.03),)},
     "a ball that flies by": {"obstacles": (fp.Circle(center=(1.0, 0.8), radius=0.05, velocity=(-3.0, 0.0)),)},
@@ -21,7 +20,7 @@ AROUND: dict[str, dict[str, Any]] = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("case", AROUND)
-def test_a_jump_is_found_that_keeps_away(case: str) -> None:
+def test_a_jump_is_found_that_keeps_away(case):
     problem, known = replace(go2_problem(), **AROUND[case]), backflip()
     figure = "obstacles" if "obstacles" in AROUND[case] else "self_distance"
     assert replace(known, problem=problem).check.figures[figure] < 0
@@ -32,7 +31,7 @@ def test_a_jump_is_found_that_keeps_away(case: str) -> None:
 
 
 @pytest.mark.long
-def test_the_world_begins_where_the_frame_takes_off() -> None:
+def test_the_world_begins_where_the_frame_takes_off():
     """Moved with its obstacle, the jump is the same but for rounding; feet that are points leave where they stood."""
     problem, at = go2_problem(), (1.0, 0.5)
     moved = replace(problem.flight, takeoff=fp.Takeoff("RL_foot", at))
@@ -43,7 +42,7 @@ def test_the_world_begins_where_the_frame_takes_off() -> None:
     assert found.before[-1].anchor_position == pytest.approx(complex(*at), abs=1e-9)
 
 
-REFUSED: dict[str, tuple[dict[str, Any], str]] = {
+REFUSED = {
     "a wall in the way": ({"obstacles": (fp.HalfPlane(point=(0.3, 0.0), normal=(-1.0, 0.0)),)}, r"obstacles\[0\]"),
     "the ground": ({"obstacles": (fp.HalfPlane(point=(0.0, 0.0)),)}, r"obstacles\[0\]"),
     "links": ({"self_clearances": (fp.SelfClearance(("base", "FL_calf"), 0.1),)}, r"self_clearance\[0\]"),
@@ -51,13 +50,13 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_is_too_near_where_it_stands_is_refused(case: str) -> None:
+def test_what_is_too_near_where_it_stands_is_refused(case):
     given, element = REFUSED[case]
     with pytest.raises(InputError, match=f"{element}: where the robot stands, .* clear of"):
         fp.jump(replace(go2_problem(), **given))
 
 
-def test_an_obstacle_counts_while_it_is_there() -> None:
+def test_an_obstacle_counts_while_it_is_there():
     """One in the way of the flight, that is gone by then."""
     known, duration = backflip(), backflip().flight.duration
     x, z = known.flight.at(duration / 2).com_position.tolist()

@@ -13,12 +13,12 @@ from floatplan.robot.standing import positions_from_com
 TALOS = "example-robot-data:talos_data/robots/talos_reduced.urdf"
 
 
-def level(robot: Robot) -> np.ndarray:
+def level(robot):
     """The reference posture, its base level."""
     return np.append(0.0, robot.resting)
 
 
-def test_a_humanoid_stands_on_heel_and_toe() -> None:
+def test_a_humanoid_stands_on_heel_and_toe():
     robot = Robot.from_urdf(TALOS, coupled="mirror", plane="xz", reference="half_sitting")
     toe, heel = contact_at(robot, "leg_left_6_link", level(robot))
     assert (toe.suffix, heel.suffix, toe.vertical, heel.vertical) == (".toe", ".heel", False, True)
@@ -27,7 +27,7 @@ def test_a_humanoid_stands_on_heel_and_toe() -> None:
     assert abs(places[0].imag - toe.depth - places[1].imag + heel.depth) < 1e-9
 
 
-def test_where_nothing_stands_there_is_no_posture_and_a_reason() -> None:
+def test_where_nothing_stands_there_is_no_posture_and_a_reason():
     robot = Robot.from_urdf(GO2, coupled="mirror", reference="standing")
     contacts = [contact_at(robot, frame, level(robot))[0] for frame in ("RL_foot", "FL_foot")]
     narrow = np.array([[0.0, 0.0], [0.0, 0.1], [-1.0, -0.9], [1.5, 1.6], [-1.0, -0.9]])

@@ -1,32 +1,28 @@
 """Legs that are straight where they stand together: their joints cannot follow, and no exception leaves a search."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import floatplan as fp
 from floatplan.jumps import planner
 from floatplan.jumps.planner import jump_of_solution
-from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import Setup, jump_setup, solve_in_rounds
-from floatplan.jumps.variables import JumpSolution
+from floatplan.jumps.setup import jump_setup, solve_in_rounds
 from floatplan.problem.parts import Flight
 
 INERTIA = '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/>'
 
 
-def table(folder: Path, knees: tuple[float, float] = (-2.4, 2.4), axis: int = 1) -> fp.Robot:
+def table(folder, knees=(-2.4, 2.4), axis=1):
     """A body on a straight leg in front and one behind."""
 
-    def link(name: str, mass: float, at: float, shape: str = "") -> str:
+    def link(name, mass, at, shape=""):
         inertia = INERTIA.format(i=0.004 * mass)
         return (
             f'<link name="{name}"><inertial><origin xyz="0 0 {at}"/><mass value="{mass}"/>{inertia}</inertial>'
             f"{shape}</link>"
         )
 
-    def joint(name: str, parent: str, child: str, place: str, low: float, high: float) -> str:
+    def joint(name, parent, child, place, low, high):
         return (
             f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
             f'<origin xyz="{place}"/><axis xyz="0 {axis} 0"/>'
@@ -48,12 +44,12 @@ def table(folder: Path, knees: tuple[float, float] = (-2.4, 2.4), axis: int = 1)
     return fp.Robot.from_urdf(path, plane="xz")
 
 
-def hop(robot: fp.Robot, **takeoff: object) -> fp.Problem:
+def hop(robot, **takeoff):
     posture = fp.Posture(0.0, robot.resting)
     flight = Flight(0.25, angular_momentum="free", takeoff=fp.Takeoff("rear_foot"))
     both = ("rear_foot", "front_foot")
     request = fp.JumpRequest(
-        takeoff=fp.JumpTakeoff(contacts=[both, both[:1]], **takeoff),  # type: ignore[arg-type]
+        takeoff=fp.JumpTakeoff(contacts=[both, both[:1]], **takeoff),
         landing=fp.JumpLanding(contacts=[both[1:], both]),
     )
     limits = fp.Limits(velocity="urdf", torque="urdf")
@@ -61,7 +57,7 @@ def hop(robot: fp.Robot, **takeoff: object) -> fp.Problem:
 
 
 @pytest.fixture(scope="module")
-def solution(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, JumpProgram, JumpSolution]:
+def solution(tmp_path_factory):
     """A hop's program, from standing on legs that are straight in the file, and its solution."""
     problem = hop(table(tmp_path_factory.mktemp("table")))
     assert problem.jump is not None
@@ -70,9 +66,7 @@ def solution(tmp_path_factory: pytest.TempPathFactory) -> tuple[Setup, JumpProgr
     return (setup, *solve_in_rounds(first, first.guess()))
 
 
-def test_from_straight_legs_it_stands_bent_and_a_jump_is_found(
-    solution: tuple[Setup, JumpProgram, JumpSolution],
-) -> None:
+def test_from_straight_legs_it_stands_bent_and_a_jump_is_found(solution):
     setup = solution[0]
     knees = [1 + setup.problem.robot.joints.index(f"{name}_knee") for name in ("rear", "front")]
     assert np.abs(setup.ends[:, knees]).min() > 0.4

@@ -1,9 +1,6 @@
 """A jump's file that is spoiled in one place: its check says so, or reading refuses it."""
 
 import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,12 +11,11 @@ from floatplan.errors import InputError
 from floatplan.jumps.check import sentences_on
 from floatplan.jumps.reading import load_jump
 
-Spoil = Callable[[dict[str, Any]], object]
 STANCES = range(4)
 
 
-def arrays(change: Callable[[np.ndarray], np.ndarray], name: str, *stances: int) -> Spoil:
-    def spoil(content: dict[str, Any]) -> None:
+def arrays(change, name, *stances):
+    def spoil(content):
         for index in stances:
             stance = content["stances"][index]
             stance[name] = change(np.array(stance[name])).tolist()
@@ -27,31 +23,31 @@ def arrays(change: Callable[[np.ndarray], np.ndarray], name: str, *stances: int)
     return spoil
 
 
-def contacts(change: Callable[[dict[str, Any]], object], *stances: int) -> Spoil:
+def contacts(change, *stances):
     return lambda content: [change(each) for index in stances for each in content["stances"][index]["contacts"]]
 
 
-def in_problem(**changes: Any) -> Spoil:
+def in_problem(**changes):
     return lambda content: content["problem"].update(changes)
 
 
-def circle(*center: float) -> Spoil:
+def circle(*center):
     return in_problem(obstacles=[{"kind": "circle", "center": center, "radius": 0.05}])
 
 
-def weak_pairs(content: dict[str, Any]) -> None:
+def weak_pairs(content):
     """Limits of the sum of left and right, which no single motor has."""
     del content["problem"]["limits"]["motor_torque"]
     content["problem"]["limits"]["torque"] = [20.0] * 4
 
 
-def bend(values: np.ndarray) -> np.ndarray:
+def bend(values):
     """The front calves stretched in the middle of the stance, which the rows of their rates follow."""
     values[2] += 0.02 * np.sin(np.pi * np.linspace(0.0, 1.0, values.shape[1])) ** 2
     return values
 
 
-SPOILED: dict[str, tuple[Spoil, str]] = {  # what is changed; the figure that shows it, or what reading says
+SPOILED = {  # what is changed; the figure that shows it, or what reading says
     "forces scaled": (arrays(lambda ratios: 3 * ratios, "ratios", 0), "friction"),
     "forces shifted": (arrays(lambda ratios: ratios + 0.3, "ratios", 3), "slip"),
     "a phase shifted": (arrays(lambda times: times + 0.01, "times", 1), "gap"),
@@ -105,7 +101,7 @@ DAILY = {
 
 
 @pytest.mark.parametrize("case", cases(SPOILED, SPOILED.keys() - DAILY))
-def test_a_spoiled_file_is_refused(case: str, tmp_path: Path) -> None:
+def test_a_spoiled_file_is_refused(case, tmp_path):
     spoil, shown = SPOILED[case]
     found = backflip()
     path = found.save(tmp_path / "jump.json")

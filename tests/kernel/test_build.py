@@ -7,9 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from elsewhere import hear_ctrl_c
@@ -38,7 +36,7 @@ pathlib.Path(arguments[arguments.index("-o") + 1]).write_text(" ".join([*argumen
 class Checkout:
     """A folder with the kernel's sources, and a compiler that writes down what it is to compile, and its arguments."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder):
         self.kernel = folder / "kernel"
         self.log = folder / "compiled"
         self.compiler = folder / "compiler"
@@ -46,29 +44,27 @@ class Checkout:
         self.files = self.listed()
         self.compile_by()
 
-    def compile_by(self, step: str = "") -> None:
+    def compile_by(self, step=""):
         """Let the compiler take a further step before it writes."""
         self.log.write_text("")
         self.compiler.write_text(COMPILER.format(python=sys.executable, log=str(self.log), step=step))
         self.compiler.chmod(0o755)
 
     @property
-    def compiled(self) -> list[str]:
+    def compiled(self):
         return sorted(self.log.read_text().split())
 
-    def listed(self) -> list[str]:
+    def listed(self):
         return sorted(path.name for path in self.kernel.iterdir() if path.name != "__pycache__")
 
-    def module(self) -> ModuleType:
+    def module(self):
         """The module that compiles, as it is imported anew with the sources as they are."""
         spec = importlib.util.spec_from_file_location("kernel_build", self.kernel / "build.py")
-        assert spec is not None
-        assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         return module
 
-    def start(self, *arguments: str) -> subprocess.Popen[str]:
+    def start(self, *arguments):
         """Compile in a process of its own."""
         command = [sys.executable, str(self.kernel / "build.py"), *arguments]
         environment = {**os.environ, "CXX": str(self.compiler)}
@@ -79,24 +75,22 @@ ONCE = sorted([*(Path(unit).stem for unit in build.UNITS), "link"])
 
 
 @pytest.fixture
-def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Checkout:
+def checkout(tmp_path, monkeypatch):
     made = Checkout(tmp_path)
     monkeypatch.setenv("CXX", str(made.compiler))
     monkeypatch.delenv("ARCHFLAGS", raising=False)
     return made
 
 
-def wait_until(happened: Callable[[], bool]) -> None:
+def wait_until(happened):
     deadline = time.monotonic() + PATIENCE
     while not happened():
         assert time.monotonic() < deadline
         time.sleep(0.02)
 
 
-def test_a_library_is_taken_while_nothing_that_makes_it_has_changed(
-    checkout: Checkout, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def compiled_anew() -> bool:
+def test_a_library_is_taken_while_nothing_that_makes_it_has_changed(checkout, monkeypatch):
+    def compiled_anew():
         checkout.log.write_text("")
         checkout.module().build_if_needed()
         return checkout.compiled == ONCE
@@ -115,7 +109,7 @@ def test_a_library_is_taken_while_nothing_that_makes_it_has_changed(
     assert checkout.compiled == ONCE
 
 
-def test_of_two_that_need_it_one_compiles(checkout: Checkout) -> None:
+def test_of_two_that_need_it_one_compiles(checkout):
     """The first goes on once the second is there."""
     both = checkout.kernel.parent / "both"
     checkout.compile_by(f"while not pathlib.Path({str(both)!r}).exists(): time.sleep(0.02)")
@@ -127,7 +121,7 @@ def test_of_two_that_need_it_one_compiles(checkout: Checkout) -> None:
     assert checkout.compiled == ONCE
 
 
-def ended(processes: Sequence[int]) -> bool:
+def ended(processes):
     for process in processes:
         try:
             os.kill(process, 0)
@@ -142,7 +136,7 @@ def ended(processes: Sequence[int]) -> bool:
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_an_interrupted_build_leaves_neither_files_nor_compilers(checkout: Checkout, number: int) -> None:
+def test_an_interrupted_build_leaves_neither_files_nor_compilers(checkout, number):
     processes = checkout.kernel.parent / "processes"
     processes.mkdir()
     checkout.compile_by(f"pathlib.Path({str(processes)!r}, str(os.getpid())).touch()\ntime.sleep({10 * PATIENCE})")
@@ -154,7 +148,7 @@ def test_an_interrupted_build_leaves_neither_files_nor_compilers(checkout: Check
     wait_until(lambda: ended([int(path.name) for path in processes.iterdir()]))
 
 
-def test_only_what_is_of_a_set_of_instructions_uses_it() -> None:
+def test_only_what_is_of_a_set_of_instructions_uses_it():
     """What the sets share, and what chooses among them, runs on every processor: no instruction of AVX is in it."""
     if library.kernel().instructions == 0 or sys.platform != "linux":
         pytest.skip("there is one set")

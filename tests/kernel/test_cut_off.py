@@ -3,9 +3,9 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from places import ROOT
+
 SHARES = (0.0, 1e-4, 0.01, 0.3, 0.9, 0.9999)
 LOADING = """
 import pathlib, sys
@@ -22,7 +22,7 @@ for number, share in enumerate(sys.argv[1:]):
 """
 
 
-def test_it_is_not_loaded(tmp_path: Path) -> None:
+def test_it_is_not_loaded(tmp_path):
     """In a process of its own, which the system would kill."""
     command = [sys.executable, "-c", LOADING, *map(str, (*SHARES, 1.0))]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -4,11 +4,11 @@ import os
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 from elsewhere import told
+from places import ROOT
 from plain_problems import plain_problems
 
 import floatplan as fp
@@ -16,8 +16,6 @@ from floatplan.kernel import build, library
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.planning.batch import follow_unconstrained
 from floatplan.planning.kernel_input.numbers import Numbers
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture
@@ -74,7 +72,7 @@ def checkout(tmp_path):
     return tmp_path
 
 
-def built(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
+def built(folder, **environment):
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, env={**os.environ, **environment})
 
@@ -108,7 +106,7 @@ def test_an_editable_installation_leaves_the_kernel_to_who_compiles_it_elsewhere
     assert built(checkout, **elsewhere).returncode == 1
 
 
-def asked_for(folder: Path, path: str) -> list[str]:
+def asked_for(folder, path):
     """What an installation asks for before it builds a wheel."""
     code = "from hatchling.build import *; print(*get_requires_for_build_wheel(), *get_requires_for_build_editable())"
     return told(code, folder, PATH=path, CXX="").split()

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 ROW_TOLERANCE = 1e-8  # in its own unit, by which a row may be violated
 
 
-def drawn(rng: np.random.Generator) -> tuple[Evaluation[None], np.ndarray]:
+def drawn(rng):
     """A linearised program and a Hessian; some have no solution."""
     size = int(rng.choice([1, 2, 3, 5, 8, 13, 48, 100]))
     equalities, count = int(rng.integers(0, min(size, 4))), int(rng.integers(0, 60))
@@ -48,7 +48,7 @@ def test_solutions_are_optimal(seed):
     assert solved > 10
 
 
-def smooth(seed: int, deficit: str) -> tuple[Evaluation[None], np.ndarray]:
+def smooth(seed, deficit):
     """A program whose rows are a smooth function between bounds, at many instants; its Hessian is not definite."""
     rng = np.random.default_rng(seed)
     size, count = int(rng.integers(4, 15)), int(rng.integers(10, 200))
@@ -78,7 +78,6 @@ def test_a_hessian_that_is_not_definite_leaves_no_residuals(deficit, unbalanced,
     for seed in range(100):
         program, hessian = smooth(seed, deficit)
         step = dual_step(program, hessian)
-        assert step is not None
         x, multipliers = step.direction, step.multipliers
         stationary = hessian @ x + program.gradient + multipliers.equality @ program.equality_jacobian
         stationary -= multipliers.inequality @ program.inequality_jacobian

@@ -19,7 +19,7 @@ JOINTS = (  # as many kinds as there are, the rest drawn
 INSTANTS = 11  # not a multiple of how many are computed at once
 
 
-def drawn_tree(seed: int) -> SpatialDynamics:
+def drawn_tree(seed):
     """A tree on a free base whose joints turn and slide, with rotors; some coupled, one held."""
     rng, model = np.random.default_rng(seed), pin.Model()
     model.gravity = pin.Motion.Zero()

@@ -11,7 +11,7 @@ from floatplan.kernel.structs import FFI, Struct, enumeration, layout
 from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
 
 
-def all_names(kind: str) -> list[str]:
+def all_names(kind):
     """Return the names of everything of a kind that the header declares: "struct" or "enum"."""
     declared, _, _ = FFI.list_types()
     return [name for name in declared if FFI.typeof(name).kind == kind]
@@ -45,7 +45,7 @@ def test_every_function_of_the_header_is_exported():
 def test_kept_declarations_are_those_of_the_header(tmp_path):
     """A module, which an installation has; where the header has changed since, it is read."""
     build.keep_declarations(tmp_path)
-    module: dict[str, object] = {}
+    module = {}
     exec((tmp_path / build.DECLARATIONS).read_text(), module)
     assert module["HEADER"] == build.header_digest()
     assert module["ffi"].sizeof("SearchProblem") == FFI.sizeof("SearchProblem")

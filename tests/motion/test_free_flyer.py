@@ -1,12 +1,12 @@
 """q, v, a, tau of a plan, asked of the model that Pinocchio makes of the URDF itself on a free flyer."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
 from flight_reference import drawn_plan, random_coefficients
+from places import PROBLEMS
 from robot_samples import TWO_LINKS
 from straight_axes import axes_turned_in_file
 
@@ -23,7 +23,7 @@ PATH = Ballistics(read_only([0.3, 1.1]), read_only([-0.4, 5.0]), GRAVITY)
 EXACT = 1e-9  # of the largest
 TILTED = 10.0  # times the tilt: how far off the file's own model is
 STEP = 1e-3  # s, of difference quotients of the fourth order
-GALLERY = Path(__file__).parents[2] / "problems" / "gallery"
+GALLERY = PROBLEMS / "gallery"
 
 installed = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 

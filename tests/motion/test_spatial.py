@@ -1,11 +1,11 @@
 """Flight in space: attitudes against another integrator, derivatives against differences, a planar plan flown there."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from places import URDF
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -17,7 +17,6 @@ from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.momentum import suggested_momentum
 from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm
 
-URDF = Path(__file__).resolve().parents[2] / "urdf"
 DURATION = 0.8
 
 

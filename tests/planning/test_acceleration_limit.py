@@ -1,33 +1,33 @@
 """Limits of the joints' accelerations: kept by the search, proved, drawn, and told."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "problems" / "new_configuration.toml"
+EXAMPLE = PROBLEMS / "new_configuration.toml"
 
 
-def limited(problem: fp.Problem, acceleration: object) -> fp.Problem:
+def limited(problem, acceleration):
     return replace(problem, limits=replace(problem.limits, acceleration=acceleration))
 
 
 @pytest.fixture(scope="module")
-def free() -> fp.Plan:
+def free():
     """The plan without the limit."""
     return fp.plan(fp.load_problem(EXAMPLE))
 
 
 @pytest.fixture(scope="module")
-def limits(free: fp.Plan) -> list[float]:
+def limits(free):
     return [0.95 * peak for peak in free.peaks.joints["acceleration"].tolist()]
 
 
 @pytest.fixture(scope="module")
-def plan(free: fp.Plan, limits: list[float]) -> fp.Plan:
+def plan(free, limits):
     found = fp.plan(limited(free.problem, limits))
     assert found.ok, found.explanation
     return found

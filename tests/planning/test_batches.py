@@ -15,11 +15,11 @@ WALL = fp.HalfPlane(point=(0.0, -1.0), normal=(0.1, 1.0), velocity=(0.1, 0.0))
 
 
 @pytest.fixture(scope="module")
-def weak(root) -> fp.Problem:
+def weak(root):
     return fp.load_problem(root / "problems" / "studies" / "weak_motors_problem.toml")
 
 
-def assert_as_alone(problems, monkeypatch) -> fp.Plans:
+def assert_as_alone(problems, monkeypatch):
     together = fp.plan_many(problems, attempts=3)
     with monkeypatch.context() as patched:
         patched.setattr(many, "is_batchable_family", lambda family: False)

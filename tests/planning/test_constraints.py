@@ -32,13 +32,13 @@ ENDS = {  # objective, what the accelerations are at takeoff and landing, and wh
 INSTANTS = np.array([0.0, 0.123, 0.5, 0.77, 1.0])  # besides the nodes; both ends among them
 
 
-def test_every_limit_and_objective_of_the_tables_is_among_them() -> None:
+def test_every_limit_and_objective_of_the_tables_is_among_them():
     assert set(LIMITS) == set(tables.LIMIT_TABLE)
     assert {objective for objective, *_ in ENDS.values()} == set(tables.OBJECTIVES)
 
 
 @pytest.fixture(params=ENDS)
-def program(request: pytest.FixtureRequest) -> KernelProgram:
+def program(request):
     """A flight of four links with everything that can move: h free, unequal degrees, and as many rows as there are."""
     objective, at_takeoff, at_landing, following = ENDS[request.param]
     start = fp.Posture(1.4, [0.3, -0.2, -2.0], "takeoff" if following else [0.3, -0.5, 0.2], at_takeoff)
@@ -72,9 +72,9 @@ def assert_derivative(values, derivative, x, scale):
         assert np.abs(derivative @ column - expected).max() < 1e-6 * size
 
 
-def test_every_kind_of_constraint_is_among_its_rows(program: KernelProgram) -> None:
-    limited: set[str] = set()
-    kept_clear: set[type] = set()
+def test_every_kind_of_constraint_is_among_its_rows(program):
+    limited = set()
+    kept_clear = set()
     for block in Search(program.problem).spec.constraints:
         if isinstance(block.rows, SumRows):
             limited |= block.rows.weights.keys()
@@ -85,7 +85,7 @@ def test_every_kind_of_constraint_is_among_its_rows(program: KernelProgram) -> N
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_derivatives_are_those_of_differences(program: KernelProgram, seed: int) -> None:
+def test_derivatives_are_those_of_differences(program, seed):
     """Of all rows, (14) and the objective by every variable, at a random motion with h anywhere within (9)."""
     variables, rng = program.of, np.random.default_rng(seed)
     z = rng.normal(scale=0.3, size=(3, variables.polynomials.width))

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from robot_samples import inertial
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 SPACE, URDF = ROOT / "problems" / "space", ROOT / "urdf"
 LEVEL = fp.Attitude(angles=(0, 0, 0), axes="xyz")
 TILTED = fp.Attitude(angles=(0.1, -0.1, 0.05), axes="xyz")
@@ -126,7 +126,7 @@ def test_what_slides_is_locked_in_metres_whatever_the_unit_of_angles(tmp_path, f
     run = floatplan("info", path, "--locked", "to_boom=0.3,to_neck=20", "--degrees", "--json")
     assert json.loads(run.stdout)["locked"] == wanted
     with pytest.raises(fp.InputError, match="angles: must be 'rad' or 'deg', not 'turns'"):
-        fp.Robot.from_urdf(path, angles="turns")  # type: ignore[arg-type]
+        fp.Robot.from_urdf(path, angles="turns")
 
 
 def test_robots_from_mjcf_fly_in_space_too(tmp_path):

@@ -10,10 +10,9 @@ import floatplan as fp
 from floatplan.motion.flight import flight_of
 from floatplan.motion.planar.contact_rates import contact_rates
 from floatplan.motion.planar.end_rates import end_rates
-from floatplan.plans.verdicts import Finding
 
 
-def problem_of(robot, momentum=-4.0, at_takeoff=0.0, at_landing=0.0, **others) -> fp.Problem:
+def problem_of(robot, momentum=-4.0, at_takeoff=0.0, at_landing=0.0, **others):
     """The high jumper's leap from crouched to crouched, gentle enough for joints at rest on the ground."""
     start = fp.Posture(1.3, [1.2, -0.9, -1.0], "takeoff", at_takeoff)
     goal = fp.Posture(1.1, [1.4, -1.2, -1.6], "landing", at_landing)
@@ -22,16 +21,16 @@ def problem_of(robot, momentum=-4.0, at_takeoff=0.0, at_landing=0.0, **others) -
 
 
 @pytest.fixture(scope="module")
-def jumper(root) -> fp.Robot:
+def jumper(root):
     return fp.Robot.from_urdf(root / "urdf" / "high_jumper.urdf")
 
 
 @pytest.fixture(scope="module", params=[-4.0, "midpoint", "free"])
-def plan(request, jumper) -> fp.Plan:
+def plan(request, jumper):
     return fp.plan(problem_of(jumper, request.param), prove=True)
 
 
-def labels(certificate: fp.Certificate) -> dict[str, Finding]:
+def labels(certificate):
     return {finding.label: finding for finding in certificate.findings}
 
 

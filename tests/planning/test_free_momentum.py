@@ -1,36 +1,33 @@
 """A free h: kept within limits at the ends too, not bound to (9), and sought from several sides."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from free_problems import free_problem
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-ROOT = Path(__file__).resolve().parents[2]
-PROBLEMS = ROOT / "problems"
 
-
-def free(problem: fp.Problem) -> fp.Problem:
+def free(problem):
     return replace(problem, flight=replace(problem.flight, angular_momentum="free"))
 
 
-def given(problem: fp.Problem, momentum: float) -> fp.Problem:
+def given(problem, momentum):
     return replace(problem, flight=replace(problem.flight, angular_momentum=momentum))
 
 
 @pytest.fixture(scope="module")
-def flip() -> fp.Problem:
+def flip():
     """A front flip of a Go2 whose thighs' torque at takeoff, which follows from h, is near its limit."""
     if robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     robot = fp.load_problem(PROBLEMS / "gallery" / "go2.toml").robot
     degree = np.pi / 180
 
-    def posture(orientation: float, **positions: float) -> fp.Posture:
+    def posture(orientation, **positions):
         joints = {f"{joint}_joint": degree * angle for joint, angle in positions.items()}
         return fp.Posture(degree * orientation, joints)
 
@@ -45,7 +42,7 @@ def flip() -> fp.Problem:
 
 
 @pytest.mark.parametrize(("torque", "known"), [(2.05, 6.7), (2.4, 3.88)])
-def test_limits_that_depend_on_h_hold_at_the_ends(flip: fp.Problem, torque: float, known: float) -> None:
+def test_limits_that_depend_on_h_hold_at_the_ends(flip, torque, known):
     """Known are objectives with given h; with h free it was once infeasible, or 6.66."""
     generalized = [torque if joint == "FL_thigh_joint" else np.inf for joint in flip.robot.joints]
     plan = fp.plan(replace(flip, limits=fp.Limits(velocity="urdf", torque=generalized)))
@@ -57,7 +54,7 @@ def test_limits_that_depend_on_h_hold_at_the_ends(flip: fp.Problem, torque: floa
 
 
 @pytest.mark.parametrize(("seed", "momentum"), [(15, -0.86), (22, -12.89)])
-def test_is_as_good_as_given(seed: int, momentum: float) -> None:
+def test_is_as_good_as_given(seed, momentum):
     """The best h of a scan, of problems where the first motion found is not the best."""
     problem = free_problem(seed)
     assert problem is not None
@@ -71,17 +68,17 @@ class TestOutside:
     """(9) bounds h only where no joint turns back."""
 
     @pytest.fixture
-    def cat(self) -> fp.Problem:
+    def cat(self):
         return fp.load_problem(PROBLEMS / "falling_cat.toml")
 
-    def test_a_flight_exists(self, cat: fp.Problem) -> None:
+    def test_a_flight_exists(self, cat):
         low, high = cat.momentum_interval
         plan = fp.plan(cat)
         assert plan.ok
         assert not low <= plan.angular_momentum <= high
 
     @pytest.mark.parametrize(("turn", "rate"), [(0.0, 2.35), (-0.1, 2.41)])
-    def test_a_free_h_goes_there_where_nothing_is_inside(self, cat: fp.Problem, turn: float, rate: float) -> None:
+    def test_a_free_h_goes_there_where_nothing_is_inside(self, cat, turn, rate):
         """The first joint moves at takeoff: with any h in (9) the base then turns faster than it may."""
         problem = replace(
             free(cat),

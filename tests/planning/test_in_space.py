@@ -7,10 +7,10 @@ import math
 import operator
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -19,7 +19,6 @@ from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.tables import ORIENTATION
 
-ROOT = Path(__file__).resolve().parents[2]
 SPACE = ROOT / "problems" / "space"
 
 
@@ -164,7 +163,7 @@ def test_a_motion_that_makes_other_turns_is_said_to():
     assert "it makes other turns than are asked for" in found.plan.explanation
 
 
-def somersaults(turns: float, **changes):
+def somersaults(turns, **changes):
     """Ask the diver for more of them than fit a guess of the whole flight at once."""
     problem = fp.load_problem(SPACE / "diver_half_twist.toml")
     goal = fp.Attitude(angles=(2 * math.pi * turns, 0, math.pi * turns), axes="yxz")

@@ -5,57 +5,54 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from forward_problems import GRADES, forward_problem
 from independent import Look, violations_seen
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.planar.bounds import impossibilities
 from floatplan.motion.planar.closed_form import Dynamics
 from floatplan.planning.search import DEFAULT_WORK
-from floatplan.problem.parts import Obstacle
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 WORK = DEFAULT_WORK / 20  # of the searches here
 NEAREST = re.compile(r"In the nearest motion found, (.+?) is violated by (\S+) (.+?) at t = ([\d.]+) s")
 AT_AN_END = re.compile(r"At (takeoff|landing) the (start|goal) itself is impossible: (.+?) is violated by (\S+) (\S+)")
 
 
 @cache
-def problem_of(name: str) -> fp.Problem:
+def problem_of(name):
     return fp.load_problem(PROBLEMS / f"{name}.toml")
 
 
-def with_obstacle(name: str, obstacle: Obstacle) -> fp.Problem:
+def with_obstacle(name, obstacle):
     return replace(problem_of(name), obstacles=(obstacle,))
 
 
-def with_limits(name: str, **limits: Any) -> fp.Problem:
+def with_limits(name, **limits):
     return replace(problem_of(name), limits=fp.Limits(position="full", **limits))
 
 
-def with_momentum(problem: fp.Problem, momentum: float) -> fp.Problem:
+def with_momentum(problem, momentum):
     return replace(problem, flight=replace(problem.flight, angular_momentum=momentum))
 
 
-def com(name: str, share: float) -> tuple[float, float]:
+def com(name, share):
     """Place of the centre of mass at a share of the flight."""
     duration = problem_of(name).flight.duration
     (place,) = problem_of(name).path.positions(np.array([share * duration]))
     return float(place[0]), float(place[1])
 
 
-def moved_to(place: tuple[float, float], velocity: tuple[float, float], time: float) -> tuple[float, float]:
+def moved_to(place, velocity, time):
     """Where what is at a place at a time was at takeoff."""
     return place[0] - velocity[0] * time, place[1] - velocity[1] * time
 
 
-def accelerated(name: str, end: str, acceleration: float) -> fp.Problem:
+def accelerated(name, end, acceleration):
     problem = problem_of(name)
     return replace(problem, **{end: replace(getattr(problem, end), accelerations=acceleration)})
 
@@ -153,13 +150,13 @@ CASES = {
 }
 
 
-def seen(plan: fp.Plan, label: str, instant: float) -> float:
+def seen(plan, label, instant):
     """By how much a requirement is violated at an instant, by code that is not the planner's."""
     look = Look(plan, np.array(sorted({0.0, instant, plan.duration})))
     return max(worst.amount for worst in violations_seen(look) if label.startswith(worst.label))
 
 
-def as_seen(problem: fp.Problem, amount: float) -> float:
+def as_seen(problem, amount):
     """The amount as far as that code can see it: to it, a line that crosses another is at distance 0."""
     bars = [obstacle.margin + obstacle.radius for obstacle in problem.obstacles if isinstance(obstacle, fp.Bar)]
     return min([amount, *bars])
@@ -167,7 +164,7 @@ def as_seen(problem: fp.Problem, amount: float) -> float:
 
 @pytest.mark.usefixtures("little_work")
 @pytest.mark.parametrize("name", CASES)
-def test_ends_soon_with_a_true_explanation(name: str) -> None:
+def test_ends_soon_with_a_true_explanation(name):
     case = CASES[name]
     problem = case.make()
     plan = fp.plan(problem)
@@ -194,16 +191,16 @@ def test_ends_soon_with_a_true_explanation(name: str) -> None:
 class TestNumbersInReasons:
     """The amounts that are given are those of the problem."""
 
-    def reasons(self, problem: fp.Problem) -> str:
+    def reasons(self, problem):
         return " ".join(impossibilities(problem))
 
-    def test_mean_velocity(self) -> None:
+    def test_mean_velocity(self):
         problem = with_limits(A, velocity={"q1": 2.8})
         mean = math.radians(70 + 108.97) / 1.1
         assert f"needs {mean:.4g} rad/s" in self.reasons(problem)
         assert not self.reasons(with_limits(A, velocity={"q1": mean}))
 
-    def test_turning_bounds_hold_for_every_motion(self) -> None:
+    def test_turning_bounds_hold_for_every_motion(self):
         """Motions within velocity limits turn by no more than the bound that is given."""
         rng = np.random.default_rng(5)
         problem = with_momentum(with_limits(B, velocity=10.0), 40.0)
@@ -214,7 +211,7 @@ class TestNumbersInReasons:
         assert least < 1.4 * rates.min()
         assert 1.4 * rates.max() < most
 
-    def test_rock_that_can_just_be_passed_is_no_reason(self) -> None:
+    def test_rock_that_can_just_be_passed_is_no_reason(self):
         depth = re.search(r"is (\S+) m inside it", self.reasons(CASES["a rock around the path"].make())).group(1)
         reach = re.search(r"further than (\S+) m", self.reasons(CASES["a rock around the path"].make())).group(1)
         assert float(depth) == pytest.approx(0.9, abs=0.01)
@@ -222,7 +219,7 @@ class TestNumbersInReasons:
         assert not self.reasons(smaller)
 
     @pytest.mark.parametrize("grade", GRADES)
-    def test_none_is_given_for_what_has_a_solution(self, grade: str) -> None:
+    def test_none_is_given_for_what_has_a_solution(self, grade):
         problems = [problem for seed in range(300, 312) if (problem := forward_problem(seed, grade))]
         assert len(problems) > 2
         for problem in problems:
@@ -233,7 +230,7 @@ class TestNumbersInReasons:
 @pytest.mark.parametrize(
     ("kind", "short"), [("torque", (2e-5, 1e-5)), ("velocity", (3e-6, 4e-5)), ("acceleration", (0.0, 2e-5))]
 )
-def test_what_would_make_a_plan_names_every_limit_that_is_exceeded(kind: str, short: tuple[float, float]) -> None:
+def test_what_would_make_a_plan_names_every_limit_that_is_exceeded(kind, short):
     """Next to no other motion reaches the goal; with what is said added to the limits, it exceeds none of them."""
     problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
     free = fp.plan(problem)
@@ -252,7 +249,7 @@ def test_what_would_make_a_plan_names_every_limit_that_is_exceeded(kind: str, sh
 
 
 @pytest.mark.usefixtures("little_work")
-def test_the_goal_that_only_touches_a_limit_is_reached() -> None:
+def test_the_goal_that_only_touches_a_limit_is_reached():
     """No room to aim inside: the only motion there is just meets its torque limits."""
     problem = replace(problem_of("handstand"), motion=fp.Motion(degree=(6, 5)))
     peaks = fp.plan(problem).peaks.torque

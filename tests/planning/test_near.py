@@ -1,33 +1,32 @@
 """Plans that begin with the motion of another one."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from needed import skip_or_fail
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.robot.urdf.tree import robots_folder
 
-PROBLEMS = Path(__file__).parents[2] / "problems"
 PATIENCE = 60.0  # s of budget that no search here uses up
 NAMES = ("obstacle", "torque_limited", "handstand_ground", "moving_hoop", "new_configuration_moving", "gallery/go2")
 
 
-def plan_near(problem: fp.Problem, near: fp.Plan, budget: float) -> fp.Plan:
+def plan_near(problem, near, budget):
     return planned(problem, SearchOptions(budget=budget), near).plan
 
 
-def problem_of(name: str) -> fp.Problem:
+def problem_of(name):
     if name.startswith("gallery") and robots_folder() is None:
         skip_or_fail("example-robot-data is not installed: the extra robots")
     return fp.load_problem(PROBLEMS / f"{name}.toml")
 
 
-def turned(problem: fp.Problem, angle: float) -> fp.Problem:
+def turned(problem, angle):
     """The problem with another last joint at the goal."""
     positions = np.array(problem.final.positions)
     positions[-1] += angle
@@ -35,7 +34,7 @@ def turned(problem: fp.Problem, angle: float) -> fp.Problem:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_plan_is_at_its_own_motion_and_a_small_change_is_planned_as_by_the_whole_search(name: str) -> None:
+def test_a_plan_is_at_its_own_motion_and_a_small_change_is_planned_as_by_the_whole_search(name):
     problem = problem_of(name)
     plan = fp.plan(problem)
     again = plan_near(problem, plan, PATIENCE)
@@ -55,7 +54,7 @@ def test_a_plan_is_at_its_own_motion_and_a_small_change_is_planned_as_by_the_who
     assert np.allclose(near.at(near.duration).positions, changed.final.positions, atol=1e-9)
 
 
-def test_where_the_motion_at_hand_leads_to_none_another_is_searched() -> None:
+def test_where_the_motion_at_hand_leads_to_none_another_is_searched():
     """From one of another degree, and from none that holds; and it is said why there is none."""
     problem = problem_of("handstand_ground")
     lower, higher = (replace(problem, motion=replace(problem.motion, degree=degree)) for degree in (9, 13))
@@ -73,7 +72,7 @@ def test_where_the_motion_at_hand_leads_to_none_another_is_searched() -> None:
     assert plan_near(lower, none, PATIENCE).ok
 
 
-def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it(request) -> None:
+def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with_it(request):
     plan = request.getfixturevalue("planned")("space/free_ur5")
     problem = plan.problem
     again = plan_near(problem, plan, PATIENCE)

@@ -1,7 +1,6 @@
 """Every problem of problems/, and a sample of drawn ones, looked at by code that is not the planner's."""
 
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
@@ -20,33 +19,32 @@ BUDGET = 60.0  # s: a slow machine is no reason to fail
 HOLDS = 1e-6  # m, N m, rad/s, rad
 AT_EDGE = 1e-7  # m
 DENSE = 1_001  # instants, beside those about the extremes
-Planned = Callable[[str], fp.Plan]
 
 
-def problem_of(name: str) -> fp.Problem:
+def problem_of(name):
     return fp.load_problem(next(path for path in PROBLEMS if path.stem == name))
 
 
-def closer(look: Look, index: int) -> Look:
+def closer(look, index):
     """Look between the neighbours of a sample, where a fast motion leaves much to see."""
     last = len(look.times) - 1
     return Look(look.plan, np.linspace(look.times[max(index - 1, 0)], look.times[min(index + 1, last)], 201))
 
 
-def peak(look: Look, quantity: Callable[[Look], np.ndarray]) -> np.ndarray:
+def peak(look, quantity):
     """Largest magnitude (n,) of a quantity (K, n): of the highest sample, and of a closer look about it."""
     sampled = np.abs(quantity(look))
     return np.array([np.abs(quantity(closer(look, at)))[:, j].max() for j, at in enumerate(sampled.argmax(axis=0))])
 
 
-def lowest(look: Look) -> np.ndarray:
+def lowest(look):
     """The instants of the least clearances, by which a fast link sweeps: four at most."""
     values = clearance(look)
     at = np.flatnonzero((values[1:-1] <= values[:-2]) & (values[1:-1] <= values[2:])) + 1
     return look.times[at[np.argsort(values[at])[:4]]]
 
 
-def check_plan(plan: fp.Plan, folder: Path) -> None:
+def check_plan(plan, folder):
     """Everything holds, and what the plan file says of it is so."""
     assert plan.ok, plan.explanation
     look = Look(plan, np.linspace(0, plan.duration, DENSE))
@@ -67,12 +65,12 @@ def check_plan(plan: fp.Plan, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_problem_file_is_planned_and_holds_at_every_instant(planned: Planned, name: str, tmp_path: Path) -> None:
+def test_problem_file_is_planned_and_holds_at_every_instant(planned, name, tmp_path):
     check_plan(planned(name), tmp_path)
 
 
 @pytest.mark.parametrize("grade", cases(GRADES, {"medium", "hard"}))
-def test_problems_built_around_a_motion_are_solved(grade: str, tmp_path: Path) -> None:
+def test_problems_built_around_a_motion_are_solved(grade, tmp_path):
     """Among them two where links sweep past an obstacle so fast that a coarse look misses it."""
     problems = (forward_problem(seed, grade) for seed in range(200, 260))
     for problem in islice(filter(None, problems), 4):
@@ -83,7 +81,7 @@ class TestKnownAnswers:
     """Costs that are known from elsewhere, and constraints that change a plan."""
 
     @pytest.mark.parametrize(("name", "cost"), [("handstand_ground", 8.0), ("obstacle", 20.0)])
-    def test_more_starts_find_far_less(self, planned: Planned, name: str, cost: float) -> None:
+    def test_more_starts_find_far_less(self, planned, name, cost):
         several = fp.plan(problem_of(name), starts=24, budget=BUDGET)
         assert several.ok
         assert several.objective_value <= cost < planned(name).objective_value / 1.4
@@ -92,14 +90,14 @@ class TestKnownAnswers:
 class TestContact:
     """The ground at height 0, margin 0: foot and hand are on it at takeoff and landing."""
 
-    def test_ground_is_touched_at_both_ends_and_nowhere_else(self, planned: Planned) -> None:
+    def test_ground_is_touched_at_both_ends_and_nowhere_else(self, planned):
         plan = planned("handstand_ground")
         times = np.linspace(0, plan.duration, 2001)
         height = plan.clearances(times)
         assert np.abs(height[[0, -1]]).max() < 1e-9
         assert height[1:-1].min() > 0
 
-    def test_ground_under_a_robot_that_would_dig_in(self) -> None:
+    def test_ground_under_a_robot_that_would_dig_in(self):
         problem = problem_of("handstand_ground")
         raised = replace(problem, obstacles=(fp.HalfPlane(point=(0.0, 0.2), window=(0.2, 1.2)),))
         plan = fp.plan(raised, budget=BUDGET)
@@ -110,25 +108,25 @@ class TestContact:
 class TestWindows:
     """An obstacle bounds only while it exists."""
 
-    def wall(self, window: tuple[float, float]) -> fp.Problem:
+    def wall(self, window):
         """Example B's pole, grown to cover the start posture and all of the way."""
         return replace(problem_of("handstand"), obstacles=(fp.Circle(center=(0.0, 0.5), radius=0.6, window=window),))
 
-    def test_obstacle_over_the_start_that_comes_later(self) -> None:
+    def test_obstacle_over_the_start_that_comes_later(self):
         assert not fp.plan(self.wall((0.0, 0.1))).ok
         plan = fp.plan(self.wall((0.9, 1.4)), budget=BUDGET)
         assert plan.ok, plan.explanation
         assert plan.clearances(np.linspace(0.9, 1.4, 2001)).min() > -AT_EDGE
         assert np.isinf(plan.clearances([0.1])).all()
 
-    def test_window_narrower_than_the_nodes(self) -> None:
+    def test_window_narrower_than_the_nodes(self):
         problem = problem_of("obstacle")
         blink = replace(problem.obstacles[0], window=(0.7, 0.705))
         plan = fp.plan(replace(problem, obstacles=(blink,)), budget=BUDGET)
         assert plan.ok, plan.explanation
         assert plan.clearances(np.linspace(0.7, 0.705, 501)).min() > 0.02 - AT_EDGE
 
-    def test_motion_that_is_nearest_at_a_window_s_end_is_found_at_once(self) -> None:
+    def test_motion_that_is_nearest_at_a_window_s_end_is_found_at_once(self):
         plan = fp.plan(fp.load_problem(Path(__file__).parent / "cases" / "window.toml"), budget=BUDGET)
         assert plan.ok, plan.explanation
         assert plan.solver["starts"] == 1
@@ -149,7 +147,7 @@ class TestWindows:
             {(0.0, 5e-324), (-1.0, 0.0), (-1.0, 0.7), (0.7, 9.0)},
         ),
     )
-    def test_windows_of_an_instant_and_beyond_the_flight(self, window: tuple[float, float]) -> None:
+    def test_windows_of_an_instant_and_beyond_the_flight(self, window):
         problem = problem_of("obstacle")
         pole = replace(problem.obstacles[0], window=window)
         plan = fp.plan(replace(problem, obstacles=(pole,)), budget=BUDGET)
@@ -161,7 +159,7 @@ class TestWindows:
         assert certificate.clearance_min == pytest.approx(plan.peaks.clearance, abs=1e-5)
 
     @pytest.mark.parametrize(("window", "end"), [((-1.0, 5e-324), 0.0), ((-1.0, 0.0), 0.0), ((1.4, 2.0), 1.4)])
-    def test_obstacle_that_covers_the_robot_at_its_one_instant(self, window: tuple[float, float], end: float) -> None:
+    def test_obstacle_that_covers_the_robot_at_its_one_instant(self, window, end):
         problem = problem_of("handstand")
         place = fp.plan(problem).at([end]).com_position[0]
         ball = fp.Circle(center=(float(place[0]), float(place[1])), radius=0.1, window=window)
@@ -172,7 +170,7 @@ class TestWindows:
 
 
 class TestMovingObstacles:
-    def test_one_that_flies_beside_the_robot_is_as_one_that_stands_where_it_flies(self, planned: Planned) -> None:
+    def test_one_that_flies_beside_the_robot_is_as_one_that_stands_where_it_flies(self, planned):
         """Seen from the obstacle: velocity of the obstacle against that of the robot."""
         problem = problem_of("obstacle")
         pole = problem.obstacles[0]
@@ -188,7 +186,7 @@ class TestObjectives:
 
     @pytest.mark.parametrize("objective", ["torque", "acceleration"])
     @pytest.mark.parametrize("name", ["obstacle", "somersault"])
-    def test_free_momentum_costs_less(self, name: str, objective: str) -> None:
+    def test_free_momentum_costs_less(self, name, objective):
         problem = replace(problem_of(name), motion=fp.Motion(7, objective))
         midpoint, free = (
             fp.plan(replace(problem, flight=replace(problem.flight, angular_momentum=asked)), budget=BUDGET)

@@ -1,13 +1,12 @@
 """Obstacles of flights in space, links that keep apart, and the ground: kept, seen by others, or refused."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import coal
 import numpy as np
 import pytest
 from obstructed_in_space import least_seen, obstructed, obstructed_problem
+from places import SPACE
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -16,18 +15,17 @@ from floatplan.plans.record import check_requested
 from floatplan.robot.shapes.solid_capsules import solid_capsules
 from floatplan.robot.shapes.solids import LinkSolid
 
-SPACE = Path(__file__).resolve().parents[2] / "problems" / "space"
 AT_EDGE = 1e-7  # [m] that a clearance may be below its margin between instants
-DENSE = 5001
+DENSE = 2001
 
 
 @pytest.fixture(scope="module")
-def diver() -> fp.Problem:
+def diver():
     return fp.load_problem(SPACE / "diver_half_twist.toml")
 
 
 @pytest.fixture(scope="module")
-def past_a_bar(planned: Callable[[str], fp.Plan]) -> fp.Plan:
+def past_a_bar(planned):
     return planned("space/diver_past_a_bar")
 
 

@@ -19,7 +19,7 @@ PATIENT = 60  # s, where nothing but a neighbour's load could use up the default
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)  # that of example B, where DESIGN.md has it
 
 
-def assert_meets_its_ends(plan: fp.Plan) -> None:
+def assert_meets_its_ends(plan):
     """Boundary conditions (13), and the goal's orientation by an independent integration."""
     problem = plan.problem
     look = Look(plan, np.array([0.0, plan.duration]))
@@ -30,12 +30,12 @@ def assert_meets_its_ends(plan: fp.Plan) -> None:
 
 
 @lru_cache(maxsize=8)
-def dense(plan: fp.Plan) -> proof_reference.Dense:
+def dense(plan):
     """The flight at 20001 instants by Newton and Euler's equations of the bodies."""
     return proof_reference.evaluate(plan.robot, plan.record, np.linspace(0, plan.duration, 20_001))
 
 
-def change(problem: fp.Problem, **changes) -> fp.Problem:
+def change(problem, **changes):
     """The problem with some of its parts, or some values of its flight, replaced."""
     names = ("robot", "start", "goal", "flight", "motion", "limits", "obstacles", "self_clearances", "name")
     parts = {name: getattr(problem, name) for name in names}
@@ -45,22 +45,22 @@ def change(problem: fp.Problem, **changes) -> fp.Problem:
 
 
 @pytest.fixture(scope="session")
-def example_a(root) -> fp.Problem:
+def example_a(root):
     return fp.load_problem(root / "problems" / "new_configuration.toml")
 
 
 @pytest.fixture(scope="session")
-def handstand(root) -> fp.Problem:
+def handstand(root):
     return fp.load_problem(root / "problems" / "handstand.toml")
 
 
 @pytest.fixture(scope="session")
-def example_b(handstand) -> fp.Problem:
+def example_b(handstand):
     return change(handstand, obstacles=(CIRCLE,))
 
 
 @pytest.fixture(scope="session")
-def gentle(example_a) -> fp.Plan:
+def gentle(example_a):
     """Example A by the least accelerations."""
     return fp.plan(change(example_a, motion=fp.Motion(7, "acceleration")), budget=PATIENT)
 
@@ -132,7 +132,7 @@ class TestLimits:
 
 
 @pytest.fixture(scope="session")
-def plain(example_b) -> fp.Plan:
+def plain(example_b):
     return fp.plan(example_b, budget=PATIENT)
 
 
@@ -187,7 +187,7 @@ class TestInvariance:
         assert plan.peaks.torque == pytest.approx(factor * plain.peaks.torque, rel=1e-9)
 
 
-def written(folder, text) -> fp.Robot:
+def written(folder, text):
     path = folder / "robot.urdf"
     path.write_text(text)
     return fp.Robot.from_urdf(path)

@@ -1,18 +1,17 @@
 """Problem files of flights in space: what their comments say, that they fly; and goals that are known to be reached."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
+from places import SPACE
 from space_sections import drawn_goals
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import PREFIX, robots_folder
 
-FOLDER = Path(__file__).resolve().parents[2] / "problems" / "space"
-NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
+NAMES = sorted(path.stem for path in SPACE.glob("*.toml"))
 DAILY = ("cat", "go2_barrel_roll")
 
 
@@ -25,7 +24,7 @@ def plans(planned):
     "name", [name if name in DAILY else pytest.param(name, marks=pytest.mark.long) for name in NAMES]
 )
 def test_they_are_planned_within_limits_and_land(plans, name):
-    if PREFIX in (FOLDER / f"{name}.toml").read_text() and robots_folder() is None:
+    if PREFIX in (SPACE / f"{name}.toml").read_text() and robots_folder() is None:
         pytest.skip("example-robot-data is not installed")
     plan = plans(name)
     assert plan.ok, plan.explanation
@@ -81,7 +80,7 @@ def test_goals_to_which_drawn_motions_lead_are_found(seeds):
 def test_the_ur5_on_a_free_base_is_that_of_ur_description():
     """All bodies that move, where their joints are, and what these may do."""
     packaged = robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf"
-    ours = pin.buildModelFromUrdf(str(FOLDER.parents[1] / "urdf" / "free_ur5.urdf"))
+    ours = pin.buildModelFromUrdf(str(SPACE.parents[1] / "urdf" / "free_ur5.urdf"))
     theirs = pin.buildModelFromUrdf(str(packaged))
     assert list(ours.names) == list(theirs.names)
     assert ours.nv == 6

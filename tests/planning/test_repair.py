@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -17,7 +18,6 @@ from floatplan.planning.planner import planned
 from floatplan.planning.repair import judged, proved
 from floatplan.plans.verdicts import Finding
 
-ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "problems" / "new_configuration.toml"
 CIRCLE = fp.Circle(center=(1.485, 3.342), radius=0.2, margin=0.02)
 

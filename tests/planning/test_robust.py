@@ -3,11 +3,11 @@
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 import space_reference
+from places import PROBLEMS
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -19,7 +19,6 @@ from floatplan.planning.robust import RobustCost
 from floatplan.planning.spec import spec_of
 from floatplan.planning.variables import decision_variables
 
-PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 SPACE = PROBLEMS / "space"
 NAMES = ("diver_half_twist", "go2_half_twist")
 

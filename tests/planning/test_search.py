@@ -3,33 +3,30 @@
 import contextlib
 import os
 import signal
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
 import floatplan as fp
 from floatplan.planning import search as search_module
 from floatplan.planning.options import SearchOptions
-from floatplan.planning.result import SearchResult
 from floatplan.planning.search import MOST_ATTEMPTS, Search
 from floatplan.pool import executor
 
 
-def run(problem: fp.Problem, most: int = MOST_ATTEMPTS, **options: Any) -> SearchResult:
+def run(problem, most=MOST_ATTEMPTS, **options):
     search = Search(problem, SearchOptions(**options))
     search.__dict__["impossible"] = []  # as far as is known
     return search.run(most)
 
 
 @pytest.fixture(scope="module")
-def problem(root) -> fp.Problem:
+def problem(root):
     return fp.load_problem(root / "problems" / "handstand.toml")
 
 
 @pytest.fixture(scope="module")
-def hopeless(problem) -> fp.Problem:
+def hopeless(problem):
     """A hundredth of the torque that the flight needs."""
     return replace(problem, limits=fp.Limits(position="full", torque=0.02))
 
@@ -64,7 +61,7 @@ def test_it_ends_with_the_usual_work(hopeless, monkeypatch):
 
 @pytest.mark.parametrize("after", [0, 2])
 def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
-    follow: Callable[..., Any] = Search.follow_numbered
+    follow = Search.follow_numbered
     calls = []
 
     def interrupting(self, *args):
@@ -82,7 +79,7 @@ def test_ctrl_c_leaves_the_best_so_far(hopeless, monkeypatch, after):
 class Killed(executor.WorkerPool):
     """A pool whose processes the system kills."""
 
-    def submit(self, *arguments: Any, **options: Any) -> Any:
+    def submit(self, *arguments, **options):
         future = super().submit(*arguments, **options)
         for process in self.process_ids:
             with contextlib.suppress(ProcessLookupError):

@@ -1,14 +1,12 @@
 """Problems drawn around a witness: the motion solves them, and together they have every feature."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from long_cases import cases
-from witness_problems import VERIFIED, Witness, verified, witness_problem
+from witness_problems import VERIFIED, verified, witness_problem
 
 import floatplan as fp
 
@@ -16,18 +14,18 @@ SEEDS = (3, 6, 8, 11, 12, 14)
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Witness]:
+def drawn(tmp_path_factory):
     folder = tmp_path_factory.mktemp("witnesses")
     return cache(lambda seed: witness_problem(seed, folder))
 
 
-def test_a_seed_draws_one_problem(drawn: Callable[[int], Witness], tmp_path: Path) -> None:
+def test_a_seed_draws_one_problem(drawn, tmp_path):
     first, again = drawn(SEEDS[0]), witness_problem(SEEDS[0], tmp_path)
     assert again.problem.robot.xml == first.problem.robot.xml
     np.testing.assert_array_equal(again.plan.coefficients, first.plan.coefficients)
 
 
-def test_verification_sees_a_witness_that_misses(drawn: Callable[[int], Witness]) -> None:
+def test_verification_sees_a_witness_that_misses(drawn):
     """A limit just below the witness's peak, and an obstacle moved on to it, are violations."""
     witness = next(one for one in map(drawn, SEEDS) if np.isfinite(one.problem.torque_limits).all())
     limits = replace(witness.problem.limits, torque=witness.plan.peaks.torque * 0.999)
@@ -40,7 +38,7 @@ def test_verification_sees_a_witness_that_misses(drawn: Callable[[int], Witness]
 
 
 @pytest.mark.parametrize("seed", cases(SEEDS[:4], SEEDS[2:4]))
-def test_the_certificate_proves_witnesses_too(drawn: Callable[[int], Witness], seed: int) -> None:
+def test_the_certificate_proves_witnesses_too(drawn, seed):
     witness = drawn(seed)
     assert verified(witness.plan).amount <= VERIFIED
     assert fp.certify(witness.plan).verdict == "proved"

@@ -1,7 +1,6 @@
 """Each motor's own torque: where joints are coupled, a leader and its followers are limited and proved one by one."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -185,7 +184,7 @@ class TestPlans:
 
 
 @pytest.mark.usefixtures("little_work")
-def test_case_of_a_weak_follower(tmp_path: Path) -> None:
+def test_case_of_a_weak_follower(tmp_path):
     """Leader of 50 N m, follower of 1 N m that carries the weight: what it takes is said, not hidden in the sum."""
     from robot_samples import WEAK_FOLLOWER
 

@@ -1,7 +1,6 @@
 """What a plan makes of itself: a page, and files for other programs."""
 
 import webbrowser
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,32 +10,32 @@ from floatplan.errors import InputError
 
 
 @pytest.fixture(scope="module")
-def plan(root: Path) -> fp.Plan:
+def plan(root):
     return fp.plan(fp.load_problem(root / "problems" / "new_configuration.toml"))
 
 
 @pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+def opened(monkeypatch):
     """Addresses that the browser was told to open."""
-    addresses: list[str] = []
+    addresses = []
     monkeypatch.setattr(webbrowser, "open", lambda address: addresses.append(address))
     return addresses
 
 
 class TestShow:
-    def test_writes_the_report_and_opens_it(self, plan: fp.Plan, tmp_path: Path, opened: list[str]) -> None:
+    def test_writes_the_report_and_opens_it(self, plan, tmp_path, opened):
         page = plan.show(tmp_path / "page.html")
         assert page == tmp_path / "page.html"
         assert plan.problem.name in page.read_text()
         assert opened == [page.resolve().as_uri()]
 
-    def test_opens_nothing_where_that_is_not_wanted(self, plan: fp.Plan, tmp_path: Path, opened: list[str]) -> None:
+    def test_opens_nothing_where_that_is_not_wanted(self, plan, tmp_path, opened):
         assert plan.show(tmp_path / "page.html", browse=False).is_file()
         assert opened == []
 
 
 class TestSample:
-    def test_is_the_motion_at_even_instants_and_at_the_end(self, plan: fp.Plan) -> None:
+    def test_is_the_motion_at_even_instants_and_at_the_end(self, plan):
         sample = plan.sample(7.0)
         assert np.diff(sample.times)[:-1] == pytest.approx(1 / 7)
         assert (sample.times[0], sample.times[-1]) == (0.0, plan.duration)
@@ -48,6 +47,6 @@ class TestSample:
         ("rate", "words"),
         [(0.0, "positive"), (-1.0, "positive"), (np.nan, "rate"), (np.inf, "rate"), (1e9, "100000 rows")],
     )
-    def test_refuses_rates_that_give_no_instants_or_too_many(self, plan: fp.Plan, rate: float, words: str) -> None:
+    def test_refuses_rates_that_give_no_instants_or_too_many(self, plan, rate, words):
         with pytest.raises(InputError, match=words):
             plan.sample(rate)

@@ -2,16 +2,15 @@
 
 import itertools
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.plans.overlaps import overlaps
 from floatplan.robot.link_pairs import link_pairs
 
-ROOT = Path(__file__).resolve().parents[2]
 LINK = """<link name="{name}">
   <inertial><mass value="1"/><origin xyz="{half} 0 0"/>
     <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
@@ -21,7 +20,7 @@ JOINT = """<joint name="{name}" type="revolute"><parent link="{parent}"/><child 
   <axis xyz="0 1 0"/><limit lower="-3.1" upper="3.1" effort="9" velocity="9"/></joint>"""
 
 
-def bar(length: float, radius: float = 0.03) -> str:
+def bar(length, radius=0.03):
     """A cylinder along x from the origin."""
     placed = f'<origin xyz="{length / 2} 0 0" rpy="0 1.5707963267948966 0"/>'
     return f'<collision>{placed}<geometry><cylinder radius="{radius}" length="{length}"/></geometry></collision>'
@@ -30,11 +29,11 @@ def bar(length: float, radius: float = 0.03) -> str:
 SPECK = '<collision><origin xyz="0.2 0 0"/><geometry><sphere radius="0.001"/></geometry></collision>'
 
 
-def ball(x: float, radius: float = 0.05) -> str:
+def ball(x, radius=0.05):
     return f'<collision><origin xyz="{x} 0 0"/><geometry><sphere radius="{radius}"/></geometry></collision>'
 
 
-def chain(folder: Path, shapes: list[str], sideways: float = 0.0, length: float = 0.4, **choices) -> fp.Robot:
+def chain(folder, shapes, sideways=0.0, length=0.4, **choices):
     """Links one behind the other along x, each ``sideways`` of the one before; all turn about y."""
     names = [f"link{number}" for number in range(len(shapes))]
     parts = [

@@ -16,14 +16,14 @@ from scipy.integrate import simpson
 import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.dynamics import Ballistics
-from floatplan.plans.plan import Plan, rebuild
+from floatplan.plans.plan import rebuild
 
 DURATION = 1.3
 TIMES = np.linspace(0, DURATION, 8)
 PATH = Ballistics(read_only([0.3, 1.1]), read_only([-0.4, 5.0]), 9.81)
 
 
-def drawn(robot, seed=1, size=0.5) -> Plan:
+def drawn(robot, seed=1, size=0.5):
     plan = drawn_plan(robot, random_coefficients(seed, len(robot.joints), size=size), -1.4, DURATION, 0.6)
     return replace(plan, ballistics=PATH)
 

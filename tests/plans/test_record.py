@@ -19,7 +19,7 @@ AWKWARD = [0.1 + 0.2, -0.0, 5e-324, np.nextafter(1e4, 0), 1 / 3, np.nextafter(1,
 
 
 @pytest.fixture(scope="module")
-def record() -> PlanRecord:
+def record():
     """Example B with its obstacle, made without the planner."""
     return example_b()
 

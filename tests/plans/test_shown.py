@@ -1,34 +1,30 @@
 """How problems, plans, replays and certificates show themselves at a prompt and in notebooks."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import pytest
 
 import floatplan as fp
 
-Planned = Callable[[str], fp.Plan]
-
 
 class Cells(HTMLParser):
     """The texts of a table's cells, and the tags."""
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text):
         super().__init__()
-        self.tags: set[str] = set()
-        self.texts: list[str] = []
+        self.tags = set()
+        self.texts = []
         self.feed(text)
 
-    def handle_starttag(self, tag: str, attrs: object) -> None:
+    def handle_starttag(self, tag, attrs):
         self.tags.add(tag)
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         self.texts.append(data)
 
 
-def test_notebooks_show_tables(planned: Planned) -> None:
+def test_notebooks_show_tables(planned):
     plan = planned("obstacle")
     certificate = fp.certify(plan)
     for shown, expected in (
@@ -46,7 +42,7 @@ def test_notebooks_show_tables(planned: Planned) -> None:
 
 
 @pytest.mark.parametrize("name", ["handstand", "space/cat"])
-def test_notebooks_draw_robots(root: Path, name: str) -> None:
+def test_notebooks_draw_robots(root, name):
     """A polygon for each solid, and a table; short enough to be kept in the notebook."""
     robot = fp.load_problem(root / "problems" / f"{name}.toml").robot
     text = robot._repr_html_()
@@ -59,7 +55,7 @@ def test_notebooks_draw_robots(root: Path, name: str) -> None:
     assert len(text) < 10_000
 
 
-def test_notebooks_show_the_first_of_many_plans(planned: Planned) -> None:
+def test_notebooks_show_the_first_of_many_plans(planned):
     problem = planned("handstand").problem
     impossible = replace(problem, limits=fp.Limits(position="full", velocity=1e-3))
     cells = Cells(fp.plan_many([problem, impossible])._repr_html_())
@@ -71,7 +67,7 @@ def test_notebooks_show_the_first_of_many_plans(planned: Planned) -> None:
     assert "10 more" in cells.texts
 
 
-def test_what_is_not_proved_comes_first(planned: Planned) -> None:
+def test_what_is_not_proved_comes_first(planned):
     record = planned("handstand").record
     certificate = fp.certify(replace(record, angular_momentum=record.angular_momentum + 1e-3))
     assert certificate.unproved[0].label in repr(certificate).splitlines()[1]

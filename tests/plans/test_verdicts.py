@@ -1,13 +1,11 @@
 """Findings and certificates as data: their labels, and that files give them back."""
 
-from pathlib import Path
-
 import pytest
 
 import floatplan as fp
-from floatplan.plans.verdicts import LABELS, Finding, Kind, Subject
+from floatplan.plans.verdicts import LABELS, Finding
 
-CONSTRAINTS: dict[str, tuple[Kind, Subject]] = {
+CONSTRAINTS = {
     "start.positions": ("start", ("positions",)),
     "goal.accelerations": ("goal", ("accelerations",)),
     "goal.orientation": ("goal", ("orientation",)),
@@ -37,25 +35,25 @@ CONSTRAINTS: dict[str, tuple[Kind, Subject]] = {
 
 
 @pytest.fixture(scope="module")
-def plan(root: Path) -> fp.Plan:
+def plan(root):
     return fp.plan(fp.load_problem(root / "problems" / "obstacle.toml"), prove=True)
 
 
 @pytest.mark.parametrize("label", CONSTRAINTS)
-def test_labels_are_made_from_kind_and_subject_and_read_back(label: str) -> None:
+def test_labels_are_made_from_kind_and_subject_and_read_back(label):
     finding = Finding(*CONSTRAINTS[label], "undecided", 1.5, 0.2, 1.0, 0.5)
     assert finding.label == label
     assert Finding.from_dict(finding.to_dict()) == finding
 
 
-def test_the_findings_of_a_plan_are_among_them(plan: fp.Plan) -> None:
+def test_the_findings_of_a_plan_are_among_them(plan):
     kinds = {kind for kind, _ in CONSTRAINTS.values()}
     assert set(LABELS) - {"attitude"} < kinds  # which is of flights in space
     assert {finding.kind for finding in fp.certify(plan).findings} <= kinds
 
 
 class TestCertificate:
-    def test_is_of_one_type_wherever_it_comes_from(self, plan: fp.Plan, tmp_path: Path) -> None:
+    def test_is_of_one_type_wherever_it_comes_from(self, plan, tmp_path):
         loaded = fp.load_plan(plan.save(tmp_path / "plan.json"))
         for certificate in (plan.certificate, loaded.certificate, fp.certify(plan)):
             assert isinstance(certificate, fp.Certificate)

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 import tomli_w
+from places import ROOT
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 NOT_YET = "is for flights in a plane, and not yet for those in space"
 HALF_A_TURN = "is half a turn from the start, and which way round is left open"
 AXES = "is not three of the letters x, y, z with neighbours that differ"

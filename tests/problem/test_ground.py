@@ -2,18 +2,17 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from long_cases import cases
+from places import ROOT
 from robot_samples import inertial, joint, robot_text
 from true_heights import lowest_by_link
 
 import floatplan as fp
 from floatplan.robot.urdf.tree import robots_folder
 
-ROOT = Path(__file__).resolve().parents[2]
 KEYS = {"kind", "subject", "value", "limit", "unit", "instant", "message"}
 
 

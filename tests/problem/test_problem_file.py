@@ -1,14 +1,13 @@
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 
-ROOT = Path(__file__).resolve().parents[2]
 PROBLEMS = sorted((ROOT / "problems").glob("*.toml"))
 GYMNAST = ROOT / "urdf" / "gymnast.urdf"
 
@@ -34,18 +33,18 @@ EVERYTHING = (
 )
 
 
-def written(path: Path, text: str | bytes) -> Path:
+def written(path, text):
     path.write_bytes(text if isinstance(text, bytes) else text.encode())
     return path
 
 
 @pytest.fixture
-def everything(tmp_path: Path) -> fp.Problem:
+def everything(tmp_path):
     return fp.load_problem(written(tmp_path / "everything.toml", EVERYTHING))
 
 
 class TestWhatIsRead:
-    def test_angles_become_radians_in_joint_order(self, everything: fp.Problem) -> None:
+    def test_angles_become_radians_in_joint_order(self, everything):
         assert everything.robot.joints == ("q2", "q1")
         assert everything.initial.orientation == math.pi / 2
         assert everything.final.orientation == pytest.approx(2.5 * math.pi, rel=1e-15)
@@ -57,7 +56,7 @@ class TestWhatIsRead:
         np.testing.assert_allclose(everything.joint_limits["acceleration"], [20 * math.pi, math.inf], rtol=1e-15)
         assert everything.limits.orientation_rate == pytest.approx(5 * math.pi, rel=1e-15)
 
-    def test_limits(self, everything: fp.Problem) -> None:
+    def test_limits(self, everything):
         np.testing.assert_allclose(
             everything.position_limits, [[-math.pi, math.pi], [-math.pi / 2, math.pi / 2]], rtol=1e-15
         )
@@ -65,7 +64,7 @@ class TestWhatIsRead:
         np.testing.assert_array_equal(everything.motor_stall, [math.inf, 8, 8])
         np.testing.assert_array_equal(everything.motor_slope, [0, 0.4, 0.4])
 
-    def test_what_is_no_angle_stays_as_it_is(self, everything: fp.Problem) -> None:
+    def test_what_is_no_angle_stays_as_it_is(self, everything):
         assert everything.flight == fp.Flight(
             duration=1.25,
             angular_momentum="free",
@@ -83,7 +82,7 @@ class TestWhatIsRead:
         assert everything.degrees == (8, 9)
         assert everything.name == "everything"
 
-    def test_what_is_left_out_has_its_default(self, tmp_path: Path) -> None:
+    def test_what_is_left_out_has_its_default(self, tmp_path):
         problem = fp.load_problem(written(tmp_path / "short.toml", SOUND))
         assert problem.name == "short"
         assert problem.flight.angular_momentum == "midpoint"
@@ -92,7 +91,7 @@ class TestWhatIsRead:
         assert not problem.initial.velocities.any()
         assert np.isinf(problem.torque_limits).all()
 
-    def test_locked_and_coupled_joints_are_in_the_unit_of_the_file(self, tmp_path: Path) -> None:
+    def test_locked_and_coupled_joints_are_in_the_unit_of_the_file(self, tmp_path):
         choice = 'joints = ["q1"]\ncoupled = { q2 = { leader = "q1", ratio = -1, offset = 90 } }\n'
         text = SOUND.replace("[start]", choice + "[start]").replace(", q2 = -45", "").replace(", q2 = 0", "")
         coupled = fp.load_problem(written(tmp_path / "c.toml", text)).robot
@@ -106,12 +105,12 @@ class TestWhatIsRead:
 
 @pytest.mark.parametrize("path", PROBLEMS, ids=lambda path: path.stem)
 class TestRoundTripsOfTheProblems:
-    def test_plain_data(self, path: Path) -> None:
+    def test_plain_data(self, path):
         problem = fp.load_problem(path)
         content = json.loads(json.dumps(problem_to_dict(problem), allow_nan=False))
         assert problem_to_dict(problem_from_dict(content, problem.robot)) == content
 
-    def test_toml(self, path: Path, tmp_path: Path) -> None:
+    def test_toml(self, path, tmp_path):
         problem = fp.load_problem(path)
         again = fp.load_problem(fp.save_problem(problem, tmp_path / "folder" / "again.toml"))
         assert problem_to_dict(again) == problem_to_dict(problem)
@@ -119,7 +118,7 @@ class TestRoundTripsOfTheProblems:
 
 
 class TestRoundTripsOfEveryKey:
-    def test_plain_data(self, everything: fp.Problem) -> None:
+    def test_plain_data(self, everything):
         content = problem_to_dict(everything)
         again = problem_from_dict(json.loads(json.dumps(content, allow_nan=False)), everything.robot)
         for name in ("position_limits", "velocity_limits", "torque_limits", "motor_stall", "motor_slope"):
@@ -129,11 +128,11 @@ class TestRoundTripsOfEveryKey:
         assert again.flight == everything.flight
         assert problem_to_dict(again) == content
 
-    def test_toml(self, everything: fp.Problem, tmp_path: Path) -> None:
+    def test_toml(self, everything, tmp_path):
         again = fp.load_problem(fp.save_problem(everything, tmp_path / "again.toml"))
         assert problem_to_dict(again) == problem_to_dict(everything)
 
-    def test_toml_with_choices_of_the_robot(self, tmp_path: Path) -> None:
+    def test_toml_with_choices_of_the_robot(self, tmp_path):
         robot = fp.Robot.from_urdf(GYMNAST, joints=["q1"], coupled={"q2": fp.Coupling("q1", 0.5, 0.1)})
         problem = fp.Problem(robot, fp.Posture(0, 0.2), fp.Posture(1, 0.4), fp.Flight(1.0))
         again = fp.load_problem(fp.save_problem(problem, tmp_path / "again.toml"))
@@ -181,7 +180,7 @@ WRONG = {
 
 @pytest.mark.parametrize(("text", "element", "reason"), WRONG.values(), ids=WRONG.keys())
 class TestWrongFiles:
-    def test_one_clear_error(self, text: str | bytes, element: str, reason: str, tmp_path: Path) -> None:
+    def test_one_clear_error(self, text, element, reason, tmp_path):
         path = written(tmp_path / "wrong.toml", text)
         with pytest.raises(fp.InputError) as caught:
             fp.load_problem(path)
@@ -204,9 +203,7 @@ class TestWrongFiles:
         ),
     ],
 )
-def test_every_error_is_reported_with_its_place(
-    changes: dict[str, str], more: str, named: set[str], tmp_path: Path
-) -> None:
+def test_every_error_is_reported_with_its_place(changes, more, named, tmp_path):
     """Of kind, or of meaning."""
     text = SOUND
     for old, new in changes.items():

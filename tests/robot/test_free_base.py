@@ -16,7 +16,7 @@ ROBOT = f'<link name="trunk">{inertial(4.0, "0.05 0 0.02")}</link><link name="le
 HIP = joint("hip", "trunk", "leg", kind="revolute")
 
 
-def base_chain(*steps: tuple[str, str], origin: str = "", more: str = "") -> str:
+def base_chain(*steps, origin="", more=""):
     """Joints of types and axes, one after the other, from a massless link "world" to the trunk."""
     names = ["world", *(f"v{index}" for index in range(1, len(steps))), "trunk"]
     parts = [f'<link name="{name}"/>' for name in names[:-1]]
@@ -26,11 +26,11 @@ def base_chain(*steps: tuple[str, str], origin: str = "", more: str = "") -> str
     return "".join(parts)
 
 
-def slides(axes: str) -> list[tuple[str, str]]:
+def slides(axes):
     return [("prismatic", UNIT[letter]) for letter in axes]
 
 
-def turns(axes: str) -> list[tuple[str, str]]:
+def turns(axes):
     return [("continuous", UNIT[letter]) for letter in axes]
 
 
@@ -53,13 +53,13 @@ BASES = {
 }
 
 
-def read(folder, text: str, name: str = "robot.urdf", **choices) -> fp.Robot:
+def read(folder, text, name="robot.urdf", **choices):
     path = folder / name
     path.write_text(text)
     return fp.Robot.from_urdf(path, **choices)
 
 
-def constants(robot: fp.Robot) -> list[complex]:
+def constants(robot):
     tree = robot.tree
     return [*tree.mass, *tree.inertia, *tree.coupling.ravel(), *robot.velocity_limits, *robot.torque_limits]
 

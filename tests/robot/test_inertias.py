@@ -1,7 +1,6 @@
 """Inertias that no body can have, refused or balanced as MuJoCo does, and masses that links carry."""
 
 import json
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -21,24 +20,24 @@ BAD = {"triangle": FLAT, "indefinite, turned": SKEWED, "negative": NEGATIVE}
 MEANS = {"triangle": 0.022 / 3, "indefinite, turned": 0.017 / 3, "negative": 0.005}
 
 
-def bad_link(moments: str) -> str:
+def bad_link(moments):
     return (
         f'<link name="b"><inertial><origin xyz="0.1 0.02 0" rpy="0.3 0.2 0.1"/><mass value="0.8"/><inertia {moments}/>'
         "</inertial></link>"
     )
 
 
-def arm(moments: str) -> str:
+def arm(moments):
     return robot_text(f'<link name="a">{inertial(3.0, "0 0 0")}</link>', bad_link(moments), joint("j", "a", "b"))
 
 
-def written(folder: Path, text: str, name: str = "robot.urdf") -> Path:
+def written(folder, text, name="robot.urdf"):
     path = folder / name
     path.write_text(text)
     return path
 
 
-def same_constants(robot: fp.Robot, tolerance: float = 1e-12) -> None:
+def same_constants(robot, tolerance=1e-12):
     """The certificate, which reads file and record on its own, has the same robot."""
     proved = cached_robot(robot.path.read_bytes(), robot.path, robot_record(robot))
     coupling = robot.tree.coupling + np.diag(robot.tree.inertia)
@@ -79,7 +78,7 @@ def test_moments_without_a_positive_mean_are_refused_whatever_is_asked(tmp_path)
         fp.Robot.from_urdf(path, balance_inertias=True)
 
 
-def flight(robot: fp.Robot) -> fp.Problem:
+def flight(robot):
     return fp.Problem(robot, fp.Posture(0.0, [0.1]), fp.Posture(0.3, [0.9]), fp.Flight(duration=0.5))
 
 
@@ -172,7 +171,7 @@ def test_problem_files_have_both_and_write_them_back(tmp_path, form):
 
 class TestPlans:
     @pytest.fixture
-    def file(self, tmp_path) -> Path:
+    def file(self, tmp_path):
         robot = fp.Robot.from_urdf(
             written(tmp_path, arm(FLAT)),
             balance_inertias=True,

@@ -118,7 +118,7 @@ def test_what_is_no_mesh_is_refused(tmp_path, kind, content):
     refusal(tmp_path, kind, content)
 
 
-def sphere(rings: int) -> np.ndarray:
+def sphere(rings):
     """Triangles (f, 3, 3) of a sphere by latitudes and longitudes: corners of one sum x + y + z are many."""
     polar, around = np.meshgrid(np.linspace(0, np.pi, rings + 1), np.linspace(0, 2 * np.pi, rings + 1), indexing="ij")
     places = np.stack([np.sin(polar) * np.cos(around), np.sin(polar) * np.sin(around), np.cos(polar)], axis=-1)
@@ -128,14 +128,14 @@ def sphere(rings: int) -> np.ndarray:
     )
 
 
-def rim(count: int) -> np.ndarray:
+def rim(count):
     """Triangles (f, 3, 3) whose corners, drawn at random, are all on the outline of a cylinder along y."""
     rng = np.random.default_rng(3)
     angle = rng.uniform(0, 2 * np.pi, 3 * count)
     return np.stack([np.cos(angle), rng.random(3 * count), np.sin(angle)], axis=1).reshape(-1, 3, 3)
 
 
-def binary_stl(triangles: np.ndarray) -> bytes:
+def binary_stl(triangles):
     rows = np.zeros(len(triangles), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
     rows["corners"] = triangles
     return b"\0" * 80 + struct.pack("<I", len(rows)) + rows.tobytes()

@@ -2,22 +2,22 @@
 
 import math
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 from mjcf_judge import Judge
 from mjcf_samples import RandomModel
+from places import URDF
 
 import floatplan as fp
 from floatplan.errors import InputError
 
-KANGAROO = Path(__file__).parents[2] / "urdf" / "kangaroo.xml"
+KANGAROO = URDF / "kangaroo.xml"
 EXACT = 1e-9  # [-] what a robot agrees with MuJoCo to
 
 
-def mjcf(tmp_path: Path, inside: str, before: str = "", after: str = "", name: str = "robot.xml") -> Path:
+def mjcf(tmp_path, inside, before="", after="", name="robot.xml"):
     """A robot whose base is free, with more in it, in a file."""
     path = tmp_path / name
     path.write_text(
@@ -59,7 +59,7 @@ def test_masses_kinematics_and_momentum_are_mujocos(tmp_path, source):
     assert max(offs) < EXACT
 
 
-def random_case(tmp_path: Path, seed: int) -> None:
+def random_case(tmp_path, seed):
     """A random model is refused with a reason, or is MuJoCo's."""
     path = tmp_path / "random.xml"
     path.write_bytes(RandomModel(seed, planar=seed % 2 == 1).xml)
@@ -121,7 +121,7 @@ SHAPES = {
 }
 
 
-def surface(kind: str, rng: np.random.Generator) -> np.ndarray:
+def surface(kind, rng):
     """Points of a shape as ``SHAPES`` has it, in its own frame, the farthest in all directions among them."""
     directions = rng.normal(size=(20_000, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]

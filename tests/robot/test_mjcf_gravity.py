@@ -1,6 +1,5 @@
 """An MJCF says which way gravity points, and its base may float by joints; turned inertias of any size are read."""
 
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,7 +13,7 @@ UNITS = {"x": "1 0 0", "y": "0 1 0", "z": "0 0 1"}
 BESIDE = {"x": "0 0.08 0.1", "y": "0.08 0 0.1", "z": "0.08 0.1 0"}  # in the plane of the turn
 
 
-def robot_file(folder: Path, axes: str, gravity: str = "", quat: str = "1 0 0 0", base: str = "<freejoint/>") -> Path:
+def robot_file(folder, axes, gravity="", quat="1 0 0 0", base="<freejoint/>"):
     """A robot with an arm about each of these axes."""
     arms = "".join(
         f'<body name="arm{k}"><joint name="j{k}" axis="{UNITS[axis]}" range="-1 1"/>'
@@ -29,7 +28,7 @@ def robot_file(folder: Path, axes: str, gravity: str = "", quat: str = "1 0 0 0"
     return path
 
 
-def option(gravity: str) -> str:
+def option(gravity):
     return f'<option gravity="{gravity}"/>'
 
 

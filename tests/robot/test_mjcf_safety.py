@@ -23,13 +23,13 @@ MUSCLE = '<actuator><muscle joint="arm" {}/></actuator>'
 ENDLESS = '<compiler><lengthrange mode="all" inttotal="1e7" useexisting="false"/></compiler>'  # days of simulation
 
 
-def robot_file(folder: Path, before: str = "", inside: str = "", after: str = "") -> Path:
+def robot_file(folder, before="", inside="", after=""):
     path = folder / "robot.xml"
     path.write_text(ROBOT.format(before=before, inside=inside, after=after))
     return path
 
 
-def many_motors(attributes: str) -> str:
+def many_motors(attributes):
     motors = 30 * f'<general joint="arm" {attributes}/>'
     return f"<actuator>{motors}</actuator>"
 
@@ -90,7 +90,7 @@ def test_what_makes_much_out_of_little_is_refused(tmp_path, case):
         fp.Robot.from_mjcf(robot_file(tmp_path, *REFUSED[case]))
 
 
-def endless(folder: Path) -> MjcfText:
+def endless(folder):
     """What reading would have left out, so that compiling it does not end."""
     text = ROBOT.format(before=ENDLESS, inside="", after=MUSCLE.format(""))
     return MjcfText(fromstring(text), folder / "endless.xml")
@@ -114,7 +114,6 @@ def test_memory_is_bounded(tmp_path):
 def test_a_process_that_was_killed_is_started_anew(tmp_path):
     fp.Robot.from_mjcf(robot_file(tmp_path, inside='<geom size="0.07"/>'))
     running = process._process
-    assert running is not None
     os.kill(running._process.pid, signal.SIGKILL)
     running._process.wait()
     assert fp.Robot.from_mjcf(robot_file(tmp_path, inside='<geom size="0.08"/>')).joints == ("arm",)
@@ -141,7 +140,6 @@ compiled_mjcf(endless(Path.cwd()))
 def test_ctrl_c_ends_it_at_once(tmp_path):
     command = [sys.executable, "-c", INTERRUPTED, str(Path(__file__).parent)]
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
-        assert run.stdout is not None
         compiler = int(run.stdout.readline())
         run.send_signal(signal.SIGINT)
         _, errors = run.communicate(timeout=30)  # of 60 s that compiling may take

@@ -4,10 +4,10 @@ import hashlib
 import importlib
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.cli.option_values import is_robot
@@ -15,7 +15,6 @@ from floatplan.errors import InputError
 from floatplan.robot.urdf import packages
 from floatplan.robot.urdf.packages import description_path, robot_content
 
-ROOT = Path(__file__).resolve().parents[2]
 GYMNAST = ROOT / "urdf" / "gymnast.urdf"
 KANGAROO = ROOT / "urdf" / "kangaroo.xml"
 XACRO = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'

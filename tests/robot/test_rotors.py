@@ -1,7 +1,6 @@
 """Inertias of rotors from ``<rotor_params>`` of an SRDF file: the default of ``armature``."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -17,7 +16,7 @@ HEAD = '<robot name="sample"><rotor_params>'
 TAIL = "</rotor_params></robot>"
 
 
-def rotor(name: str, mass: object, gear: object) -> str:
+def rotor(name, mass, gear):
     return f'<joint name="{name}" mass="{mass}" gear_ratio="{gear}"/>'
 
 
@@ -25,7 +24,7 @@ BOTH = f"{HEAD}{rotor('j', 2e-5, 30)}{rotor('k', 1.5e-5, -80)}{TAIL}"
 FELT = {"j": 2e-5 * 30**2, "k": 1.5e-5 * 80**2}
 
 
-def written(folder: Path, srdf: str | None, *, urdf: str = PAIR, name: str = "robot.srdf") -> Path:
+def written(folder, srdf, *, urdf=PAIR, name="robot.srdf"):
     (folder / "robot.urdf").write_text(urdf)
     if srdf is not None:
         (folder / name).parent.mkdir(exist_ok=True)

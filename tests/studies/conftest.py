@@ -1,11 +1,8 @@
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
+from places import ROOT
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 GRID = """
 [vary]
 "flight.angular_momentum" = { from = 2.8, to = 4.4, count = 12 }
@@ -14,13 +11,13 @@ GRID = """
 
 
 @pytest.fixture
-def without_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+def without_maps(monkeypatch):
     """Their files are what test_maps.py is about, and half of the time of a small study."""
     monkeypatch.setattr("floatplan.studies.maps.write_maps", lambda *_: [])
 
 
 @pytest.fixture(scope="session")
-def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, fp.Study]:
+def done(tmp_path_factory):
     """The file of a small study of the somersault, and what came of it in this process."""
     path = tmp_path_factory.mktemp("done") / "asked.toml"
     path.write_text(f'problem = "{ROOT / "problems" / "somersault.toml"}"\n{GRID}')
@@ -30,10 +27,10 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, fp.Study]:
 
 
 @pytest.fixture
-def study_file(tmp_path: Path) -> Callable[..., Path]:
+def study_file(tmp_path):
     """Write a study file about the somersault, or another problem."""
 
-    def write(text: str = GRID, problem: str = "somersault", name: str = "asked") -> Path:
+    def write(text=GRID, problem="somersault", name="asked"):
         path = tmp_path / f"{name}.toml"
         path.write_text(f'problem = "{ROOT / "problems" / problem}.toml"\n{text}', encoding="utf-8")
         return path

@@ -1,11 +1,10 @@
 """Maps: cells, statuses that are told apart, and the page in a browser."""
 
-from pathlib import Path
-
 import numpy as np
 import pyarrow
 import pytest
 from matplotlib.colors import to_rgb
+from places import ROOT
 
 import floatplan as fp
 from floatplan import InputError
@@ -13,7 +12,6 @@ from floatplan.studies.file import load_study_file
 from floatplan.studies.maps import STATUS_LOOKS, heatmap, study_map
 from floatplan.studies.rows import STATUSES
 
-ROOT = Path(__file__).resolve().parents[2]
 THREE = """
 [vary]
 "flight.angular_momentum" = [3.0, 4.0]

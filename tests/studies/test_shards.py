@@ -30,7 +30,7 @@ def shard(asked, floatplan):
     """Plan a shard of it; the folder."""
     path, out, _ = asked
 
-    def run(words: str, *more: object) -> Path:
+    def run(words, *more):
         done = floatplan("study", path, "-o", out, "--shard", words, "--jobs", 1, "-q", *more)
         assert done.code == 0, done.stderr
         return Path(out) / "shards" / words.replace("/", "-of-")
@@ -88,7 +88,7 @@ class TestMergeRefuses:
     def refused(self, asked, floatplan):
         path, out, _ = asked
 
-        def merge(*parts: object) -> str:
+        def merge(*parts):
             run = floatplan("study", "merge", path, *parts, "-o", out)
             assert run.code == 2
             assert not (out / "results.parquet").exists()
@@ -131,7 +131,7 @@ class TestMergeRefuses:
 @pytest.mark.parametrize("kind", cases(["threads", "spawned"], {"spawned"}))
 def test_any_executor_makes_the_same_table(asked, kind):
     path, out, table = asked
-    pool: Executor = ThreadPoolExecutor(3) if kind == "threads" else ProcessPoolExecutor(1, get_context("spawn"))
+    pool = ThreadPoolExecutor(3) if kind == "threads" else ProcessPoolExecutor(1, get_context("spawn"))
     with pool:
         assert timeless(fp.study(path, folder=out, executor=pool, jobs=3).table).equals(table)
         assert pool.submit(int, "3").result() == 3, "it is not shut down"
@@ -140,12 +140,12 @@ def test_any_executor_makes_the_same_table(asked, kind):
 class Faulty(Executor):
     """Does the first tasks as it should, and has a full disk from there on."""
 
-    def __init__(self, right: int) -> None:
+    def __init__(self, right):
         self.right = right
 
     def submit(self, fn, /, *args, **kwargs):
         self.right -= 1
-        future: Future = Future()
+        future = Future()
         if self.right >= 0:
             future.set_result(fn(*args, **kwargs))
         else:

@@ -10,11 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from needed import skip_or_fail
+from places import ROOT
 from slow_study import ROWS, killed_after
 
 import floatplan as fp
@@ -22,7 +22,6 @@ from floatplan import InputError, files
 from floatplan.studies import driver, rows
 
 pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
-ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.usefixtures("without_maps")
 COLUMNS = [
     *("index", "flight.angular_momentum", "flight.duration", "status", "objective", "angular_momentum"),

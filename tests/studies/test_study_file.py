@@ -4,11 +4,11 @@ import json
 import math
 import shutil
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from elsewhere import told
+from places import ROOT
 
 from floatplan import FloatplanError, InputError
 from floatplan.studies import rows
@@ -16,7 +16,6 @@ from floatplan.studies.file import MOST_ROWS, load_study_file, versions
 from floatplan.studies.rows import packed, planned_rows
 from floatplan.studies.schema import study_schema
 
-ROOT = Path(__file__).resolve().parents[2]
 STUDIES = sorted((ROOT / "problems" / "studies").glob("*.toml"))
 RANGE = "{ from = 0.9, to = 1.4, count = 3 }"
 

@@ -1,9 +1,6 @@
 """Studies whose rows are whole jumps."""
 
 import math
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,12 +30,11 @@ map = ["jump.margin.torque", "jump.friction", "height"]
 """
 
 
-def test_rows_are_jumps(study_file: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[tuple[fp.Problem, dict[str, Any]]] = []
+def test_rows_are_jumps(study_file, tmp_path, monkeypatch):
+    asked = []
 
-    def slips_below_half(problem: fp.Problem, **options: Any) -> Jump:
+    def slips_below_half(problem, **options):
         asked.append((problem, options))
-        assert problem.jump is not None
         if problem.jump.friction > 0.5:
             return backflip()
         return Jump(problem, problem.jump, explanation="No jump was found.")
@@ -76,12 +72,11 @@ def test_rows_are_jumps(study_file: Callable[..., Path], tmp_path: Path, monkeyp
     assert len(asked) == count
 
 
-def test_keys_of_a_jump_vary(study_file: Callable[..., Path]) -> None:
+def test_keys_of_a_jump_vary(study_file):
     numbers = ('clearance" = [0.01, 0.02]', 'margin.velocity" = [0.5]', 'takeoff.from.RL_calf_joint" = [-60, -80]')
     varied = "\n".join(f'"jump.{each}' for each in numbers)
     asked = load_study_file(study_file(f"[vary]\n{varied}", "jumps/go2"))
     request = asked.family(3, 4)[0].jump
-    assert request is not None
     assert (request.clearance, request.margin) == (0.02, {"torque": 0.85, "velocity": 0.5})
     assert request.takeoff.from_ == {"RL_calf_joint": math.radians(-80)}
 
@@ -98,13 +93,13 @@ def test_keys_of_a_jump_vary(study_file: Callable[..., Path]) -> None:
         ('"jump.friction" = [0.5]\n[result]\nmap = ["jump.friction", "jump.clearance", "height"]', "does not vary"),
     ],
 )
-def test_what_cannot_vary_is_refused(study_file: Callable[..., Path], text: str, said: str) -> None:
+def test_what_cannot_vary_is_refused(study_file, text, said):
     with pytest.raises(InputError, match=said):
         load_study_file(study_file(f"[vary]\n{text}", "jumps/go2"))
 
 
 @pytest.mark.long
-def test_a_study_of_jumps_goes_on_where_it_ended(study_file: Callable[..., Path], tmp_path: Path) -> None:
+def test_a_study_of_jumps_goes_on_where_it_ended(study_file, tmp_path):
     """Two processes plan what one plans, and nothing twice."""
     path = study_file('[vary]\n"jump.friction" = [0.5, 0.6]\n[plan]\njump = true', "jumps/go2")
     done = fp.study(path, folder=tmp_path / "study", jobs=2)

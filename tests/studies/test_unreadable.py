@@ -2,11 +2,10 @@
 
 import errno
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
+from places import PROBLEMS
 
 import floatplan as fp
 
@@ -17,17 +16,17 @@ REASONS = [errno.EACCES, errno.EIO, errno.EMFILE, errno.ESTALE]
 
 
 @pytest.fixture
-def path(study_file: Callable[..., Path]) -> Path:
+def path(study_file):
     return study_file(GRID)
 
 
 @pytest.fixture
-def unreadable(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+def unreadable(monkeypatch):
     """Let the system refuse to open a file, as tests that root runs need it: root may read all."""
     opened = os.open
 
-    def refuse(refused: Path, reason: int = errno.EACCES) -> None:
-        def open_others(path: Any, *arguments: Any, **options: Any) -> int:
+    def refuse(refused, reason=errno.EACCES):
+        def open_others(path, *arguments, **options):
             if Path(os.fsdecode(path)) == refused:
                 raise OSError(reason, os.strerror(reason), str(path))
             return opened(path, *arguments, **options)
@@ -37,13 +36,13 @@ def unreadable(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     return refuse
 
 
-def contents(folder: Path) -> dict[Path, bytes]:
+def contents(folder):
     """All files of a folder, without locks."""
     files = (path for path in folder.rglob("*") if path.is_file() and path.name != ".lock")
     return {path: path.read_bytes() for path in files}
 
 
-def shards(path: Path, out: Path, floatplan: Any, count: int = 3) -> list[Path]:
+def shards(path, out, floatplan, count=3):
     """Plan all shards of a study; their chunks."""
     for number in range(1, count + 1):
         done = floatplan("study", path, "-o", out, "--shard", f"{number}/{count}", "--jobs", 1, "-q")
@@ -52,9 +51,7 @@ def shards(path: Path, out: Path, floatplan: Any, count: int = 3) -> list[Path]:
 
 
 @pytest.mark.parametrize("reason", REASONS)
-def test_a_study_that_goes_on_deletes_no_chunk_that_it_cannot_read(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unreadable: Callable[..., None], reason: int
-) -> None:
+def test_a_study_that_goes_on_deletes_no_chunk_that_it_cannot_read(path, tmp_path, monkeypatch, unreadable, reason):
     """Nor one that is damaged beside it."""
     out = tmp_path / "out"
     monkeypatch.setattr("floatplan.studies.driver.FIRST_CHUNK", 4)
@@ -70,9 +67,7 @@ def test_a_study_that_goes_on_deletes_no_chunk_that_it_cannot_read(
 
 
 @pytest.mark.parametrize("name", ["chunks", "study.json", "results.parquet"])
-def test_restart_discards_all_or_nothing(
-    path: Path, tmp_path: Path, unreadable: Callable[..., None], name: str
-) -> None:
+def test_restart_discards_all_or_nothing(path, tmp_path, unreadable, name):
     out = tmp_path / "out"
     fp.study(path, folder=out, jobs=1)
     refused = next((out / "chunks").iterdir()) if name == "chunks" else out / name
@@ -84,9 +79,7 @@ def test_restart_discards_all_or_nothing(
 
 
 class TestMerge:
-    def test_deletes_nothing_that_it_cannot_read(
-        self, path: Path, tmp_path: Path, floatplan: Any, unreadable: Callable[..., None]
-    ) -> None:
+    def test_deletes_nothing_that_it_cannot_read(self, path, tmp_path, floatplan, unreadable):
         chunks = shards(path, tmp_path / "out", floatplan)
         before = contents(tmp_path / "out")
         unreadable(chunks[1])
@@ -96,12 +89,10 @@ class TestMerge:
         assert contents(tmp_path / "out") == before
 
 
-def test_an_exported_file_takes_the_place_of_none_that_cannot_be_read(
-    tmp_path: Path, unreadable: Callable[..., None]
-) -> None:
+def test_an_exported_file_takes_the_place_of_none_that_cannot_be_read(tmp_path, unreadable):
     path = tmp_path / "mine.csv"
     path.write_text("mine")
-    plan = fp.plan(fp.load_problem(Path(__file__).resolve().parents[2] / "problems" / "somersault.toml"))
+    plan = fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
     unreadable(path)
     with pytest.raises(fp.InputError, match=r"mine\.csv: cannot be read: Permission denied; it is not replaced"):
         plan.export("csv", path=path)

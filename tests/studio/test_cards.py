@@ -3,9 +3,9 @@
 from dataclasses import replace
 from io import StringIO
 from itertools import product
-from pathlib import Path
 
 import pytest
+from places import ROOT
 from rich.console import Console
 
 import floatplan as fp
@@ -17,16 +17,15 @@ from floatplan.studio.curves import curves_card
 from floatplan.studio.session import View
 from floatplan.studio.tasks import ShownPlan
 
-ROOT = Path(__file__).parents[2]
 HOSTILE = "<img src=x onerror='window.broken = 1'>&\"'"
 
 
 @pytest.fixture(scope="module")
-def present() -> ShownPlan:
+def present():
     return ShownPlan.of(fp.plan(fp.load_problem(ROOT / "problems" / "obstacle.toml"), prove=True), settled=True)
 
 
-def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) -> None:
+def test_the_verdict_is_said_as_summary_and_report_say_it(present):
     certificate = present.plan.certificate
     assert certificate is not None
     warning = PlanWarning("ground", "hand", 0.1, 0.0, "m", 0.2, "hand goes into the ground")
@@ -48,7 +47,7 @@ def test_the_verdict_is_said_as_summary_and_report_say_it(present: ShownPlan) ->
             assert f": {word} (" in console.file.getvalue()
 
 
-def test_names_are_text(present: ShownPlan) -> None:
+def test_names_are_text(present):
     row = replace(present.utilisation[0], joint=HOSTILE)
     plan = replace(present.plan, explanation=HOSTILE, ok=False)
     view = View(present.plan.problem, result=replace(present, plan=plan), refusal=HOSTILE)

@@ -1,23 +1,20 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from places import ROOT
 
 import floatplan as fp
 from floatplan.studio import edits
-from floatplan.tables import LimitKey
-
-ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def problem() -> fp.Problem:
+def problem():
     return fp.load_problem(ROOT / "problems" / "obstacle.toml")
 
 
 @pytest.mark.parametrize("key", ["velocity", "torque"])
-def test_limits_by_hand_begin_with_what_the_motion_needs(problem: fp.Problem, key: LimitKey) -> None:
+def test_limits_by_hand_begin_with_what_the_motion_needs(problem, key):
     needed = {joint: 2.0 + index for index, joint in enumerate(problem.robot.motors)}
     changed = edits.limit(key, edits.BY_HAND, needed)(problem)
     assert edits.limit_choice(changed, key) == edits.BY_HAND
@@ -28,7 +25,7 @@ def test_limits_by_hand_begin_with_what_the_motion_needs(problem: fp.Problem, ke
     assert np.isinf(edits.limit_of(back, key, problem.robot.joints[0]))
 
 
-def test_a_leader_s_limit_is_set_with_those_of_its_followers(tmp_path: Path) -> None:
+def test_a_leader_s_limit_is_set_with_those_of_its_followers(tmp_path):
     from robot_samples import RandomTree
 
     tree = RandomTree(38, "y", joints=7)
@@ -53,7 +50,7 @@ def test_a_leader_s_limit_is_set_with_those_of_its_followers(tmp_path: Path) -> 
         fp.HalfPlane(point=(0.0, -3.0), normal=(0.0, 1.0)),
     ],
 )
-def test_obstacles_are_added_moved_and_taken_away(problem: fp.Problem, obstacle: fp.Circle) -> None:
+def test_obstacles_are_added_moved_and_taken_away(problem, obstacle):
     far = edits.moved(obstacle, 50 + 60j)
     more = edits.with_obstacle(far)(problem)
     assert more.obstacles[-1] is far

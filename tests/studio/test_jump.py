@@ -1,12 +1,12 @@
 """A jump in the studio: what is said of it, its phases, and the page around it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from jumps import INSTALLED, backflip, go2_problem
 from needed import skip_or_fail
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.studio import cards, edits
@@ -23,7 +23,7 @@ PATIENCE = 600.0  # s for what takes ten, and lets others go first
 
 
 @pytest.fixture(scope="module")
-def shown() -> ShownPlan:
+def shown():
     flight = backflip().flight
     assert flight is not None
     jump = backflip().with_certificate(fp.certify(flight))
@@ -32,11 +32,11 @@ def shown() -> ShownPlan:
 
 
 @pytest.fixture(scope="module")
-def problem() -> fp.Problem:
+def problem():
     return replace(go2_problem(), jump=fp.JumpRequest())
 
 
-def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Problem) -> None:
+def test_a_jump_is_told_as_its_report_tells_it(shown, problem):
     """Whatever it went through on its way from the process that planned it."""
     robot = shown.plan.robot
     found = unpacked(packed(shown, robot), robot)
@@ -59,8 +59,7 @@ def test_a_jump_is_told_as_its_report_tells_it(shown: ShownPlan, problem: fp.Pro
     assert "<td>- N m</tr>" in compared or "<td>-</tr>" in compared, "what is the flight's alone is not the jump's"
 
 
-def test_phases_last_as_the_bar_has_them(shown: ShownPlan, problem: fp.Problem, tmp_path: Path) -> None:
-    assert shown.jump is not None
+def test_phases_last_as_the_bar_has_them(shown, problem, tmp_path):
     ends = tuple(round(phase.end, 3) for phase in shown.jump.phases)
     kept = edits.phases(ends, 2)(problem)
     assert edits.phase_ends(kept) == pytest.approx(ends)
@@ -77,13 +76,10 @@ def test_phases_last_as_the_bar_has_them(shown: ShownPlan, problem: fp.Problem, 
 
 
 @pytest.mark.parametrize("part", ["duration", "angular_momentum", "start", "goal"])
-def test_a_part_of_the_flight_is_kept_as_it_was_found(
-    shown: ShownPlan, problem: fp.Problem, tmp_path: Path, part: edits.FlightKey
-) -> None:
+def test_a_part_of_the_flight_is_kept_as_it_was_found(shown, problem, tmp_path, part):
     kept = edits.keep(part, shown.plan)(problem)
     again = fp.load_problem(fp.save_problem(kept, tmp_path / "kept.toml"))
     for each in (kept, again):
-        assert each.jump is not None
         assert list(each.jump.fixed) == [part]
         if part in ("start", "goal"):
             state, found = edits.end_state(each, part), edits.end_state(shown.plan.problem, part)
@@ -97,8 +93,8 @@ def test_a_part_of_the_flight_is_kept_as_it_was_found(
 
 
 @pytest.mark.long
-def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
-    problem = fp.load_problem(Path(__file__).parents[2] / "problems" / "jumps" / "go2.toml")
+def test_a_jump_is_planned_changed_and_saved(tmp_path):
+    problem = fp.load_problem(PROBLEMS / "jumps" / "go2.toml")
     session, said = Session(problem), set[str]()
     session.listen(lambda: said.add(session.view.doing))
     try:
@@ -106,10 +102,7 @@ def test_a_jump_is_planned_changed_and_saved(tmp_path: Path) -> None:
         assert session.view.verdict == "waiting"
         assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view.fault
         answer = session.view.result
-        assert answer is not None
-        assert answer.jump is not None
         expected = fp.jump(problem).flight
-        assert expected is not None
         assert np.array_equal(answer.plan.coefficients, expected.coefficients)
         ends = [phase.end for phase in answer.jump.phases]
         ends[1] -= 0.02

@@ -3,14 +3,12 @@
 import math
 import socket
 import threading
-from collections.abc import Callable, Iterator
 from contextlib import closing
-from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
+from places import ROOT
 from studio_insides import logged_errors
 from studio_page import grip_places
 
@@ -19,12 +17,11 @@ from floatplan.problem.parts import OBSTACLE_KINDS
 from floatplan.studio import edits
 from floatplan.studio.page import Studio, titled
 
-ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 
 
 @pytest.fixture(scope="module")
-def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
+def studio(tmp_path_factory):
     pytest.importorskip("viser")
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     folder = str(tmp_path_factory.mktemp("saved"))
@@ -34,14 +31,14 @@ def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
 
 
 @pytest.fixture
-def fresh(studio: Studio) -> Studio:
+def fresh(studio):
     """The studio with its first problem."""
     while studio.session.undo():
         pass
     return studio
 
 
-CAMERA: dict[str, Any] = {
+CAMERA = {
     "wxyz": (1.0, 0.0, 0.0, 0.0),
     "position": (1.0, 1.0, 1.0),
     "fov": 1.0,
@@ -54,14 +51,13 @@ CAMERA: dict[str, Any] = {
 }
 
 
-def answered(studio: Studio) -> fp.Plan:
+def answered(studio):
     assert studio.session.wait(lambda view: view.is_current, PATIENCE)
     assert studio.painter.wait(PATIENCE)
-    assert studio.session.view.result is not None
     return studio.session.view.result.plan
 
 
-def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
+def test_it_is_served_to_this_machine_alone(studio):
     port = studio.server.get_port()
     with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE):
         pass
@@ -70,7 +66,7 @@ def test_it_is_served_to_this_machine_alone(studio: Studio) -> None:
     assert studio.server.get_host() == "127.0.0.1"
 
 
-def test_only_its_own_page_may_connect(studio: Studio) -> None:
+def test_only_its_own_page_may_connect(studio):
     """As a browser asks, which tells where a page comes from; and as a page does whose name was made to lead here."""
     from viser import __version__ as version
     from websockets.exceptions import InvalidStatus
@@ -78,7 +74,7 @@ def test_only_its_own_page_may_connect(studio: Studio) -> None:
 
     port = studio.server.get_port()
 
-    def asked(host: str, origin: str | None) -> bytes | str:
+    def asked(host, origin):
         with (
             socket.create_connection(("127.0.0.1", port)) as line,
             connect(f"ws://{host}:{port}", sock=line, origin=origin, subprotocols=[f"viser-v{version}"]) as page,
@@ -99,7 +95,7 @@ def test_only_its_own_page_may_connect(studio: Studio) -> None:
             asked(host, origin)
 
 
-def test_it_has_a_title_and_names_what_is_on_it(studio: Studio) -> None:
+def test_it_has_a_title_and_names_what_is_on_it(studio):
     from urllib.request import urlopen
 
     with urlopen(studio.address) as answer:
@@ -121,7 +117,7 @@ def test_it_has_a_title_and_names_what_is_on_it(studio: Studio) -> None:
 
 @pytest.mark.parametrize("end", ["start", "goal"])
 @pytest.mark.parametrize("part", [0, 1, 2])
-def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str, part: int) -> None:
+def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh, end, part):
     """Around that joint; nothing else of the posture changes."""
     before = fresh.session.view.problem
     places = grip_places(fresh, end, part, np.linspace(0.0, 0.2, 5))
@@ -135,7 +131,7 @@ def test_a_drag_turns_one_joint_as_far_as_the_hand_goes(fresh: Studio, end: str,
     answered(fresh)
 
 
-def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
+def test_obstacles_are_carried_and_come_and_go(fresh):
     first = fresh.session.view.problem.obstacles
     fresh.stage.carry(0, 1 + 1j, begins=True)
     for share in (0.3, 0.6, 1.0):
@@ -159,7 +155,7 @@ def test_obstacles_are_carried_and_come_and_go(fresh: Studio) -> None:
 class Client:
     """A page that sends what a browser would, and takes what it is sent."""
 
-    def __init__(self, studio: Studio) -> None:
+    def __init__(self, studio):
         from viser import __version__ as version
         from websockets.sync.client import connect
 
@@ -173,32 +169,32 @@ class Client:
         while not studio.server.get_clients():
             assert self.reading.is_alive()
 
-    def send(self, kind: str, **content: Any) -> None:
+    def send(self, kind, **content):
         import msgspec
 
         self.page.send(msgspec.msgpack.encode({"type": kind, **content}))
 
-    def set(self, handle: Any, value: Any) -> None:
+    def set(self, handle, value):
         """Set what an input shows, as a user does."""
         self.send("GuiUpdateMessage", uuid=handle._impl.uuid, updates={"value": value})
 
-    def close(self) -> None:
+    def close(self):
         self.page.close()
         self.reading.join()
 
 
-def test_nobody_opens_a_way_from_elsewhere(fresh: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_opens_a_way_from_elsewhere(fresh, monkeypatch):
     """viser opens a tunnel for any client that asks; nothing leaves this machine here, as the tunnel is another."""
-    asked: list[object] = []
+    asked = []
 
     class Tunnel:
-        def __init__(self, *where: object) -> None:
+        def __init__(self, *where):
             asked.append(where)
 
-        def get_status(self) -> str:
+        def get_status(self):
             return "failed"
 
-        def __getattr__(self, name: str) -> Any:
+        def __getattr__(self, name):
             return lambda *_: None
 
     monkeypatch.setattr("viser._viser.ViserTunnel", Tunnel)
@@ -215,7 +211,7 @@ def test_nobody_opens_a_way_from_elsewhere(fresh: Studio, monkeypatch: pytest.Mo
 
 
 @pytest.fixture
-def client(fresh: Studio) -> Iterator[Client]:
+def client(fresh):
     answered(fresh)
     made = Client(fresh)
     yield made
@@ -223,7 +219,7 @@ def client(fresh: Studio) -> Iterator[Client]:
 
 
 @pytest.mark.parametrize("value", [math.nan, 1e300, -1e300, math.inf])
-def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, value: float) -> None:
+def test_a_number_that_no_slider_has_is_refused(fresh, client, value):
     """As a page may send it, to every slider: a message, and nothing changes."""
     before = fresh.session.view.problem
     for slider in [fresh.panel.time, *fresh.panel.inputs.sliders.values()]:
@@ -242,9 +238,7 @@ def test_a_number_that_no_slider_has_is_refused(fresh: Studio, client: Client, v
     fresh.session.refuse("")
 
 
-def test_without_viser_there_is_one_clear_error(
-    monkeypatch: pytest.MonkeyPatch, floatplan: Callable[..., Any], root: Path
-) -> None:
+def test_without_viser_there_is_one_clear_error(monkeypatch, floatplan, root):
     import sys
 
     monkeypatch.setitem(sys.modules, "viser", None)

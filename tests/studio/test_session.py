@@ -4,39 +4,37 @@ import json
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from places import ROOT
 from studio_insides import process_ids
 
 import floatplan as fp
 from floatplan.studio import cards
-from floatplan.studio.session import FILE_NAMES, Document, Session, View
+from floatplan.studio.session import FILE_NAMES, Session
 from floatplan.studio.tasks import COLUMNS, ROWS
 
-ROOT = Path(__file__).parents[2]
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 BEYOND = 1e6  # rad, outside what a problem may ask
 
 
 @pytest.fixture(scope="module")
-def problem() -> fp.Problem:
+def problem():
     return fp.load_problem(ROOT / "problems" / "new_configuration.toml")
 
 
 @pytest.fixture(scope="module")
-def shared(problem: fp.Problem) -> Iterator[Session]:
+def shared(problem):
     made = Session(problem, with_map=False)
     yield made
     made.close()
 
 
 @pytest.fixture
-def session(shared: Session) -> Session:
+def session(shared):
     """The session with its first problem, all of whose changes are taken back."""
     while shared.undo():
         pass
@@ -44,11 +42,11 @@ def session(shared: Session) -> Session:
     return shared
 
 
-def settled(view: View) -> bool:
+def settled(view):
     return view.fault != "" or (view.is_current and view.result is not None and view.result.settled)
 
 
-def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Session) -> None:
+def test_each_change_is_planned_and_then_proved_as_the_planner_would(session):
     assert session.wait(settled, PATIENCE)
     first = session.view
     assert first.verdict == "proved"
@@ -57,33 +55,29 @@ def test_each_change_is_planned_and_then_proved_as_the_planner_would(session: Se
     view = session.view
     assert view.verdict == "proved"
     expected = fp.plan(view.problem, prove=True)
-    assert view.result is not None
     assert np.array_equal(view.result.plan.coefficients, expected.coefficients)
     plan = view.result.plan
-    assert plan.certificate is not None
     assert plan.certificate.proved
-    assert first.result is not None
     assert not np.array_equal(plan.coefficients, first.result.plan.coefficients)
 
 
-def test_what_cannot_be_is_said_and_nothing_changes(session: Session) -> None:
+def test_what_cannot_be_is_said_and_nothing_changes(session):
     before = session.view.problem
     for path, value in (("flight.duration", -1.0), ("goal.orientation", BEYOND), ("no.such.path", 1.0)):
         assert not session.set(path, value)
         assert session.view.refusal
         assert session.view.problem is before
-    assert not session.edit(lambda _: 1 / 0)  # type: ignore[arg-type, return-value]
+    assert not session.edit(lambda _: 1 / 0)
     assert "ZeroDivisionError" in session.view.refusal
     assert session.set("flight.duration", 1.2)
     assert session.view.refusal == ""
 
 
-def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session: Session) -> None:
+def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session):
     session.edit(lambda problem: replace(problem, limits=replace(problem.limits, velocity=0.1)))
     assert session.wait(settled, PATIENCE)
     view = session.view
     assert view.verdict == "not found"
-    assert view.result is not None
     assert "velocity limit" in view.result.plan.explanation
     assert len(view.result.poses.places) > 2
     card = cards.status_card(view)
@@ -93,9 +87,7 @@ def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session
     assert session.wait(lambda view: settled(view) and view.verdict == "proved", PATIENCE)
 
 
-def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(
-    session: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session, monkeypatch):
     monkeypatch.setattr("floatplan.studio.session.ONE_GESTURE", PATIENCE)  # also on a slow machine
     session.wait(settled, PATIENCE)
     start = session.view.problem.goal.orientation
@@ -105,7 +97,6 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(
         session.set("goal.orientation", start + 0.01 * step)
     assert session.wait(settled, PATIENCE)
     view = session.view
-    assert view.result is not None
     assert view.number == first + 39
     assert view.result.plan.problem.goal.orientation == start + 0.39
     assert seen == sorted(seen)
@@ -116,7 +107,7 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(
     assert session.view.problem.goal.orientation == start + 0.39
 
 
-def test_a_process_that_is_lost_is_told_and_begun_anew(session: Session) -> None:
+def test_a_process_that_is_lost_is_told_and_begun_anew(session):
     assert session.wait(settled, PATIENCE)
     for number in process_ids(session):
         os.kill(number, signal.SIGKILL)
@@ -126,8 +117,8 @@ def test_a_process_that_is_lost_is_told_and_begun_anew(session: Session) -> None
     assert session.view.verdict == "proved"
 
 
-def test_threads_may_all_change_it(session: Session) -> None:
-    def drag(path: str) -> None:
+def test_threads_may_all_change_it(session):
+    def drag(path):
         for step in range(30):
             session.set(path, 0.3 + 0.001 * step)
             if step % 10 == 9:
@@ -140,16 +131,14 @@ def test_threads_may_all_change_it(session: Session) -> None:
     for thread in threads:
         thread.join()
     assert session.wait(settled, PATIENCE)
-    assert session.view.result is not None
     assert session.view.result.plan.problem.goal.orientation == session.view.problem.goal.orientation
 
 
-def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None:
+def test_the_map_is_around_the_plan_and_leads_there(problem):
     session = Session(problem)
     try:
         assert session.wait(lambda view: view.map is not None and len(view.map.points) == ROWS * COLUMNS, PATIENCE)
         chart = session.view.map
-        assert chart is not None
         assert chart.points[ROWS // 2, COLUMNS // 2].status == "optimal"
         assert chart.durations[ROWS // 2] == problem.flight.duration
         assert chart.momenta[COLUMNS // 2] == problem.flight.angular_momentum
@@ -166,12 +155,12 @@ def test_the_map_is_around_the_plan_and_leads_there(problem: fp.Problem) -> None
         session.close()
 
 
-def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+def test_saved_files_are_the_session_s(session, tmp_path, floatplan):
     folder = str(tmp_path / "new" / "folder")
     session.set("goal.orientation", 0.7)
     assert session.wait(settled, PATIENCE)
     for part in ("problem", "plan", "report"):
-        assert session.save(part, folder).endswith("is saved.")  # type: ignore[arg-type]
+        assert session.save(part, folder).endswith("is saved.")
     assert floatplan("plan", f"{folder}/problem.toml", "-o", "again", "--no-figures", "--quiet").code == 0
     mine = json.loads(Path(folder, "plan.json").read_text())
     again = json.loads(Path("again", "plan.json").read_text())
@@ -182,7 +171,7 @@ def test_saved_files_are_the_session_s(session: Session, tmp_path: Path, floatpl
 
 
 @pytest.mark.parametrize("part", FILE_NAMES)
-def test_what_the_session_has_not_written_is_not_overwritten(session: Session, tmp_path: Path, part: Document) -> None:
+def test_what_the_session_has_not_written_is_not_overwritten(session, tmp_path, part):
     assert session.wait(settled, PATIENCE)
     mine = tmp_path / FILE_NAMES[part]
     mine.write_text("mine")

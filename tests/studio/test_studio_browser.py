@@ -1,16 +1,14 @@
 """The studio in a browser: dragged, made impossible, taken back, saved, and planned again from the command line."""
 
 import json
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from browser import Browser
 from jumps import INSTALLED
 from needed import skip_or_fail
+from places import ROOT
 from studio_insides import logged_errors
 from studio_page import Page
 
@@ -19,11 +17,9 @@ from floatplan.studio.edits import phase_ends
 from floatplan.studio.page import Studio
 from floatplan.studio.tasks import COLUMNS, ROWS
 
-ROOT = Path(__file__).parents[2]
-
 
 @pytest.mark.long
-def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+def test_a_flight_is_made_by_hand(browser, tmp_path, floatplan):
     folder = tmp_path / "made"
     problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
     with logged_errors() as errors, closing(Studio(problem, folder=str(folder), port=0, with_map=False)) as studio:
@@ -39,8 +35,6 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
         turned = view.problem.final.positions - problem.final.positions
         assert abs(turned[1]) > 0.05, "the dragged joint"
         assert turned[0] == 0
-        assert first is not None
-        assert view.result is not None
         assert not np.array_equal(view.result.plan.coefficients, first.plan.coefficients)
 
         page.tab("Limits")
@@ -67,7 +61,7 @@ def test_a_flight_is_made_by_hand(browser: Browser, tmp_path: Path, floatplan: C
 
 
 @pytest.mark.long
-def test_a_click_on_a_point_of_the_map_goes_there(browser: Browser) -> None:
+def test_a_click_on_a_point_of_the_map_goes_there(browser):
     """By a button that nobody sees."""
     problem = fp.load_problem(ROOT / "problems" / "new_configuration.toml")
     with logged_errors() as errors, closing(Studio(problem, port=0)) as studio:
@@ -78,11 +72,10 @@ def test_a_click_on_a_point_of_the_map_goes_there(browser: Browser) -> None:
         assert browser.run(f"{shown}).length") == ROWS * COLUMNS
         page.wait(lambda: browser.run(f"{shown} && e.offsetParent).length") == 0)
         chart = studio.session.view.map
-        assert chart is not None
         row, column = next(place for place in chart.points if place != (ROWS // 2, COLUMNS // 2))
         before = studio.session.view.number
 
-        def arrived() -> bool:
+        def arrived():
             """A click on the point, which the page may be drawing anew meanwhile."""
             if studio.session.view.number == before:
                 browser.run(f"document.querySelector('[data-point=\"{row},{column}\"]')?.click()")
@@ -97,7 +90,7 @@ def test_a_click_on_a_point_of_the_map_goes_there(browser: Browser) -> None:
 
 
 @pytest.mark.long
-def test_the_border_of_two_phases_is_dragged(browser: Browser) -> None:
+def test_the_border_of_two_phases_is_dragged(browser):
     """On a page whose title and names are its own."""
     from selenium.webdriver.common.action_chains import ActionChains
 
@@ -111,14 +104,11 @@ def test_the_border_of_two_phases_is_dragged(browser: Browser) -> None:
         number = page.wait_for("proved", after=0)
         borders = browser.driver.find_elements("css selector", ".multi-slider-thumb")
         answer = studio.session.view.result
-        assert answer is not None
-        assert answer.jump is not None
         found = [phase.end for phase in answer.jump.phases]
         assert len(borders) == len(found)
         ActionChains(browser.driver).click_and_hold(borders[1]).move_by_offset(-3, 0).pause(0.2).release().perform()
         page.wait(lambda: studio.session.view.number > number)
         asked = phase_ends(studio.session.view.problem)
-        assert asked is not None
         assert np.delete(asked, 1) == pytest.approx(np.delete(found, 1), abs=1e-3)
         assert -0.06 < asked[1] - found[1] < -0.01
         page.click("Undo")
