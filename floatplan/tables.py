@@ -23,7 +23,8 @@ RANGE = 1e-12  # [rad] of joint ranges
 STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined
 A_TURN_OFF = 1.0  # [rad] from the requested angles: less is what the search corrects, more are other rotations
 
-FLIGHT_EVENTS = {"start": "takeoff", "goal": "landing"}  # the event there, and the word for rates of a still frame
+# The event at an end of the flight, and the word for rates of a still frame.
+FLIGHT_EVENTS: dict[str, Literal["takeoff", "landing"]] = {"start": "takeoff", "goal": "landing"}
 
 Base: TypeAlias = Literal["planar", "free-flyer"]  # how a robot's base moves
 Unit: TypeAlias = Literal["rad", "deg"]  # of angles

@@ -22,7 +22,6 @@ from floatplan.clips.flights import ClipFlight
 from floatplan.clips.judge import largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import plan as plan_flight
@@ -31,6 +30,7 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
 from floatplan.tables import Range
 
 Choice: TypeAlias = Literal["retime", "raise", "auto"] | float

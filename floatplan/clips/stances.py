@@ -18,10 +18,10 @@ from floatplan.clips.clip import Clip
 from floatplan.clips.curve import body_poses, joint_axes
 from floatplan.clips.flights import in_body, lowest_point, on_body
 from floatplan.motion.spatial.bodies import BodyPoses
-from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
 
 FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
 LOOSE = 0.05  # [m] over the ground, from where on they are not; less where a flight begins or ends lower

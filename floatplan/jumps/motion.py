@@ -12,9 +12,8 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.jumps.contacts import GroundContact
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.standing import Spot, spot_weights
-
-BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,6 @@ HEADER = "kernel.h"
 DECLARATIONS = "_declarations.py"  # the header as cffi has read it
 UNITS = ("avx512.cpp", "avx2.cpp", "baseline.cpp", "dispatch.cpp")  # compiled side by side, the longest first
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
-COMPILERS = ("c++", "g++", "clang++")
 WHEEL = "ziglang"  # a package that is a compiler, for machines that have none
 COMPILE_FLAGS = (
     "-std=c++17",
@@ -105,7 +104,12 @@ def compiler() -> list[str] | None:
     asked = shlex.split(os.environ.get("CXX", ""))
     if asked and not shutil.which(asked[0]):
         raise CompilerError(f"CXX names no C++ compiler: there is no command {asked[0]}")
-    return asked or next(([name] for name in COMPILERS if _answers(name)), None)
+    if asked:
+        return asked
+    for name in ("c++", "g++", "clang++"):
+        if _answers(name):
+            return [name]
+    return None
 
 
 def _answers(name: str) -> bool:

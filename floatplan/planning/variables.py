@@ -17,7 +17,6 @@ from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, 
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import REFERENCE_NODES, reference_at
 
-LEAST_COSINE = 0.1  # [-] of cos p in weights of differences: at the edge of its range a joint hardly moves with p
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
 
 
@@ -232,7 +231,8 @@ def near_reference(reference: Array, polynomials: SinePolynomials) -> tuple[Arra
     sine = np.clip((recorded - polynomials.centre) / polynomials.amplitude, -1.0, 1.0)
     arguments = np.arcsin(sine)
     weights = np.sqrt(grid.weights / len(polynomials.free))[:, None] * polynomials.amplitude
-    weights = weights * np.maximum(np.cos(arguments), LEAST_COSINE)
+    # At the edge of its range a joint hardly moves with p; it counts by a tenth at least.
+    weights = weights * np.maximum(np.cos(arguments), 0.1)
     offset = np.zeros(sum(polynomials.free))
     scaling = np.zeros((len(offset), len(offset)))
     for joint, (width, end) in enumerate(zip(polynomials.free, accumulate(polynomials.free), strict=True)):

@@ -13,8 +13,9 @@ from floatplan.arrays import Array
 from floatplan.jumps.check import LIGHT
 from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, point_in_joint
+from floatplan.jumps.motion import point_in_joint
 from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
 from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample

@@ -10,7 +10,8 @@ from floatplan.arguments import by_name, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.robot.planar.model import BASE_COORDINATES, FREE_FLYER
+from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.urdf.base import FREE_FLYER
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))

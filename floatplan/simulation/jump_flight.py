@@ -16,7 +16,8 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, JumpState
+from floatplan.jumps.motion import JumpState
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact_model import ContactRobot, least_heights
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors

@@ -35,8 +35,7 @@ from floatplan.motion.dynamics import FlightState
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-
-FREE_FLYER = 6  # velocities of the free flyer; its configuration has one number more
+from floatplan.robot.urdf.base import FREE_FLYER
 
 
 class Workspace(threading.local):

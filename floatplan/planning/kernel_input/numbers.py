@@ -23,9 +23,8 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import least_of_motors, sum_of_motors
 from floatplan.robot.planar.inertia import momentum_intervals
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
+from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, RANGES
 
-ENDS = ("start", "goal")
 OF_JOINTS = ("positions", "velocities", "accelerations")
 OF_STATES = ("orientation", *OF_JOINTS)
 BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre of mass depends on: name, column
@@ -36,8 +35,6 @@ BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre 
     "flight.landing.height": ("height", None),
 }
 MOTOR_LIMITS = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
-OF_LIMITS = ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope")
-NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
 
 
 def is_batchable(problem: Problem) -> bool:
@@ -127,7 +124,9 @@ class Numbers:
             of_joints = {}
             for row in JOINT_LIMITS:
                 of_joints[row.key] = np.array([problem.joint_limits[row.key] for problem in problems])
-            others = {name: np.array([getattr(problem, name) for problem in problems]) for name in OF_LIMITS}
+            others = {}
+            for name in ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope"):
+                others[name] = np.array([getattr(problem, name) for problem in problems])
             limits = _limited(like, joint_limits=of_joints, **others)
         return cls(like, values, sound, [problem.obstacles for problem in problems], limits)
 
@@ -147,10 +146,10 @@ class Numbers:
                 if not end:
                     values[name] = array
                 elif joint is None:
-                    at_end = values[name][:, ENDS.index(end)]
+                    at_end = values[name][:, list(FLIGHT_EVENTS).index(end)]
                     at_end[...] = array if at_end.ndim == 1 else array[:, None]
                 else:
-                    values[name][:, ENDS.index(end), joint] = array
+                    values[name][:, list(FLIGHT_EVENTS).index(end), joint] = array
             elif path in BALLISTIC:
                 name, column = BALLISTIC[path]
                 sound &= _within(name, array)
@@ -166,7 +165,7 @@ class Numbers:
     def doubtful(self) -> BoolArray:
         """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
         low, high = self.like.position_limits.T
-        margin = NEAR_EDGE * (high - low)
+        margin = 1e-9 * (high - low)  # rows with a joint nearer to the edge of its range are checked as problems
         positions = self.values["positions"]
         good = [_within(name, array) for name, array in self.values.items()]
         good += [self.sound, positions > low + margin, positions < high - margin]

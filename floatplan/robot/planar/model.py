@@ -17,10 +17,10 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import Choice, Plane
+from floatplan.robot.urdf.base import FREE_FLYER
 from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
 BASE_COORDINATES = 3
-FREE_FLYER = 6  # velocities of the base in space; its configuration has one number more
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] for Pinocchio where there is no limit
 
 
