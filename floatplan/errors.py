@@ -15,7 +15,7 @@ from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
-CLONE = Path(__file__).resolve().parents[1]  # where pyproject.toml is, unless floatplan was installed as a wheel
+PACKAGE = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True)
@@ -197,8 +197,8 @@ def import_optional(module: str, *, name: str, element: str, extra: str) -> Modu
 
 def install_advice(extra: str) -> str:
     """The command that installs an extra where floatplan runs from: a clone, or an environment of its user."""
-    if (CLONE / "pyproject.toml").is_file():
-        requirement = f"-e {shlex.quote(f'{near(CLONE)}[{extra}]')}"
+    if (PACKAGE.parent / "pyproject.toml").is_file():  # unless floatplan was installed as a wheel
+        requirement = f"-e {shlex.quote(f'{near(PACKAGE.parent)}[{extra}]')}"
     else:
         requirement = f"'floatplan[{extra}]'"
     return f"install it: {shlex.quote(near(Path(sys.executable)))} -m pip install {requirement}"

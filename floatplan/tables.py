@@ -26,6 +26,12 @@ A_TURN_OFF = 1.0  # [rad] from the requested angles: less is what the search cor
 # The event at an end of the flight, and the word for rates of a still frame.
 FLIGHT_EVENTS: dict[str, Literal["takeoff", "landing"]] = {"start": "takeoff", "goal": "landing"}
 
+GRAVITY = 9.81  # [m/s^2] unless a problem says another
+LARGEST_TILT = 1e-3  # [rad] between an axis and the normal that it is taken for: "1.5708" for pi/2 is 4e-6 off
+INDEPENDENT = 1e-3  # [-] sine of the angle between axes, or volume that three unit vectors span: below it, they are one
+FREE_TYPES = ("floating", "planar")  # of a URDF's joints: those with more than one degree of freedom
+JOINT_VALUES = ("positions", "velocities", "accelerations")  # what a state says of the joints
+
 Base: TypeAlias = Literal["planar", "free-flyer"]  # how a robot's base moves
 Unit: TypeAlias = Literal["rad", "deg"]  # of angles
 RobotKind: TypeAlias = Literal["urdf", "mjcf"]  # what a robot's file is

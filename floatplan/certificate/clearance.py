@@ -17,8 +17,6 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
 from floatplan.tables import CLEARANCE
 
-CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
-
 
 class Distances(Protocol):
     """Distances between surfaces over time, of which the least counts; its members are pairs, points or solids."""
@@ -74,7 +72,8 @@ def least_distance(
     kind: Kind, subject: Subject, distances: Distances, items: Items, margin: float, cells: TimeCells
 ) -> tuple[Finding, Minimum]:
     """The verdict on the least of some distances, which should be a margin, m, at least; and that distance."""
-    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
+    gap = 2e-6  # [m] how sharply a clearance is bounded
+    goal = Goal(np.array([gap]), np.array([margin - CLEARANCE]))
     groups = np.zeros(int(items.member.max(initial=-1)) + 1, dtype=np.int64)
     (least,) = smallest(items, groups, distances.below, distances.at_point, goal, cells)
     return at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant), least

@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
 from floatplan.cli import ExitCode
-from floatplan.errors import FloatplanError, InputError, escaped, near, printable
+from floatplan.errors import PACKAGE, FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
 from floatplan.tables import describe_objectives
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-PACKAGE = Path(__file__).resolve().parents[1]
 KINDS = ("urdf", "problems")
 
 Parameters = ParamSpec("Parameters")

@@ -17,8 +17,8 @@ from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
+from floatplan.tables import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 STANCE_SPAN = 0.3  # [s] before and after a flight, of the stances whose feet are judged
 
 

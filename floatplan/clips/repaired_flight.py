@@ -31,7 +31,7 @@ from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
-from floatplan.tables import Range
+from floatplan.tables import GRAVITY, Range
 
 Choice: TypeAlias = Literal["retime", "raise", "auto"] | float
 SHARES = {
@@ -82,7 +82,7 @@ class RepairedFlight:
 
 
 def repair_flight(
-    clip: Clip, flight: ClipFlight, choice: Choice = "auto", degree: int | None = None, gravity: float = 9.81
+    clip: Clip, flight: ClipFlight, choice: Choice = "auto", degree: int | None = None, gravity: float = GRAVITY
 ) -> RepairedFlight:
     """Plan a flight of a clip anew.
 
@@ -143,7 +143,7 @@ def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
 
 
 def flight_problem(
-    clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None = None, gravity: float = 9.81
+    clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None = None, gravity: float = GRAVITY
 ) -> Problem | None:
     """The problem whose plan is a flight of a clip, nearest to it; None where the clip's flight does not rise.
 

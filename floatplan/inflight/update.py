@@ -24,7 +24,6 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.planning.kernel_input.rows import KernelRows
 
-ROUNDING = 1e-9  # [s] of instants at the ends of a window
 FILTER_ARRAYS = ("state", "covariance", "attitude", "surprises", "wander", "deviations")  # of the filter of an estimate
 Step = enumeration("Step")
 
@@ -317,7 +316,8 @@ def _of_plan(rewriting: Rewriting, views: Views, grid: Any, gap_nodes: int) -> d
 
 def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array | IntArray]:
     """The blocks of rows: where each begins, its aim, softness, and the window of its rows, s."""
-    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
+    rounding = 1e-9  # [s] of instants at the ends of a window
+    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + rounding * np.array([-1.0, 1.0])
     return {
         "block_first": integers(first),
         "aim": doubles([rows.aim for rows in blocks]),

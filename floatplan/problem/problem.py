@@ -291,7 +291,7 @@ class Problem(Checked):
             "torque_limits": ("limits", lambda: resolution.torque_limits(robot, limits.torque)),
             "motor_torque_limits": (
                 "limits",
-                lambda: resolution.motor_limits(robot, resolution.TORQUE, limits.torque),
+                lambda: resolution.motor_limits(robot, LIMIT_TABLE["torque"], limits.torque),
             ),
             "motor_stall": ("limits", lambda: resolution.motor_values(robot, limits, "stall", math.inf)),
             "motor_slope": ("limits", lambda: resolution.motor_values(robot, limits, "slope", 0.0)),

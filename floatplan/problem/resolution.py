@@ -26,8 +26,6 @@ MOST_DISTANCES = 800  # between shapes of links and obstacles
 MOST_JOINTS = 60
 NARROWEST = 1e-6  # rad, of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
-TORQUE = LIMIT_TABLE["torque"]
-NOT_IN_SPACE = "is for flights in a plane, and not yet for those in space"
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
 
@@ -43,7 +41,9 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
         raise _not_so(robot, f"{element}.orientation", "an angle", "an Attitude: quaternion_xyzw, or angles and axes")
     if frame_rests and robot.in_plane is None:
         raise InputError(
-            f"{FLIGHT_EVENTS[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates"
+            f"{FLIGHT_EVENTS[element]!r} is for flights in a plane, and not yet for those in space",
+            element=f"{element}.velocities",
+            advice="give the rates",
         )
     return JointState(
         orientation=math.nan if isinstance(posture.orientation, Attitude) else float(posture.orientation),
@@ -282,7 +282,7 @@ def motor_limits(robot: Robot, row: LimitRow, values: str | JointValues) -> Arra
 def torque_limits(robot: Robot, values: str | JointValues) -> Array:
     """Return limits (n,) N m of the generalised torques: as stated, or what those of the motors add up to."""
     if isinstance(values, str | Mapping | int | float):
-        return read_only(sum_of_motors(robot, motor_limits(robot, TORQUE, values)))
+        return read_only(sum_of_motors(robot, motor_limits(robot, LIMIT_TABLE["torque"], values)))
     return read_only(_in_order(robot, values, "limits.torque"))
 
 

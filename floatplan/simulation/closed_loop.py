@@ -36,7 +36,6 @@ PERIOD = 1e-3  # [s] of the joints' control
 MOST_FLIGHTS = 10_000
 MOST_PERIODS = 100_000  # [-] of a flight
 BUDGET = 60.0  # [s]
-MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
 
 
 @one_thread
@@ -78,7 +77,7 @@ def closed_loop(
     start_time = clock.perf_counter()
     check_engine(engine)
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
-    rate = positive(MOST_RATE, "Hz")(rate, "replan")
+    rate = positive(1 / PERIOD, "Hz")(rate, "replan")
     feedback = positive(FASTEST, "rad/s")(feedback, "feedback")
     seed = SEED(seed, "seed")
     budget = optional(positive(unit="s"))(budget, "budget")

@@ -17,16 +17,15 @@ from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.planning.kernel_input.rows import can_write, obstacle_numbers
 from floatplan.problem.ballistics import rising
-from floatplan.problem.family import Family, motor_limits_with, obstacles_with
+from floatplan.problem.family import BY_MOTOR, Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import least_of_motors, sum_of_motors
 from floatplan.robot.planar.inertia import momentum_intervals
 from floatplan.robot.robot import Robot
-from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, RANGES
+from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, JOINT_VALUES, RANGES
 
-OF_JOINTS = ("positions", "velocities", "accelerations")
-OF_STATES = ("orientation", *OF_JOINTS)
+OF_STATES = ("orientation", *JOINT_VALUES)
 BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre of mass depends on: name, column
     "flight.gravity": ("gravity", None),
     "flight.horizontal_velocity": ("horizontal_velocity", None),
@@ -34,7 +33,6 @@ BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre 
     "flight.takeoff.position.1": ("position", 1),
     "flight.landing.height": ("height", None),
 }
-MOTOR_LIMITS = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
 
 
 def is_batchable(problem: Problem) -> bool:
@@ -57,7 +55,7 @@ def is_batchable_family(family: Family) -> bool:
     others = {path: array[:1] for path, array in family.arrays.items() if not _is_unconstrained(path, base.robot)}
     heads = (path.split(".")[:2] for path in others)
     if not (
-        is_batchable(base) and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in heads)
+        is_batchable(base) and all(head == "obstacles" or (head == "limits" and k in BY_MOTOR) for head, k in heads)
     ):
         return False
     first = _limits_of_family(base, others)
@@ -80,7 +78,7 @@ def _target(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
             return "", name, None
         case ["start" | "goal" as end, name] if name in OF_STATES:
             return end, name, None
-        case ["start" | "goal" as end, name, joint] if name in OF_JOINTS and joint in robot.joints:
+        case ["start" | "goal" as end, name, joint] if name in JOINT_VALUES and joint in robot.joints:
             return end, name, robot.joints.index(joint)
     return None
 
@@ -229,7 +227,7 @@ def _limited(like: Problem, **limits: Any) -> Problem:
 def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | None:
     """The base problem with the limits of some rows; None where one problem cannot hold them."""
     limits: dict[str, Any] = {"joint_limits": dict(base.joint_limits)}
-    for key, row in MOTOR_LIMITS.items():
+    for key, row in BY_MOTOR.items():
         about = {path: array for path, array in varied.items() if path.split(".")[:2] == ["limits", key]}
         own = motor_limits_with(base, row, about) if about else None
         if about and own is None:

@@ -14,10 +14,9 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
+from floatplan.tables import FREE_TYPES, INDEPENDENT
 
 FREE_FLYER = 6  # velocities of a base in space; its configuration has one number more
-FREE_TYPES = ("floating", "planar")  # of joints with more than one degree of freedom
-INDEPENDENT = 1e-3  # [-] sine of the angle between axes, or volume that three unit vectors span: below it, they are one
 
 
 def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
