@@ -26,7 +26,7 @@ def refusal(monkeypatch: pytest.MonkeyPatch) -> str:
 
 def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").touch()
-    monkeypatch.setattr(errors, "CLONE", tmp_path)
+    monkeypatch.setattr(errors, "PACKAGE", tmp_path / "floatplan")
     monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
     monkeypatch.chdir(tmp_path)
     start = 'scene: viser is not installed: it comes with the extra "view"; install it: '
@@ -41,6 +41,6 @@ def test_from_a_clone_the_command_installs_the_clone(monkeypatch: pytest.MonkeyP
 
 
 def test_from_a_wheel_it_installs_the_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(errors, "CLONE", tmp_path)
+    monkeypatch.setattr(errors, "PACKAGE", tmp_path / "floatplan")
     monkeypatch.chdir(tmp_path)
     assert refusal(monkeypatch).endswith(f"install it: {shlex.quote(sys.executable)} -m pip install 'floatplan[view]'")

@@ -11,6 +11,8 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.robot.robot import Robot
 
+FRICTION_RATE = 0.5  # [rad/s] about which friction changes its sign: a step could not be integrated
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedModel:
@@ -67,8 +69,7 @@ class ReducedModel:
 
     def lost(self, velocities: Array) -> Array:
         """Torques (m,) N m that the joints lose by damping and friction at velocities (m,), rad/s."""
-        # About zero friction changes its sign over 0.5 rad/s: a step could not be integrated.
-        return np.asarray(self.losses[0] * velocities + self.losses[1] * np.tanh(velocities / 0.5))
+        return np.asarray(self.losses[0] * velocities + self.losses[1] * np.tanh(velocities / FRICTION_RATE))
 
     def off_goal(self, joints: Array, goal: Any) -> tuple[Array, Array]:
         """Magnitudes of errors at a goal (n,), rad, of joints (m,).

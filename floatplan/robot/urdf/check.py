@@ -29,6 +29,8 @@ from floatplan.robot.urdf.tree import (
 from floatplan.robot.urdf.written import urdf_of
 from floatplan.tables import FREE_TYPES, RANGES
 
+MOST_JOINTS = 150  # [-] that move: Pinocchio's workspace grows as their cube, and thousands exhaust the memory
+MOST_FIXED_JOINTS = 2000  # [-] ten times those of any robot; URDF readers that recurse link by link bear 3000
 LIMITS = "limits of"  # beginning of the warnings about limits that are ignored
 AXISLESS = ("fixed", "floating")  # types of joints
 WITHOUT_RANGE = ("continuous", *AXISLESS, "planar")
@@ -124,9 +126,7 @@ def read_tree(root: Element) -> UrdfTree:
 def _check_counts(joints: Sequence[Element]) -> None:
     """Refuse more joints than can be handled; those that are fixed cost little."""
     fixed = sum(joint.get("type") == "fixed" for joint in joints)
-    # Pinocchio's workspace grows as the cube of the joints that move: thousands exhaust the memory. URDF readers that
-    # recurse link by link bear 3000; no robot has a tenth of 2000 that are fixed.
-    for count, most, which in ((len(joints) - fixed, 150, "that move"), (fixed, 2000, "fixed")):
+    for count, most, which in ((len(joints) - fixed, MOST_JOINTS, "that move"), (fixed, MOST_FIXED_JOINTS, "fixed")):
         if count > most:
             words = f"{count} joints {which}" if which != "fixed" else f"{count} fixed joints"
             raise InputError(f"has {words}, more than the {most} that can be handled")

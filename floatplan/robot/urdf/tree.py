@@ -30,6 +30,7 @@ ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 PREFIX = "example-robot-data:"
+INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
 FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
 
 
@@ -382,7 +383,7 @@ def _candidates() -> Iterator[Path]:
     prefixes = [
         sys.prefix,
         *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep),
-        *("/usr", "/usr/local", "/opt/openrobots"),
+        *INSTALL_PREFIXES,
     ]
     for prefix in prefixes:
         if prefix:
