@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 
@@ -118,7 +119,7 @@ class ProblemError(InputError):
     """
 
     def __init__(self, errors: Sequence[InputError]) -> None:
-        self.errors: tuple[InputError, ...] = tuple(one for error in errors for one in single(error))
+        self.errors = flattened(errors)
         super().__init__("several things are wrong")
 
     def __str__(self) -> str:
@@ -143,9 +144,14 @@ def single(error: InputError) -> tuple[InputError, ...]:
     return errors
 
 
+def flattened(errors: Iterable[InputError]) -> tuple[InputError, ...]:
+    """Return errors, those that others contain instead of these."""
+    return tuple(chain.from_iterable(map(single, errors)))
+
+
 def refuse(errors: Sequence[InputError]) -> None:
     """Raise what is wrong, if anything is: one error as it is, several as one, without repetition."""
-    different = list({str(one): one for error in errors for one in single(error)}.values())
+    different = list({str(error): error for error in flattened(errors)}.values())
     if different:
         raise ProblemError(different) if len(different) > 1 else different[0]
 

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, IntArray, indices_of
 from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, Goal, Items, Minimum, at_least, at_most, smallest
 from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.enclosure import Balls, Taylor
@@ -62,7 +62,7 @@ def existing_cells(cells: TimeCells, obstacle: Mapping[str, Any]) -> IntArray:
 
 def shapes_of_pair(links: Sequence[str], pair: Mapping[str, Any]) -> tuple[list[int], list[int]]:
     """Indices of the shapes of two links that are to keep apart, among shapes that belong to ``links``."""
-    first, second = ([i for i, link in enumerate(links) if link == name] for name in pair["links"])
+    first, second = (indices_of(name, links) for name in pair["links"])
     if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
     return first, second

@@ -64,8 +64,8 @@ def flight_of_jump(jump: Jump, flight: Plan) -> Problem:
     free = problem.flight
     request = replace(
         jump.request,
-        takeoff=replace(jump.request.takeoff, contacts=[_contacts(stance) for stance in jump.before]),
-        landing=replace(jump.request.landing, contacts=[_contacts(stance) for stance in jump.after]),
+        takeoff=replace(jump.request.takeoff, contacts=list(map(_contacts, jump.before))),
+        landing=replace(jump.request.landing, contacts=list(map(_contacts, jump.after))),
     )
     micrometres = 6  # digits of a height, m
     rounded = replace(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, compress
 from pathlib import Path
 from typing import Any
 
@@ -281,7 +281,7 @@ def _loaded(source: str | Path, choices: dict[str, Any], foot: str | None) -> Ch
     robot = Robot.from_file(source, **choices)
     carried = robot.tree.mass @ (robot.tree.turns != 0)  # kg, of the bodies that each planned joint moves
     least = 0.01 * robot.mass  # joints that carry less, such as fingers, stay locked
-    heavy = [joint for joint, mass in zip(robot.joints, carried, strict=True) if mass >= least]
+    heavy = list(compress(robot.joints, carried >= least))
     if heavy and len(heavy) < len(robot.joints):
         choices = {**choices, "joints": heavy}
         robot = Robot.from_file(source, **choices)

@@ -185,7 +185,7 @@ class Stance:
 
         Levers (N, 2) m are the points' velocities where only the base rotates.
         """
-        means = [np.mean([levers[name] for name in contact.names], axis=0) for contact in self.contacts]
+        means = [np.mean(contact.values(levers), axis=0) for contact in self.contacts]
         remaining = wrench[:, :2]
         moment = wrench[:, 2] - (means[0] * remaining).sum(axis=1)
         forces: dict[str, Array] = {}
@@ -278,8 +278,11 @@ def joined(times: Array, size: int, pieces: Sequence[tuple[IntArray, JumpState]]
     for name in ("positions", "velocities", "accelerations", "torques"):
         columns = getattr(pieces[0][1], name).shape[1] if pieces else size  # in space configurations have one more
         arrays[name] = np.empty((len(times), columns))
-    dimensions = {force.shape[1] for _, state in pieces for force in state.forces.values()}
-    forces = {name: np.zeros((len(times), max(dimensions, default=2))) for name in names}
+    dimensions = 2
+    for _, state in pieces:
+        for force in state.forces.values():
+            dimensions = max(dimensions, force.shape[1])
+    forces = {name: np.zeros((len(times), dimensions)) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in pieces:
         for name, array in arrays.items():

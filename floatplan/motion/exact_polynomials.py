@@ -63,7 +63,7 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     not suffer from the rounding of large terms, and p hardly does.
     """
     size = len(combination)
-    factors = [_fixed(value) for value in combination]
+    factors = list(map(_fixed, combination))
     rows = _fixed_rows(basis_columns, size - CONDITIONS)
     lost = _fixed_rows(compensations, size)
     remainder = [sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in rows]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import TypeAlias, get_args
 
 import numpy as np
@@ -164,11 +165,11 @@ class RowTable:
     def of(cls, blocks: Sequence[Constraint]) -> RowTable:
         """Return the rows of blocks."""
         rows = [len(block.labels) for block in blocks]
-        ends = sorted({end for block in blocks for end in block.window if end not in ALWAYS})
+        ends = sorted(set().union(*(block.window for block in blocks)).difference(ALWAYS))
         low, high = np.repeat([block.window for block in blocks] or np.empty((0, 2)), rows, axis=0).T
         return cls(
             block=np.repeat(np.arange(len(rows)), rows),
-            row=np.array([row for count in rows for row in range(count)], np.int64),
+            row=np.array(list(chain.from_iterable(map(range, rows))), np.int64),
             low=low,
             high=high,
             tolerance=np.repeat([block.tolerance for block in blocks], rows),

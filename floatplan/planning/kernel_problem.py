@@ -257,7 +257,7 @@ def powers_of_basis(width: int) -> Struct:
     arrays = {}
     for name, fractions in (("columns", basis_columns(width)), ("lost", compensations(CONDITIONS + width))):
         high = fractions.astype(np.float64)
-        exact = np.array([Fraction(value) for value in high.ravel().tolist()], dtype=object).reshape(high.shape)
+        exact = np.array(list(map(Fraction, high.ravel().tolist())), dtype=object).reshape(high.shape)
         arrays[name] = high
         arrays[f"{name}_low"] = (fractions - exact).astype(np.float64)  # as sums of two doubles
     return Struct("Powers", **arrays)

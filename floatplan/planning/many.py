@@ -243,7 +243,7 @@ def _finish(
     plans: Plans, tasks: Sequence[_Task], options: SearchOptions, jobs: int, seed: Callable[[int], int]
 ) -> None:
     """Plan problems in this process or several; see :func:`_planner`."""
-    seeded = [(task, [seed(index) for index in task.indices]) for task in tasks]
+    seeded = [(task, list(map(seed, task.indices))) for task in tasks]
     shared = (plans.problems, options)
     several = jobs > 1 and len(tasks) > 1
     with processes(jobs, (__name__,), _planner, *shared) if several else nullcontext() as pool:

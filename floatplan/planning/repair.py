@@ -128,7 +128,7 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
     if certificate.proved:
         sentence = "The flight is proved: all that is asked of it holds at all times."
         return plan.with_record(replace(record, explanation=sentence))
-    sentence = "; ".join(_sentence(finding) for finding in failed)
+    sentence = "; ".join(map(_sentence, failed))
     if certificate.verdict == "refuted":
         return plan.with_record(replace(record, ok=False, status="infeasible", explanation=f"Refuted: {sentence}."))
     return plan.with_record(replace(record, explanation=f"{plan.explanation} Not proved: {sentence}."))
@@ -161,7 +161,10 @@ def tightened(problem: Problem, missing: Shortfalls, rotation: float) -> Problem
         return 1.5 * missing.get((kind, subject), 0.0)
 
     def less(kind: Kind, names: Sequence[str], values: Array) -> dict[str, float]:
-        return {name: value - more(kind, name) for name, value in zip(names, values, strict=True)}
+        tighter = {}
+        for name, value in zip(names, values, strict=True):
+            tighter[name] = value - more(kind, name)
+        return tighter
 
     robot = problem.robot
     limits = problem.limits

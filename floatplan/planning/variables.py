@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import accumulate
+from itertools import accumulate, compress
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -188,7 +188,7 @@ def decision_variables(
         duration=problem.flight.duration,
         branches=np.zeros((2, len(degrees)), np.int64) if branches is None else branches,
     )
-    free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
+    free_ends = tuple(compress(CURVATURES, conditions.free[:, 0].tolist()))
     polynomials = SinePolynomials(
         conditions.centre,
         conditions.amplitude,

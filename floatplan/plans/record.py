@@ -227,7 +227,9 @@ class RobotRecord(Record):
         cls.in_files(needed={kind, space}, absent=absent | ({"resolved"} if kind == "urdf" else set()))(
             content, "robot"
         )
-        values: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in content.items()}
+        values: dict[str, Any] = {}
+        for name, value in content.items():
+            values[name] = tuple(value) if isinstance(value, list) else value
         return cls(**values)
 
     def to_dict(self) -> dict[str, Any]:
@@ -342,7 +344,7 @@ class PlanRecord(Record):
     @property
     def asks_clearance(self) -> bool:
         """Whether the problem asks for a distance, so that the links' shapes matter."""
-        return any(self.problem.get(name) for name in ("obstacles", "self_clearance", "ground"))
+        return any(map(self.problem.get, ("obstacles", "self_clearance", "ground")))
 
     def with_checks(
         self, certificate: Mapping[str, Any] | None = None, replay: Mapping[str, Any] | None = None

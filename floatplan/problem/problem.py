@@ -436,7 +436,7 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
     ]
     for key, what, limits, subjects, rows, slope in kinds:
         first = limits if limits.ndim == 1 else limits[0]
-        limited = [number for number, limit in enumerate(first.tolist()) if limit < math.inf]
+        limited = np.flatnonzero(first < math.inf).tolist()
         if limited:
             row, limit = LIMIT_TABLE[key], limits[..., limited]
             names = tuple(f"{what} of {subjects[i]}" for i in limited)

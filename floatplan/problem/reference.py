@@ -56,7 +56,7 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
         raise InputError(
             f"has no column {missing[0]!r}", source=path, advice="give the table of a motion of this robot"
         )
-    columns = [names.index(name) for name in required]
+    columns = list(map(names.index, required))
     rows = []
     try:
         for line in filter(None, lines[1:]):

@@ -143,7 +143,7 @@ class _Loop:
         self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         robot = plan.robot
         names = self.reduced.joints
-        self.motor_columns = np.array([[float(name == motor) for motor in robot.motors] for name in names])
+        self.motor_columns = (np.array(names)[:, None] == np.array(robot.motors)).astype(np.float64)
         limits = dict(zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True))
         unlimited = np.full(len(names), np.inf)
         self.motors = Motors(

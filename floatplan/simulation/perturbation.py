@@ -162,7 +162,8 @@ def given_perturbation(perturb: str | Perturbation) -> Perturbation:
 
 def _number(name: str, text: str) -> float:
     _, units = KINDS[name]
-    unit = next(unit for unit in sorted(units, key=len, reverse=True) if text.endswith(unit))
+    longest_first = sorted(units, key=len, reverse=True)  # the last of them is ""
+    unit = next(filter(text.endswith, longest_first))
     try:
         value = float(text.removesuffix(unit)) * units[unit]
     except ValueError:

@@ -112,7 +112,10 @@ class Controls:
         self._limits.draw(view)
         self._obstacles.draw(view)
         self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
-        longest = max(shown.motion.duration for shown in (view.result, view.compared) if shown is not None)
+        longest = 0.0
+        for shown in (view.result, view.compared):
+            if shown is not None:
+                longest = max(longest, shown.motion.duration)
         self.time.max = math.ceil(1e3 * longest) / 1e3
         return in_turn(self._server, lambda: self.inputs.follow(view.problem)) or postponed
 
@@ -348,7 +351,10 @@ class LimitsTab:
     def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
         self._session = session
         self._inputs = inputs
-        self._sliders = {key: self._add(key) for key, row in LIMIT_TABLE.items() if row.of != "base"}
+        self._sliders = {}
+        for key, row in LIMIT_TABLE.items():
+            if row.of != "base":
+                self._sliders[key] = self._add(key)
         self._table = gui.add_html("")
 
     def draw(self, view: View) -> None:

@@ -72,7 +72,9 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
         link = carriers[link].parent
         frames.add(link)
     joints = tuple(replace(joint, kind="fixed", mimic=None) if joint.name in names else joint for joint in urdf.joints)
-    links = {name: replace(link, frame=True) if name in frames else link for name, link in urdf.links.items()}
+    links = dict(urdf.links)
+    for name in frames & links.keys():
+        links[name] = replace(links[name], frame=True)
     return replace(urdf, links=links, joints=joints)
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
@@ -305,7 +306,7 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
             points.append(Frame(shape.body, point_on_body, frame.link, weights))
             heights.append(float((weights @ rotations).imag))
     lowest = min(heights, default=0.0)
-    return [point for point, height in zip(points, heights, strict=True) if height < lowest + FLAT]
+    return list(compress(points, np.array(heights) < lowest + FLAT))
 
 
 def _why_none(problem: Problem, solution: ContactRates) -> str:

@@ -256,7 +256,7 @@ class FullMotion:
         torques = self.torques.copy()
         base = len(robot.transmission) - len(self.joints)
         torques[:, robot.transmission[base:].any(axis=1)] = 0.0
-        motors = [self.joints.index(name) for name in robot.motors]
+        motors = list(map(self.joints.index, robot.motors))
         torques[:, motors] = self.torques @ robot.transmission[base:]
         return read_only(torques)
 

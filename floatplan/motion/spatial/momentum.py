@@ -59,7 +59,7 @@ def suggested_momentum(problem: Problem) -> Array:
         rotation = logarithm((nominal.final_attitude @ nominal.initial_attitude.T)[None])[0]
         return nominal.reaching(nominal.mean_inertia_W @ rotation / problem.flight.duration)
     assert goal.axes is not None
-    along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
+    along = np.eye(3)[list(map("xyz".index, goal.axes))]
     if np.abs(change[:2]).max() < SHORT:
         inside = of_angles(goal.axes, np.array([[*nominal.reorientation.start_angles[:2], 0.0]]))[0]
         return nominal.turning(inside @ along[2], change, goal.axes, 2)

@@ -161,7 +161,7 @@ class SpatialMotion:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses = self.bodies(instants)
         solids = self.problem.robot.solids
-        heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
+        heights = np.stack(list(map(poses.lowest, solids)), axis=1)
         return heights - self.problem.ground_plane.point[-1], tuple(solid.link for solid in solids)
 
     @property

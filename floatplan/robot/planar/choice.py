@@ -499,7 +499,10 @@ def _mimics(tree: UrdfTree, settled: set[str]) -> dict[str, Coupling]:
 
 def _resting(tree: UrdfTree, posture: Mapping[str, float], mimics: Mapping[str, Coupling]) -> dict[str, float]:
     """Positions of all moving joints if none were planned."""
-    resting = {joint.name: joint.nearest(posture.get(joint.name, 0.0)) for joint in tree.joints if joint.moves}
+    resting = {}
+    for joint in tree.joints:
+        if joint.moves:
+            resting[joint.name] = joint.nearest(posture.get(joint.name, 0.0))
     for name, coupling in mimics.items():
         resting[name] = coupling.ratio * resting.get(coupling.leader, 0.0) + coupling.offset
     return resting

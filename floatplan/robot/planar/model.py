@@ -104,9 +104,9 @@ def _base_joints(plane: Plane | None) -> list[tuple[str, Any]]:
 
 def _joint(turns: bool, axis: Array) -> Any:
     """Pinocchio's joint about or along an axis (3,): those along a letter are quicker."""
-    letter = next((letter for letter, unit in zip("XYZ", np.eye(3), strict=True) if (axis == unit).all()), None)
-    if letter is not None:
-        return getattr(pin, f"JointModel{'R' if turns else 'P'}{letter}")()
+    for letter, unit in zip("XYZ", np.eye(3), strict=True):
+        if (axis == unit).all():
+            return getattr(pin, f"JointModel{'R' if turns else 'P'}{letter}")()
     return (pin.JointModelRevoluteUnaligned if turns else pin.JointModelPrismaticUnaligned)(np.array(axis))
 
 

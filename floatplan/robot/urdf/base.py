@@ -110,7 +110,9 @@ def with_free_base(tree: UrdfTree, with_role: Collection[str] = ()) -> UrdfTree:
         advice = "leave them all out" if base[0].type in FREE_TYPES else "leave them all out, or lock them all"
         raise InputError(reason, element=f'locked "{locked[0]}"', advice=advice)
     frames = {joint.parent for joint in tree.path(base[-1].child)}
-    links = {name: replace(link, frame=True) if name in frames else link for name, link in tree.links.items()}
+    links = dict(tree.links)
+    for name in frames:
+        links[name] = replace(links[name], frame=True)
     joints = tuple(_fixed(joint) if joint.name in names else joint for joint in tree.joints)
     warning = f"read as the free base, and held at zero: {', '.join(names)}, by which the file lets the robot float"
     return replace(tree, links=links, joints=joints, warnings=(*tree.warnings, warning))
