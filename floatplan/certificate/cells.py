@@ -101,7 +101,9 @@ class Vectors:
 
 def join_vectors(vectors: Sequence[Vectors], counts: Sequence[int]) -> Vectors:
     """Join along the last axis; a single item that stands for all is repeated to its count."""
-    broadcast = [v if v.x.e.shape[-1] == count else v[:, [0] * count] for v, count in zip(vectors, counts, strict=True)]
+    broadcast = []
+    for v, count in zip(vectors, counts, strict=True):
+        broadcast.append(v if v.x.e.shape[-1] == count else v[:, [0] * count])
     return Vectors(stack([v.x for v in broadcast]), stack([v.y for v in broadcast]))
 
 

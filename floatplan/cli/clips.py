@@ -170,7 +170,7 @@ def _numbers(words: str | None) -> tuple[int, ...] | None:
     if words is None:
         return None
     try:
-        return tuple(int(word) for word in words.split(","))
+        return tuple(map(int, words.split(",")))
     except ValueError:
         raise InputError(f"{words!r} are not numbers of flights", element="--flights", advice="such as 0,3") from None
 

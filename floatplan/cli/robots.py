@@ -137,7 +137,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
         "friction": dict(robot.friction),
         "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
         "balance_inertias": robot.balance_inertias,
-        "payload": [asdict(payload) for payload in robot.payload],
+        "payload": list(map(asdict, robot.payload)),
         "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
         **(_facts_in_plane(robot) if robot.in_plane else {"base": robot.base, "frames": sorted(robot.frame_names)}),
         "wheels": explain_wheels(robot),

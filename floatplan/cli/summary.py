@@ -308,7 +308,7 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
         flight = judged.flight
         when = f"{flight.begin:.2f}..{flight.end:.2f} s"
         rotation = "too few frames" if judged.rotation is None else f"{math.degrees(judged.rotation.rms):.2f}"
-        shares = [_clip_share(share) for share in (judged.torque_share, judged.rate_share)]
+        shares = list(map(_clip_share, (judged.torque_share, judged.rate_share)))
         fall = (
             f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
         )
@@ -343,7 +343,7 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
         if repaired is None:
             continue
         when = f"{flight.begin:.2f} to {flight.end:.2f} s"
-        shares = [_clip_share(share) for share in (repaired.rate_share, repaired.torque_share)]
+        shares = list(map(_clip_share, (repaired.rate_share, repaired.torque_share)))
         changes = np.degrees([repaired.joints_rms, repaired.joints_largest, repaired.base_largest])
         degrees = [f"{value:.2f}" for value in changes]
         word = Text(str(repaired.choice), "green") if repaired.repairable else Text("left", "red")

@@ -12,11 +12,12 @@ from floatplan.clips.clip import Clip
 from floatplan.clips.fall import Fall, fit_fall
 from floatplan.clips.flights import FOOT_CLEARANCE, STILL, ClipFlight
 from floatplan.clips.turning import LEAST_FRAMES, JointFit, TurnFit, nearest_turning
-from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
+from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
+from floatplan.tables import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 STANCE_SPAN = 0.3  # [s] before and after a flight, of the stances whose feet are judged
 
 

@@ -13,7 +13,6 @@ from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import ClipFlight
 from floatplan.clips.formats import check_rate
-from floatplan.clips.judge import GRAVITY
 from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
@@ -22,7 +21,7 @@ from floatplan.errors import InputError
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
-from floatplan.tables import Range
+from floatplan.tables import GRAVITY, Range
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
 FORCE_STEP = 0.01  # [s] between the instants at which they are

@@ -22,7 +22,6 @@ from floatplan.clips.flights import ClipFlight
 from floatplan.clips.judge import largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import plan as plan_flight
@@ -31,7 +30,8 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.tables import Range
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
+from floatplan.tables import GRAVITY, Range
 
 Choice: TypeAlias = Literal["retime", "raise", "auto"] | float
 SHARES = {
@@ -82,7 +82,7 @@ class RepairedFlight:
 
 
 def repair_flight(
-    clip: Clip, flight: ClipFlight, choice: Choice = "auto", degree: int | None = None, gravity: float = 9.81
+    clip: Clip, flight: ClipFlight, choice: Choice = "auto", degree: int | None = None, gravity: float = GRAVITY
 ) -> RepairedFlight:
     """Plan a flight of a clip anew.
 
@@ -143,7 +143,7 @@ def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
 
 
 def flight_problem(
-    clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None = None, gravity: float = 9.81
+    clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None = None, gravity: float = GRAVITY
 ) -> Problem | None:
     """The problem whose plan is a flight of a clip, nearest to it; None where the clip's flight does not rise.
 

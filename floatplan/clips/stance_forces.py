@@ -11,7 +11,7 @@ from floatplan.arrays import Array
 from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import FOOT_CLEARANCE
-from floatplan.motion.spatial.bodies import DOWN, BodyPoses
+from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.rotations import of_quaternions
 
 STEPS = 2  # [-] instants to either side, of differences: nearer ones tell of the frames' noise
@@ -54,7 +54,8 @@ def stance_figures(clip: Clip, configurations: Array, clip_times: Array, step: f
     inner = slice(STEPS, -STEPS)
     span = STEPS * step
     acceleration = (com[2 * STEPS :] - 2.0 * com[inner] + com[: -2 * STEPS]) / span**2
-    force = acceleration / gravity - DOWN  # in shares of the weight
+    up = np.array([0.0, 0.0, 1.0])
+    force = acceleration / gravity + up  # in shares of the weight
     across = np.linalg.norm(force[:, :2], axis=1)
     friction = np.where(force[:, 2] > 0, across / np.maximum(force[:, 2], 1e-9), np.inf)
     momentum = _angular_momentum(clip, configurations, step)

@@ -17,9 +17,9 @@ from floatplan.arrays import Array
 from floatplan.clips.bodies import FIRST_JOINT, Limb, body_poses, in_body, on_body
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import BASE_BODY
-from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
 
 FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
 LOOSE = 0.05  # [m] over the ground, from where on they are not; less where a flight begins or ends lower

@@ -31,7 +31,6 @@ from floatplan.pool import one_thread
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
-EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
 LARGEST = 1e12  # [SI] sigma and acceleration
 FAR_OFF = "too far from what is expected"
 
@@ -263,7 +262,8 @@ class Replanner:
         if wrong:
             return self._unchanged("invalid", wrong)
         self._now = present
-        if present - self._corrected < (1 - EARLY) / self.rate:
+        # A correction that comes too early by a tenth of the time between two is made all the same.
+        if present - self._corrected < (1 - 0.1) / self.rate:
             return self._last
         return self._correct(present)
 

@@ -24,9 +24,8 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.planning.kernel_input.rows import KernelRows
 
-ROUNDING = 1e-9  # [s] of instants at the ends of a window
 FILTER_ARRAYS = ("state", "covariance", "attitude", "surprises", "wander", "deviations")  # of the filter of an estimate
-STEPS = enumeration("Step").__members__
+Step = enumeration("Step")
 
 
 @dataclass(eq=False)
@@ -115,7 +114,7 @@ class Update:
         self._struct.point_to(**{name: getattr(estimate.inertial, name) for name in FILTER_ARRAYS})
         flight.known = 0
         self._kernel_input.begin()
-        self._step(STEPS["adapt_masses"])
+        self._step(Step["adapt_masses"])
         self.estimate = estimate
         self.motions.clear()
         self.remember(self._first)
@@ -137,7 +136,7 @@ class Update:
         flight.now = now
         self._called["measured_positions"][:] = measured.positions
         self._called["measured_velocities"][:] = measured.velocities
-        self._step(STEPS["expect_state"])
+        self._step(Step["expect_state"])
         called = self._called
         orientation = self._kernel_input.expected_orientation(self.estimate.inertial.orientation)
         return Expected(
@@ -154,12 +153,12 @@ class Update:
         """Update the filter by a measurement that is plausible."""
         self._kernel_input.measure(measured.orientation)
         self._called["measured_rate"][:] = measured.orientation_rate
-        self._step(STEPS["learn_state"])
+        self._step(Step["learn_state"])
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
         """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the estimated h and masses."""
         self._called["asked"][:] = positions, velocities, accelerations
-        self._step(STEPS["find_torques"])
+        self._step(Step["find_torques"])
         return self._called["torques"].copy()
 
     @property
@@ -175,7 +174,7 @@ class Update:
         flight.is_warm = warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
-        self._step(STEPS["correct_motion"])
+        self._step(Step["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
         return self._prediction(motion)
@@ -184,7 +183,7 @@ class Update:
         """Return the prediction of a motion as it is; the estimate is that when it begins."""
         self._evaluate_between(motion.begin, motion.end)
         self._called["coefficients"][:] = motion.coefficients
-        self._step(STEPS["predict_motion"])
+        self._step(Step["predict_motion"])
         return self._prediction(motion)
 
     @property
@@ -224,7 +223,7 @@ class Update:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
         self._flight.now = now
         self._flight.landing = landing
-        self._step(STEPS["rewrite_motion"])
+        self._step(Step["rewrite_motion"])
         return self._written(now, landing)
 
     def remember(self, motion: RemainingMotion) -> None:
@@ -233,7 +232,7 @@ class Update:
         self._flight.now = motion.begin
         self._flight.landing = motion.end
         self._called["coefficients"][:] = motion.coefficients
-        self._step(STEPS["remember_motion"])
+        self._step(Step["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._first
@@ -317,7 +316,8 @@ def _of_plan(rewriting: Rewriting, views: Views, grid: Any, gap_nodes: int) -> d
 
 def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array | IntArray]:
     """The blocks of rows: where each begins, its aim, softness, and the window of its rows, s."""
-    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
+    rounding = 1e-9  # [s] of instants at the ends of a window
+    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + rounding * np.array([-1.0, 1.0])
     return {
         "block_first": integers(first),
         "aim": doubles([rows.aim for rows in blocks]),

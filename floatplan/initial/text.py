@@ -37,7 +37,7 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
         _flight(flight),
         ["[motion]", f"degree = {_value(problem.motion.degree)}", f"objective = {_value(problem.motion.objective)}"],
         _limits(flight),
-        *(_self_clearance(pair) for pair in problem.self_clearances),
+        *map(_self_clearance, problem.self_clearances),
         *([] if problem.jump is None else _jump(problem.jump, chosen)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"

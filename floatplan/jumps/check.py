@@ -15,12 +15,13 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.jumps.contacts import contact_depths, contact_positions, is_ground, links_of, near_contact
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, JumpState, Stance, flight_state
+from floatplan.jumps.motion import JumpState, Stance, flight_state
 from floatplan.motion.planar.clearance import LinkShapes, pair_distances
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
+from floatplan.jumps.contacts import names_of
 from floatplan.jumps.motion import JumpState, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
@@ -56,7 +58,7 @@ class JumpMotion(MotionInFile):
     @property
     def contacts(self) -> list[Any]:
         """Contacts of all stances, by stance."""
-        return [contact for stance in self.stances for contact in stance.contacts]
+        return list(chain.from_iterable(stance.contacts for stance in self.stances))
 
     @property
     def takeoff_time(self) -> float:
@@ -124,10 +126,7 @@ class JumpMotion(MotionInFile):
         """Phases in order of time."""
         if self.flight is None:
             return ()
-        phases = []
-        for stance in self.stances:
-            names = tuple(name for contact in stance.contacts for name in contact.names)
-            phases.append(JumpPhase("stance", names, *stance.span))
+        phases = [JumpPhase("stance", names_of(stance.contacts), *stance.span) for stance in self.stances]
         phases.insert(len(self.before), JumpPhase("flight", (), *self.flight_span))
         return tuple(phases)
 
@@ -172,10 +171,7 @@ class JumpMotion(MotionInFile):
             rows = np.flatnonzero(phase_of == number)
             if len(rows):
                 pieces.append((rows, motion(instants[rows])))
-        names: list[str] = []
-        for contact in self.contacts:
-            names += contact.names
-        return joined(instants, self.problem.robot.model.nv, pieces, names)
+        return joined(instants, self.problem.robot.model.nv, pieces, names_of(self.contacts))
 
     def _in_flight(self, times: Array) -> JumpState:
         """State of the flight at times (N,) s from the jump's start; there has to be a flight."""

@@ -12,9 +12,8 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.jumps.contacts import GroundContact
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.standing import Spot, spot_weights
-
-BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +185,7 @@ class Stance:
 
         Levers (N, 2) m are the points' velocities where only the base rotates.
         """
-        means = [np.mean([levers[name] for name in contact.names], axis=0) for contact in self.contacts]
+        means = [np.mean(contact.values(levers), axis=0) for contact in self.contacts]
         remaining = wrench[:, :2]
         moment = wrench[:, 2] - (means[0] * remaining).sum(axis=1)
         forces: dict[str, Array] = {}
@@ -264,7 +263,7 @@ def _shared(contact: GroundContact, force: Array) -> dict[str, Array]:
 
 
 def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
-    """State of a flight, in a plane or in space, at times (N,) s from the start of its jump; it begins at ``takeoff``."""
+    """State of a flight, in a plane or in space, at times (N,) s from the start of its jump; from ``takeoff`` on."""
     flight = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration)).coordinates
     motion = (flight.positions, flight.velocities, flight.accelerations)
     return JumpState(read_only(times), *motion, {}, flight.torques, {})
@@ -279,8 +278,11 @@ def joined(times: Array, size: int, pieces: Sequence[tuple[IntArray, JumpState]]
     for name in ("positions", "velocities", "accelerations", "torques"):
         columns = getattr(pieces[0][1], name).shape[1] if pieces else size  # in space configurations have one more
         arrays[name] = np.empty((len(times), columns))
-    dimensions = {force.shape[1] for _, state in pieces for force in state.forces.values()}
-    forces = {name: np.zeros((len(times), max(dimensions, default=2))) for name in names}
+    dimensions = 2
+    for _, state in pieces:
+        for force in state.forces.values():
+            dimensions = max(dimensions, force.shape[1])
+    forces = {name: np.zeros((len(times), dimensions)) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in pieces:
         for name, array in arrays.items():

@@ -10,7 +10,7 @@ from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions
+from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions, names_of
 from floatplan.robot import PlanarTree, Robot
 
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
@@ -66,6 +66,11 @@ class Phase:
         return f"{self.side} on {' and '.join(names)}" if names else self.side
 
     @property
+    def points(self) -> tuple[str, ...]:
+        """Names of all points that stand, by contact."""
+        return names_of(self.contacts)
+
+    @property
     def anchor(self) -> GroundContact:
         """The contact from which positions are measured."""
         return self.contacts[0]
@@ -97,7 +102,7 @@ class Phase:
 
     def stacked(self, forces: Mapping[str, Array]) -> Array:
         """Forces (2 others, N) of the contacts but the anchor, from those (N, 2) of points by their names."""
-        sums = [np.sum([forces[name] for name in contact.names], axis=0).T for contact in self.others]
+        sums = [np.sum(contact.values(forces), axis=0).T for contact in self.others]
         return np.concatenate([np.empty((0, self.intervals + 1)), *sums])
 
     def own_joints(self, tree: PlanarTree, contact: GroundContact) -> list[int]:
@@ -300,3 +305,8 @@ def static_beyond_ranges(robot: Robot, contacts: Sequence[GroundContact], target
         if not low - STILL <= angle <= high + STILL:
             beyond.append(f"{joint} at {angle:.3g} rad, where {low:.3g} to {high:.3g} rad are left of its range")
     return f"static would be {' and '.join(beyond)}" if beyond else ""
+
+
+def index_of_flight(phases: Sequence[Phase]) -> int:
+    """Return where the flight is among the phases of a jump."""
+    return [phase.side for phase in phases].index("flight")

@@ -301,7 +301,7 @@ def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
     if len(near.phases) != len(program.phases):
         return None
     for phase, other in zip(program.phases, near.phases, strict=True):
-        if other.contacts != tuple(name for contact in phase.contacts for name in contact.names):
+        if other.contacts != phase.points:
             return None
     assert near.flight is not None
     guess = program.split(program.guess())

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.jumps.contacts import (
     ClearancePoints,
     GroundContact,
@@ -24,7 +24,7 @@ from floatplan.jumps.contacts import (
 )
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
-from floatplan.jumps.phases import Phase
+from floatplan.jumps.phases import Phase, index_of_flight
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
@@ -269,7 +269,7 @@ class NodeRows:
         self.limits = limits
         self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
-        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        self.flight = index_of_flight(self.phases)
         self._locked = LockedJoints(model)
         self._functions: dict[tuple[GroundContact, ...], Any] = {}
         self.weight = model.robot.mass * model.gravity  # [N]
@@ -330,7 +330,10 @@ class NodeRows:
 
     def _friction_rows(self, phase: Phase, own: Pair, pairs: Sequence[Pair]) -> list[Row]:
         """Both sides of the friction cone of each contact; a toe takes the load of its heel."""
-        heels = sum(pair[1] for contact, pair in zip(phase.others, pairs, strict=True) if contact.vertical)
+        heels: Any = 0
+        for contact, pair in zip(phase.others, pairs, strict=True):
+            if contact.vertical:
+                heels += pair[1]
         rows: list[Row] = []
         for contact, (horizontal, vertical) in zip(phase.contacts, [(own[0], own[1] + heels), *pairs], strict=True):
             if contact.vertical:
@@ -425,11 +428,11 @@ class NodeRows:
         """Motors whose torques are not always those of one before: their bodies have other inertias."""
         tree = self.model.robot.tree
         distinct: list[int] = []
-        seen: list[Array] = []
+        seen: list[ComplexArray] = []
         for motor in range(tree.motor_turns.shape[1]):
             bodies = np.flatnonzero(tree.motor_turns[:, motor])
             own = (tree.mass, tree.center, tree.inertia, tree.armature)
-            key = np.array([[*(values[body] for values in own), *tree.turns[body]] for body in bodies])
+            key: ComplexArray = np.column_stack([values[bodies] for values in (*own, tree.turns)])
             if not any(other.shape == key.shape and np.allclose(other, key, rtol=1e-6, atol=1e-6) for other in seen):
                 distinct.append(motor)
                 seen.append(key)
@@ -554,7 +557,11 @@ def axes_of(contact: GroundContact) -> tuple[int, ...]:
 
 def drifting(phase: Phase) -> int:
     """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
-    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
+    count = 0
+    for contact in phase.others:
+        if not contact.vertical:
+            count += len(axes_of(contact))
+    return count
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -23,6 +24,7 @@ from floatplan.jumps.contacts import (
     contact_at,
     ground_below,
     in_the_air,
+    names_of,
     not_round,
     rolling,
     standing_feet,
@@ -33,6 +35,7 @@ from floatplan.jumps.phases import (
     FlightEnd,
     Phase,
     Side,
+    index_of_flight,
     not_static,
     side_phases,
     standing_posture,
@@ -236,7 +239,7 @@ class Setup:
     @property
     def _flight(self) -> int:
         """Index of the flight among the phases."""
-        return next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        return index_of_flight(self.phases)
 
     @property
     def _stance_posture(self) -> Array:
@@ -248,7 +251,7 @@ class Setup:
         """Rows of nodes, with margins between them and what the request lets the stances use."""
         problem = self.problem
         request = self.request
-        feet = [contact for phase in self.phases for contact in phase.contacts]
+        feet = list(chain.from_iterable(phase.contacts for phase in self.phases))
         postures = np.stack([*self.ends, *(end.y for end in self.flight_ends)])
         ranges = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         torque_share = request.margin["torque"] * margins.torque
@@ -385,9 +388,9 @@ def _check_frames(
 ) -> None:
     """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
     flight = problem.flight
-    before = [contact for phase in takeoff for contact in phase]
+    before = list(chain.from_iterable(takeoff))
     for side, requested, contacts in (("takeoff", flight.takeoff, before), ("landing", flight.landing, landing[0])):
-        frames = list(dict.fromkeys(frame for contact in contacts for frame in contact.frames))
+        frames = list(dict.fromkeys(chain.from_iterable(contact.frames for contact in contacts)))
         if requested is not None and requested.frame not in frames:
             reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
             advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
@@ -576,7 +579,7 @@ def _contacts(robot: Robot, names: Sequence[str], posture: Array, key: str, feet
             raise error.within(element=key) from None
         if not named:
             raise InputError(f"{name!r} is no point of a sole", element=key, advice=f"name {points[0].name!r}")
-        own_names = {own_name for point in named for own_name in point.names}
+        own_names = set(names_of(named))
         for other in contacts:
             if own_names & set(other.names):
                 reason = f"{name!r} stands twice: with {', '.join(map(repr, other.names))}"

@@ -8,9 +8,7 @@ from floatplan.errors import InstallationError
 from floatplan.kernel.build import FOLDER, LIBRARY, is_cut_off, sources_digest
 from floatplan.kernel.structs import FFI
 
-SOURCES_DIGEST = sources_digest()  # a library that was compiled from other sources is not used
 PREFIX = "floatplan_"  # of the functions' names
-INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 
 
 class Kernel(SimpleNamespace):
@@ -36,7 +34,7 @@ def kernel() -> Kernel:
                 library = FFI.dlopen(str(path))
                 names = [name for name in dir(library) if name.startswith(PREFIX)]
                 functions = {name.removeprefix(PREFIX): getattr(library, name) for name in names}
-                if FFI.string(functions["sources"]()).decode() == SOURCES_DIGEST:
+                if FFI.string(functions["sources"]()).decode() == sources_digest():
                     functions["instructions"] = int(functions["instructions"]())
                     # The library is unloaded with the last reference to it, whatever becomes of its functions.
                     return Kernel(**functions, _library=library)
@@ -48,4 +46,5 @@ def kernel() -> Kernel:
 
 def description() -> str:
     """Say in a few words what makes plans without inequalities."""
-    return f"compiled kernel ({INSTRUCTIONS[kernel().instructions]})"
+    instructions = ("baseline instructions", "AVX2", "AVX-512")[kernel().instructions]
+    return f"compiled kernel ({instructions})"

@@ -41,7 +41,6 @@ from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
 MOST_STARTS = 300  # [-]
-LEAST_BY_VARIABLES = ("coefficients", "clip")  # objectives that are the norm of the variables x
 
 
 @dataclass(frozen=True)
@@ -194,7 +193,8 @@ class SpatialSearch(Search):
         objective = self.spec.problem.motion.objective
         if usable and objective == "robust":
             result = self._robust(motion, stop, before + most_work)
-        elif usable and (self.spec.constraints or objective not in LEAST_BY_VARIABLES):
+        # Two objectives are the norm of the variables x, which lifting makes small by itself.
+        elif usable and (self.spec.constraints or objective not in ("coefficients", "clip")):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:

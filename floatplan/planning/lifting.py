@@ -405,7 +405,7 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
             last = turning.ends[-1]
         residual = logarithm((flight.final_attitude @ last.T)[None])
         return np.asarray(exponential(steady[:, None] * residual) @ before)
-    first, second, third = np.eye(3)[["xyz".index(letter) for letter in axes]]
+    first, second, third = np.eye(3)[list(map("xyz".index, axes))]
     polynomials = lifted.variables.polynomials
     start = polynomials.motion(polynomials.nominal_coefficients, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]

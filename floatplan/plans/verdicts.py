@@ -190,7 +190,7 @@ class Certificate:
                 torque_peak=read_only(torques),
                 velocity_peak=read_only(rates),
                 motor_torque_peak={str(name): _number(peak) for name, peak in motors},
-                findings=tuple(Finding.from_dict(finding) for finding in content["findings"]),
+                findings=tuple(map(Finding.from_dict, content["findings"])),
                 subintervals=int(content["subintervals"]),
                 seconds=_number(content["seconds"]),
                 attitude_bound=_number(content.get("attitude_bound"), None),

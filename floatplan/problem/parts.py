@@ -28,7 +28,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
-from floatplan.tables import FLIGHT_EVENTS, Objective, Range, describe_objectives
+from floatplan.tables import FLIGHT_EVENTS, GRAVITY, Objective, Range, describe_objectives
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
@@ -217,7 +217,7 @@ class Flight(Keyed):
         float | Pair,
         Key(unit="m/s", check=in_plane_or_space("horizontal_velocity", pair(number("horizontal_velocity")))),
     ] = 0.0
-    gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = 9.81
+    gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = GRAVITY
 
     @property
     def momentum_in_plane(self) -> float | Literal["midpoint", "free"]:

@@ -13,16 +13,16 @@ from floatplan.arrays import Array
 from floatplan.jumps.check import LIGHT
 from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, point_in_joint
+from floatplan.jumps.motion import point_in_joint
 from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec
+from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
 from floatplan.simulation.reduced_model import ReducedModel
 
 LINK = "link "  # before the name of its shape, since a foot may be called as its link
 SMALLEST = 5e-3  # [m] radius of a foot's sphere
-STEP = 5e-4  # [s] of the simulation
 STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
 
 

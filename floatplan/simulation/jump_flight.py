@@ -16,7 +16,8 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, JumpState
+from floatplan.jumps.motion import JumpState
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact_model import ContactRobot, least_heights
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
@@ -43,7 +44,7 @@ class JumpControl:
         # Quaternions with w first, as MuJoCo has them.
         self.base_ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
         self.joints = self.reduced.joints
-        self.motor_joints = [self.joints.index(name) for name in robot.motors]
+        self.motor_joints = list(map(self.joints.index, robot.motors))
         self.motors = Motors(
             effort=np.array([robot.joint_tree.joint[name].effort for name in self.joints]),
             stall=np.full(len(self.joints), np.inf),
@@ -145,9 +146,9 @@ class JumpControl:
                 positions=positions,
                 velocities=velocities,
                 accelerations=accelerations,
-                forces={name: in_plane[:, foot] for foot, name in enumerate(robot.feet)},
+                forces=dict(zip(robot.feet, in_plane.swapaxes(0, 1), strict=True)),
                 torques=torques,
-                points={name: points[:, foot] for foot, name in enumerate(robot.feet)},
+                points=dict(zip(robot.feet, points.swapaxes(0, 1), strict=True)),
             )
         return SimulatedJump(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
 

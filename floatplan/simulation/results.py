@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from itertools import chain
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
@@ -136,7 +137,7 @@ class JumpLandings(Landings):
     @property
     def links(self) -> Counter[str]:
         """How many flights touched the ground with which link."""
-        return Counter(link for links in self.touched for link in links)
+        return Counter(chain.from_iterable(self.touched))
 
     @property
     def pitch_rms(self) -> float:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import cycle
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -53,7 +54,7 @@ class Footing:
     @property
     def colours(self) -> dict[str, str]:
         """Of the contacts, by their names."""
-        return {name: PALETTE.contacts[index % len(PALETTE.contacts)] for index, name in enumerate(self.contacts)}
+        return dict(zip(self.contacts, cycle(PALETTE.contacts), strict=False))
 
     @property
     def metres_per_newton(self) -> float:

@@ -104,7 +104,7 @@ class Postures:
     def outlines(self, index: int) -> list[ComplexArray]:
         """Closed outlines (points,) of the shapes at instant ``index``, m."""
         if self.depth is not None:
-            return [convex_hull(corners) for corners in self.corners[index]]
+            return list(map(convex_hull, self.corners[index]))
         shapes = zip(self.corners[index], self.radius.tolist(), strict=True)
         return [stadium(complex(start), complex(end), radius) for (start, end), radius in shapes]
 

@@ -177,7 +177,7 @@ class PointSegments:
         square = length.mid * length.mid
         squared = Balls(square, up(2.0 * ROUND * square + (2.0 * length.mid + length.rad) * length.rad))
         far = near - point.x.times(Balls(2.0 * length.mid, 2.0 * length.rad)) + Taylor.constant(squared, ORDER)
-        return Items.on_cells([bernstein(model) for model in (point.x, point.y, near, far)], cell, pair)
+        return Items.on_cells(list(map(bernstein, (point.x, point.y, near, far))), cell, pair)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
         """Cells and pairs that may hold the smallest distance.

@@ -38,9 +38,8 @@ TOLERANCES: dict[str, float] = {
     "settled": 1e-13,  # [-] of |h|: a step of mu below which Newton's method has ended
     "largest": 1e6,  # [-] of |h|: beyond it the motion cannot be integrated in these cells
 }
-OUT_OF_MEMORY = 2
+OUT_OF_MEMORY = 2  # as the kernel says it
 WEIGHT_OF_GROWTH = 1e-3  # [rad^2] of the objective "robust": 0.1 more in |z| brought |P| from 12..169 down to 2..16
-NOTHING: dict[str, Any] = dict.fromkeys(pointers("Turning"))
 
 
 class IntegrationError(FloatplanError, ArithmeticError):
@@ -216,7 +215,7 @@ def _ask(what: str, cells: Cells, duration: float, **members: Any) -> None:
     compiled = kernel()
     counts = {"cells": cells.count, "stages": cells.stages, "duration": duration, **TOLERANCES}
     rules = {"integrals": doubles(cells.integrals), "weights": doubles(cells.gauss.weights)}
-    struct = Struct("Turning", **(NOTHING | counts | rules | members))
+    struct = Struct("Turning", **(dict.fromkeys(pointers("Turning")) | counts | rules | members))
     failed = compiled.turn(struct.pointer, enumeration("Asked")[what], compiled.instructions)
     if failed == OUT_OF_MEMORY:
         raise MemoryError

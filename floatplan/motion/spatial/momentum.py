@@ -21,12 +21,8 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.reference import reference_at
 
 ALONG = 0.4  # [-] of a free h from the suggested one: along it
-ACROSS = 0.15  # [-] the same across it
 STEPS = 12  # [-] of Newton's method
-LONGEST = 0.5  # [-] of |h|, a step of Newton's method
-ENOUGH = 1e-10  # [rad]
 SHORT = math.pi / 2  # [rad] of all angles: there the shortest rotation is the way to the goal
-LEVEL = 2  # of the cells
 
 
 @lru_cache(maxsize=8)
@@ -45,7 +41,8 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
         return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
     across = np.linalg.svd(along[None])[2][1:]
-    axes = np.stack((ALONG * along, *(ACROSS * axis for axis in across)), axis=1)
+    # Across the suggested h a free one is no farther from it than 0.15 of its size.
+    axes = np.column_stack((ALONG * along, 0.15 * across.T))
     return MomentumSet(read_only(suggested), read_only(size * axes))
 
 
@@ -62,7 +59,7 @@ def suggested_momentum(problem: Problem) -> Array:
         rotation = logarithm((nominal.final_attitude @ nominal.initial_attitude.T)[None])[0]
         return nominal.reaching(nominal.mean_inertia_W @ rotation / problem.flight.duration)
     assert goal.axes is not None
-    along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
+    along = np.eye(3)[list(map("xyz".index, goal.axes))]
     if np.abs(change[:2]).max() < SHORT:
         inside = of_angles(goal.axes, np.array([[*nominal.reorientation.start_angles[:2], 0.0]]))[0]
         return nominal.turning(inside @ along[2], change, goal.axes, 2)
@@ -86,7 +83,7 @@ class _NominalMotion:
         self.duration = problem.flight.duration
         self.initial_attitude = self.reorientation.start.matrix
         self.final_attitude = self.reorientation.goal.matrix
-        self.cells = cells(*LEVELS[LEVEL])
+        self.cells = cells(*LEVELS[2])  # the coarsest of eight stages
         low, high = problem.position_limits.T
         centre = (low + high) / 2
         amplitude = (high - low) / 2
@@ -138,10 +135,11 @@ class _NominalMotion:
                 if miss < least:
                     best = h
                     least = miss
-                if miss < ENOUGH:
+                if miss < 1e-10:  # [rad] hardly more than rounding
                     break
                 step = -np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
-                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
+                # A step is no longer than half of h, or half of what would turn the robot by about a radian.
+                longest = 0.5 * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:
             pass

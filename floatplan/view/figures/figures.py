@@ -204,7 +204,11 @@ def draw_panel(
     """Draw the curves of a panel onto axes with all that belongs to them; return the legend's entries for that."""
 
     def scaled(style: dict[str, Any]) -> dict[str, Any]:
-        return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
+        thin = dict(style)
+        for name, size in style.items():
+            if name.endswith(("width", "size")):
+                thin[name] = thinner * size
+        return thin
 
     peak = 0.0
     width = 1.3 if chart.unit else LAYOUT.band

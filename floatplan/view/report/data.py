@@ -79,6 +79,10 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
     for (name, role), colour in zip(_roles(problem).items(), PALETTE.trails[1:], strict=False):
         body, position = frame_position(robot.model, robot.joint_tree, name)
         frames.append({"name": name, "role": role, "colour": colour, "body": body - 1, "at": rounded(position)})
+    obstacles = []
+    for index, obstacle in enumerate(problem.obstacles):
+        if obstacle.bounded:
+            obstacles.append(_obstacle_in_space(index, obstacle))
     vector = None
     if h.any():  # half as long as the robot, whatever h is
         vector = rounded(0.5 * outlines.robot_size(plan) * h / size_of_h)
@@ -88,9 +92,7 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
         "robot": robot_in_space(robot),
         "frames": frames,
         "trail": PALETTE.trails[0],
-        "obstacles": [
-            _obstacle_in_space(index, obstacle) for index, obstacle in enumerate(problem.obstacles) if obstacle.bounded
-        ],
+        "obstacles": obstacles,
         "ground": [],
         "floor": list(map(rounded, outlines.grids(plan))),
         "ghosts": rounded(outlines.snapshot_times(plan)),
@@ -151,7 +153,7 @@ def robot_in_space(robot: Robot) -> dict[str, Any]:
 
 
 def _colours(robot: Robot) -> dict[str, list[str]]:
-    return {"colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)]}
+    return {"colours": list(map(to_hex, palette(len(robot.joints) + 1)))}
 
 
 def sample_grid(duration: float) -> Array:
@@ -337,7 +339,9 @@ def phase_lines(jump: JumpMotion) -> list[list[str]]:
 
 def check_lines(check: JumpCheck, request: JumpRequest) -> tuple[list[list[str]], list[list[str]]]:
     """Cells of the findings of a jump's check, under ``STANCES``: broken limits, and those that are satisfied."""
-    figures = {name: value for name, value in check.figures.items() if name != "torque_speed" or value > 0}
+    figures = dict(check.figures)
+    if not figures.get("torque_speed", 1.0) > 0:
+        del figures["torque_speed"]
     broken, satisfied = sentences_on(request, figures, check.unlimited)
     return [[f"not within limits: {words}", limit] for words, limit in broken], list(map(list, satisfied))
 
