@@ -10,7 +10,7 @@ from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.pendulum import Line, Pendulum
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.stance import shared_forces
-from floatplan.jumps.spatial.standing import foot_at
+from floatplan.jumps.spatial.standing import feet_at
 from floatplan.problem.attitude import Attitude
 
 FEET = ("FL_foot", "RR_foot")
@@ -26,7 +26,7 @@ def go2():
 @pytest.fixture(scope="module")
 def mechanics(go2):
     level = Attitude(angles=(0.0, 0.0, 0.0), axes="xyz")
-    feet = [foot_at(go2, frame, level, go2.resting, "contacts") for frame in FEET]
+    feet = [feet_at(go2, frame, level, go2.resting, "contacts")[0] for frame in FEET]
     return Mechanics(go2, "yxz", 9.81, feet)
 
 

@@ -82,7 +82,7 @@ def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: M
 
 def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: SpatialPhase) -> dict[str, Array]:
     places = feet_places(program, solution, phase.side)
-    return {frame: places[frame] for frame in phase.frames}
+    return {frame: places[frame] for frame in phase.names}
 
 
 def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centre: Array) -> Array:
@@ -233,6 +233,6 @@ def _fine_motion(
     )
     shares = []
     for foot in program.phases[index].feet:
-        nodes = [solution.forces[node].get(foot.frame, np.zeros(3)) for node in range(begin, end + 1)]
+        nodes = [solution.forces[node].get(foot.name, np.zeros(3)) for node in range(begin, end + 1)]
         shares += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
     return times, mechanics.from_centre(of_program), np.array(shares)

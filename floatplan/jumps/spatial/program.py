@@ -20,7 +20,7 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
-from floatplan.jumps.spatial.standing import ClearancePoint, Foot
+from floatplan.jumps.spatial.standing import SOLE_POINTS, ClearancePoint, Foot
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
@@ -38,6 +38,8 @@ class SpatialBounds:
     position : (n, 2) rad
     friction : [-]
     clearance : m, of what is no foot from the ground
+    lift : m, of feet in the middle of the flight
+    dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     """
 
     torque: Array
@@ -47,6 +49,8 @@ class SpatialBounds:
     position: Array
     friction: float
     clearance: float
+    lift: float
+    dip: float
 
 
 @dataclass(frozen=True)
@@ -129,6 +133,7 @@ class SpatialProgram:
     phases : in order of time, the flight among them
     ends : SpatialEnds
     points : that stay above the ground
+    corners : of the feet's shapes, which nearly do
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
     """
@@ -137,6 +142,7 @@ class SpatialProgram:
     phases: tuple[SpatialPhase, ...]
     ends: SpatialEnds
     points: Sequence[ClearancePoint]
+    corners: Sequence[ClearancePoint]
     bounds: SpatialBounds
     friction: float
     kinds: list[NodeKind] = field(init=False)
@@ -203,7 +209,7 @@ class SpatialProgram:
         ca = casadi()
         model = self.model
         weight = self.weight
-        shares = {foot.frame: ca.SX.sym(f"F_{foot.frame}", 3) for foot in kind.bearing}
+        shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
         forces = {frame: weight * share for frame, share in shares.items()}
         displacement = ca.SX.sym("d", 2)
         parameters = ca.SX.sym("p", 0)
@@ -218,27 +224,29 @@ class SpatialProgram:
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
         uses_displacement = kind.side == "landing" and (kind.tracking or kind.arriving)
         for foot in (*kind.tracking, *kind.arriving):
-            _, (position, velocity, acceleration) = model.foot(foot.frame)
-            position = ca.SX(self.ends.places[kind.side][foot.frame])
+            _, (position, velocity, acceleration) = model.foot(foot.name)
+            stands = ca.SX(self.ends.places[kind.side][foot.name])
             if kind.side == "landing":
-                position = position + ca.vertcat(displacement, 0)
-            gap = position - position
-            label = f"position of {foot.frame}"
-            for index in range(3):
+                stands += ca.vertcat(displacement, 0)
+            gap = position - stands
+            label = f"position of {foot.name}"
+            for direction in self._directions(kind.side, foot):
+                along = ca.DM(direction).T
+                off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
                 if foot in kind.arriving:
-                    rows.append((gap[index] / self.height, 0.0, 0.0, label))
-                    rows.append((velocity[index] / (model.gravity * self.unit), 0.0, 0.0, label))
-                    rows.append((acceleration[index] / model.gravity, 0.0, 0.0, label))
+                    rows.append((off / self.height, 0.0, 0.0, label))
+                    rows.append((speed / (model.gravity * self.unit), 0.0, 0.0, label))
+                    rows.append((change / model.gravity, 0.0, 0.0, label))
                 else:
-                    pulled = acceleration[index] + damping * velocity[index] + stiffness * gap[index]
+                    pulled = change + damping * speed + stiffness * off
                     rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
-            share = shares[foot.frame]
+            share = shares[foot.name]
             steepest = self.bounds.friction * math.cos(math.pi / sides)
             for side in range(sides):
                 angle = 2 * math.pi * side / sides
                 along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
-                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.frame}"))
+                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
         motor_rows, cost = self._motor_rows(forces)
         height_rows: list[tuple[Any, float, float, str]] = []
         if not kind.is_end:
@@ -271,6 +279,21 @@ class SpatialProgram:
             labels=tuple(f"{row[3]} ({where})" for row in everything),
         )
 
+    def _directions(self, side: str, foot: Foot) -> Array:
+        """Directions (k, 3) in which a point's position is fixed, in the world: as many as keep a sole in place.
+
+        Those are all three of a point's and a heel's; of one toe but that towards the heel; of the other the vertical.
+        """
+        if foot.suffix in ("", SOLE_POINTS[0]):
+            return np.eye(3)
+        vertical = np.array([0.0, 0.0, 1.0])
+        if foot.suffix == SOLE_POINTS[2]:
+            return vertical[None]
+        places = self.ends.places[side]
+        to_heel = places[foot.frame + SOLE_POINTS[0]] - places[foot.name]
+        across = np.cross(vertical, to_heel)
+        return np.array([across / np.linalg.norm(across), vertical])
+
     def _motor_rows(self, forces: dict[str, Any]) -> tuple[list[tuple[Any, float, float, str]], Any]:
         """Rows of torques within limits and curves, and the sum of squared shares of the limits."""
         ca = casadi()
@@ -296,38 +319,33 @@ class SpatialProgram:
                 rows.append((share - lost, -most, most, label))
         return rows, cost
 
-    def _heights(self, kind: NodeKind) -> list[tuple[str, int, Any, float]]:
-        """What stays above the ground at nodes of a kind: label, body, point in it, and height of the ground below."""
-        standing = {foot.frame for foot in (*kind.tracking, *kind.arriving)}
-        heights = [(point.link, point.body, point.local, point.radius) for point in self.points]
-        in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.frame not in standing}
+    def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
+        """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
+        standing = {foot.name for foot in (*kind.tracking, *kind.arriving)}
+        heights = [(point, "link") for point in self.points]
+        heights += [(point, "corner") for point in self.corners]
+        in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.name not in standing}
         for foot in sorted(in_the_air, key=lambda foot: foot.body):
-            heights += [(foot.frame, foot.body, foot.local, foot.depth)]
+            heights.append((ClearancePoint(foot.name, foot.body, foot.local, foot.depth), "foot"))
         return heights
 
     def _height_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
         rows = []
-        for name, body, local, depth in self._heights(kind):
-            position, _, _ = self.model.placed(self.model.bodies[body - 1].point(np.array(local)))
-            rows.append(((position[2] - depth) / self.height, 0.0, np.inf, f"height of {name}"))
+        for point, _ in self._heights(kind):
+            position, _, _ = self.model.placed(self.model.bodies[point.body - 1].point(np.array(point.local)))
+            label = f"height of {point.link}"
+            rows.append(((position[2] - point.radius) / self.height, 0.0, np.inf, label))
         return rows
 
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
         """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
-        foot_lift = 0.02  # [m] of feet in the middle of the flight
         air_lift = 0.003  # [m] of feet in the air in stance
-        feet = {foot.frame for phase in self.phases for foot in phase.feet}
         share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
         in_flight = 0.0 < share < 1.0
         arc = 16 * (share * (1 - share)) ** 2 if in_flight else 0.0
-        least = []
-        for name, *_ in self._heights(kind):
-            if name in feet:
-                lift = foot_lift * min(1.0, arc) if in_flight else air_lift
-                least.append(lift)
-            else:
-                least.append(self.bounds.clearance)
-        return np.array(least) / self.height
+        lift = self.bounds.lift * min(1.0, arc) if in_flight else air_lift
+        least_of = {"link": self.bounds.clearance, "foot": lift, "corner": -self.bounds.dip}
+        return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:
         """Rows of the intervals of a phase: y and v follow from accelerations that are linear."""
@@ -413,7 +431,7 @@ class SpatialProgram:
             share = self.shares[node]
             raw[at : at + 3 * n] = [np.interp(share, other_shares, row) for row in motion]
             for column, foot in enumerate(kind.bearing):
-                forces = [of_node.get(foot.frame, np.zeros(3)) for of_node in solution.forces]
+                forces = [of_node.get(foot.name, np.zeros(3)) for of_node in solution.forces]
                 begin = at + 3 * n + 3 * column
                 own = [np.interp(share, other_shares, row) for row in np.transpose(forces)]
                 raw[begin : begin + 3] = np.array(own) / self.weight
@@ -487,7 +505,7 @@ class SpatialProgram:
             shares = raw[self.begins[node] + 3 * n : self.begins[node + 1]].reshape(-1, 3)
             of_node = {}
             for foot, share in zip(kind.bearing, shares, strict=True):
-                of_node[foot.frame] = self.weight * share
+                of_node[foot.name] = self.weight * share
             forces.append(of_node)
         return SpatialSolution(
             raw=raw,

@@ -76,7 +76,7 @@ class SpatialStance:
     @property
     def ground(self) -> float:
         """Height of the ground below its feet, m."""
-        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].frame])
+        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].name])
         return float(places[0, 0, 0, 2] - self.contacts[0].depth)
 
     def joints(self, times: Array) -> Array:
@@ -87,7 +87,7 @@ class SpatialStance:
         """State at times (N,) s from the jump's start."""
         motion = self.grid.at(times)
         mechanics = self.mechanics
-        frames = [foot.frame for foot in self.contacts]
+        frames = [foot.name for foot in self.contacts]
         places, _ = mechanics.feet(motion, frames)
         wrench = mechanics.wrench(motion)
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
@@ -126,7 +126,7 @@ class SpatialStance:
             pin.computeJointJacobians(mechanics.model, mechanics.data, q)
             pin.updateFramePlacements(mechanics.model, mechanics.data)
             for column, foot in enumerate(self.contacts):
-                number = mechanics.frames[foot.frame]
+                number = mechanics.frames[foot.name]
                 jacobian = pin.getFrameJacobian(mechanics.model, mechanics.data, number, pin.LOCAL_WORLD_ALIGNED)
                 carried[index] += jacobian[:3, BASE:].T @ forces[index, column]
         return carried
