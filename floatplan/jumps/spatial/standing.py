@@ -199,11 +199,14 @@ def not_standing(robot: Robot, feet: Sequence[Foot], attitude: Attitude, joints:
 
 def feet_links(robot: Robot, feet: Sequence[Foot]) -> set[str | None]:
     """Links with whose shapes feet stand on the ground."""
-    links = set()
+    links: set[str | None] = set()
     for foot in feet:
         tree = robot.joint_tree
         link = foot.frame if foot.frame in tree.links else tree.joint[foot.frame].child
         links.add(robot.contact_link(link))
+        if foot.suffix:  # links fixed to a sole that have no geometry of their own: frames on the ground
+            on_sole = {solid.link for solid in robot.solids if solid.body == foot.body}
+            links |= {name for name in on_sole if not robot.stands_on_geometry(name)}
     return links
 
 
