@@ -19,7 +19,7 @@ from floatplan.jumps.motion import Grid, Stance
 from floatplan.jumps.spatial.jump import ARRAYS_IN_SPACE, FORMAT_IN_SPACE, SpatialJump
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
-from floatplan.jumps.spatial.standing import SOLE_POINTS, Foot
+from floatplan.jumps.spatial.standing import Foot
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot
 from floatplan.plans.record import POINT, TRIPLE, KeyedTable, RobotRecord, table
@@ -54,7 +54,7 @@ STANCE = KeyedTable(
 )
 FOOT = KeyedTable(
     {"frame": text, "depth": number(Range(0.0, 10.0, "m"))},
-    {"suffix": one_of(*SOLE_POINTS), "place": TRIPLE},
+    {"suffix": one_of(*Foot.of_soles), "point": TRIPLE},
     UNKNOWN,
 )
 STANCE_IN_SPACE = KeyedTable(
@@ -181,11 +181,11 @@ def _read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: floa
             raise InputError(f"the robot has no frame {frame!r}", element=f"{element}.contacts[{index}].frame")
         body, local = frame_position(robot.model, robot.joint_tree, frame)
         suffix = table_of_foot.get("suffix", "")
-        if bool(suffix) != ("place" in table_of_foot):
-            reason = "names a point of a sole by suffix and place, or neither"
+        if bool(suffix) != ("point" in table_of_foot):
+            reason = "names a point of a sole by suffix and point, or by neither"
             raise InputError(reason, element=f"{element}.contacts[{index}]")
         if suffix:
-            local = np.array(table_of_foot["place"])
+            local = np.array(table_of_foot["point"])
         x, y, z = local.tolist()
         feet.append(Foot(frame, body, (x, y, z), float(table_of_foot["depth"]), suffix))
     if len(feet) < 2:

@@ -10,7 +10,6 @@ import pytest
 import floatplan as fp
 from floatplan.jumps.setup import NodeMargins
 from floatplan.jumps.spatial import planner
-from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.setup import spatial_setup
 

@@ -218,7 +218,8 @@ def _fine_motion(
     """Times (G,), the motion (3, 6+n, G) with accelerations that are linear between nodes, and forces (3 F, G)."""
     begin, end = program.borders[index], program.borders[index + 1]
     coarse = program.times(solution.durations)[begin : end + 1]
-    times = refined(coarse, 6)
+    # On two feet nothing bears the moment about the line between instants: there they are denser.
+    times = refined(coarse, 10 if len(program.phases[index].feet) == 2 else 6)
     interval = np.minimum(np.searchsorted(coarse, times, "right") - 1, len(coarse) - 2)
     step = np.diff(coarse)[interval]
     since = times - coarse[interval]

@@ -29,8 +29,8 @@ def flight_problem(
         postures.append(Posture(attitude, y[BASE:].copy(), v[BASE:].copy(), a[BASE:].copy()))
     before = program.phases[program.flight - 1].feet[0]
     after = program.phases[program.flight + 1].feet[0]
-    takeoff = _frame_place(mechanics, ends.motion[0, :, 0], before)
-    landing = _frame_place(mechanics, ends.motion[0, :, 1], after)
+    takeoff = _frame_origin(mechanics, ends.motion[0, :, 0], before)
+    landing = _frame_origin(mechanics, ends.motion[0, :, 1], after)
     obstacles = []
     for obstacle in problem.obstacles:
         begin, end = obstacle.window or (0.0, ends.duration)
@@ -54,7 +54,7 @@ def flight_problem(
     )
 
 
-def _frame_place(mechanics: Mechanics, y: Array, foot: Foot) -> Array:
+def _frame_origin(mechanics: Mechanics, y: Array, foot: Foot) -> Array:
     """Where the origin of a foot's frame is, (3,) m, with coordinates y (6+n,) of base and joints."""
     robot = mechanics.robot
     kinematics = Kinematics(robot)
@@ -70,8 +70,7 @@ def _grounds(
     While the program's feet are clearly lifted it is as high as the ground, or nearly; at the ends, interval by
     interval, as deep as the program's capsules are.
     """
-    columns = slice(program.borders[program.flight], program.borders[program.flight + 1] + 1)
-    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, columns])
+    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes])
     motion[:, :, [0, -1]] = ends.motion
     ground = float(solution.origin[2])
     above = _lowest(program, mechanics, motion) - ground

@@ -2,7 +2,7 @@
 
 JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, a file ``floatplan.plan/2``, and
 ``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m; of a sole's points also ``suffix`` and
-``place``, m, in the frame of the joint that carries it), the ``axes`` of the base's angles,
+``point``, m, in the frame of the joint that carries it), the ``axes`` of the base's angles,
 ``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (position of the
 base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
 """
@@ -64,5 +64,5 @@ def _contact_table(foot: Foot) -> dict[str, Any]:
     """What the file holds of a foot's point."""
     table: dict[str, Any] = {"frame": foot.frame, "depth": foot.depth}
     if foot.suffix:
-        table |= {"suffix": foot.suffix, "place": list(foot.local)}
+        table |= {"suffix": foot.suffix, "point": list(foot.local)}
     return table

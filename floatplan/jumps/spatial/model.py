@@ -65,7 +65,7 @@ class SpatialModel:
     robot : Robot
     axes : letters of the axes of the base's angles
     gravity : m/s^2
-    points : of feet, by their names: joint of the robot's model that carries it, and place (3,) m in its frame
+    points : of feet, by their names: joint of the robot's model that carries it, and position (3,) m in its frame
     y, v, a : (6+n,) symbols
     bodies : of the joints of the robot's model, the base's first
     """

@@ -2,11 +2,12 @@
 
 A border of two phases is one node, at which feet that leave or arrive bear no force. Between nodes accelerations are
 linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
-``acc + 50 vel + 625 (pos - place) = 0`` at nodes, which brings back what the steps let drift; after landing with the
+``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
 other sign of the velocity, since there the motion's end is fixed. The squared shares of torque limits, summed over
 nodes, are minimised.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -20,7 +21,8 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
-from floatplan.jumps.spatial.standing import SOLE_POINTS, ClearancePoint, Foot
+from floatplan.jumps.spatial.standing import ClearancePoint, Foot
+from floatplan.tables import STEEPEST
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
@@ -245,6 +247,7 @@ class SpatialProgram:
         height_rows: list[tuple[Any, float, float, str]] = []
         if not kind.is_end:
             rows += motor_rows
+            rows += self._distance_rows(kind)
             height_rows = self._height_rows(kind)
         cost += 1e-5 * ca.sumsqr(model.a) + 1e-2 * sum((ca.sumsqr(share) for share in shares.values()), ca.SX(0))
         low = np.array([row[1] for row in rows])[:, None] * np.ones(len(nodes))
@@ -274,17 +277,18 @@ class SpatialProgram:
         )
 
     def _directions(self, side: str, foot: Foot) -> Array:
-        """Directions (k, 3) in which a point's position is fixed, in the world: as many as keep a sole in place.
+        """Directions (k, 3) in which a point's position is fixed, in the world: as many as fix a sole.
 
         Those are all three of a point's and a heel's; of one toe but that towards the heel; of the other the vertical.
         """
-        if foot.suffix in ("", SOLE_POINTS[0]):
+        heel, _, right_toe = Foot.of_soles
+        if foot.suffix in ("", heel):
             return np.eye(3)
         vertical = np.array([0.0, 0.0, 1.0])
-        if foot.suffix == SOLE_POINTS[2]:
+        if foot.suffix == right_toe:
             return vertical[None]
         places = self.ends.places[side]
-        to_heel = places[foot.frame + SOLE_POINTS[0]] - places[foot.name]
+        to_heel = places[foot.frame + heel] - places[foot.name]
         across = np.cross(vertical, to_heel)
         return np.array([across / np.linalg.norm(across), vertical])
 
@@ -312,6 +316,21 @@ class SpatialProgram:
                 rows.append((share + lost, -most, most, label))
                 rows.append((share - lost, -most, most, label))
         return rows, cost
+
+    def _distance_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles."""
+        ca = casadi()
+        apart = 0.01  # [m] between their surfaces
+        feet = sorted({foot for phase in self.phases for foot in phase.feet if not foot.suffix}, key=lambda f: f.body)
+        rows = []
+        for first, second in itertools.combinations(feet, 2):
+            if first in kind.tracking and second in kind.tracking:
+                continue
+            between = self.model.foot(first.name)[1][0] - self.model.foot(second.name)[1][0]
+            least = first.depth + second.depth + apart
+            label = f"distance of {first.name} from {second.name}"
+            rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
+        return rows
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
         """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
@@ -382,6 +401,7 @@ class SpatialProgram:
         bounds = self.bounds
         low = np.full(self.size, -np.inf)
         high = np.full(self.size, np.inf)
+        steepest = STEEPEST - math.radians(5.0)  # a little less than what the flight's plan may tilt
         for node, kind in enumerate(self.kinds):
             begin = self.begins[node]
             if kind.is_end:
@@ -394,8 +414,8 @@ class SpatialProgram:
                     low[begin : begin + 2] = -np.inf
                     high[begin : begin + 2] = np.inf
             else:
-                low[begin + 4] = -MIDDLE_ANGLE
-                high[begin + 4] = MIDDLE_ANGLE
+                low[begin + 4] = -steepest
+                high[begin + 4] = steepest
                 low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T
                 low[begin + n + BASE : begin + 2 * n] = -bounds.velocity
                 high[begin + n + BASE : begin + 2 * n] = bounds.velocity
@@ -404,6 +424,11 @@ class SpatialProgram:
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high
+
+    @property
+    def flight_nodes(self) -> slice:
+        """The flight's nodes, both borders among them."""
+        return slice(int(self.borders[self.flight]), int(self.borders[self.flight + 1]) + 1)
 
     def times(self, durations: Array) -> Array:
         """Instants (K+1,) of the nodes, s."""

@@ -185,7 +185,7 @@ def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight:
     generators = np.kron(np.eye(feet), edges)
     nearness = heavier / np.sqrt(loads)
     rows = np.vstack((arm_map @ generators, nearness[:, None] * generators))
-    # Where light feet are held to their shares, least squares leave some of the wrench: it is asked for once more, as
+    # Where light feet stay near their shares, least squares leave some of the wrench: it is required once more, as
     # multipliers of the wrench's equations would (Hestenes 1969).
     target = wrench.copy()
     forces = share

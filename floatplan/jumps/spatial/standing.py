@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -20,9 +21,6 @@ DOWN = np.array([0.0, 0.0, -1.0])
 LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
 
 
-SOLE_POINTS = (".heel", ".left_toe", ".right_toe")  # suffixes of a sole's points, which have no frames of their own
-
-
 @dataclass(frozen=True)
 class Foot:
     """A point on which the robot stands: a foot, or one of the three points of a sole.
@@ -33,8 +31,10 @@ class Foot:
     body : joint of the robot's model that carries it
     local : (3,) m, in that joint's frame
     depth : height of the point over the ground where it stands, m
-    suffix : of a sole's point, one of :data:`SOLE_POINTS`; else empty
+    suffix : of a sole's point, one of :attr:`of_soles`; else empty
     """
+
+    of_soles: ClassVar[tuple[str, str, str]] = (".heel", ".left_toe", ".right_toe")
 
     frame: str
     body: int
@@ -113,7 +113,7 @@ def feet_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: st
         return (Foot(frame, body, tuple(local.tolist()), float(point[2] - ground)),)
     placement = kinematics.data.oMi[body]
     feet = []
-    for suffix, position in zip(SOLE_POINTS, _sole_points(lowest, attitude), strict=True):
+    for suffix, position in zip(Foot.of_soles, _sole_points(lowest, attitude), strict=True):
         x, y, z = placement.actInv(np.array([*position, ground])).tolist()
         feet.append(Foot(frame, body, (x, y, z), 0.0, suffix))
     return tuple(feet)
@@ -129,8 +129,8 @@ def _lowest_points(kinematics: Kinematics, link: str) -> Array:
             below = float(np.linalg.norm(DOWN @ placement.rotation @ solid.axes))
             placed = solid.points @ placement.rotation.T + placement.translation
             points.append(placed + below * DOWN)
-    together = np.concatenate(points)
-    return np.asarray(together[together[:, 2] < together[:, 2].min() + nearly])
+    everything = np.concatenate(points)
+    return np.asarray(everything[everything[:, 2] < everything[:, 2].min() + nearly])
 
 
 def _sole_points(lowest: Array, attitude: Attitude) -> Array:
