@@ -137,16 +137,18 @@ def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = (), 
     """
     patience = 1.6e7  # [instants of one body] with each degree at first, about a second
     tries = [*((limits, patience) for limits in tighter), (problem.limits, patience), (problem.limits, None)]
+    plan: Plan | None = None
     for (limits, work), degree in itertools.product(tries, (7, 8, 10, 12)):  # of the polynomials
         motion = replace(problem.motion, degree=degree)
         variant = replace(problem, motion=motion, limits=limits, jump=None)
         options = SearchOptions(seed, patience=work)
         near = None
-        if joints is not None and degree > 8:
+        if plan is not None and joints is not None and degree > 8:
             near = _moving_nearly_as(plan, joints, degree)
         plan = planned(variant, options, near).plan
         if plan.ok:
             break
+    assert plan is not None
     return replace(plan, problem=replace(plan.problem, jump=problem.jump, limits=problem.limits))
 
 
