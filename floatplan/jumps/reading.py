@@ -22,7 +22,7 @@ from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot
-from floatplan.plans.record import POINT, KeyedTable, RobotRecord, table
+from floatplan.plans.record import POINT, TRIPLE, KeyedTable, RobotRecord, table
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict
 from floatplan.problem.jump import STEEPEST, JumpRequest
@@ -52,7 +52,11 @@ STANCE = KeyedTable(
     },
     unknown=UNKNOWN,
 )
-FOOT = KeyedTable({"frame": text, "depth": number(Range(0.0, 10.0, "m"))}, unknown=UNKNOWN)
+FOOT = KeyedTable(
+    {"frame": text, "depth": number(Range(0.0, 10.0, "m"))},
+    {"suffix": one_of(*Foot.of_soles), "point": TRIPLE},
+    UNKNOWN,
+)
 STANCE_IN_SPACE = KeyedTable(
     {
         "side": one_of("takeoff", "landing"),
@@ -176,7 +180,14 @@ def _read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: floa
         if frame not in robot.frame_names:
             raise InputError(f"the robot has no frame {frame!r}", element=f"{element}.contacts[{index}].frame")
         body, local = frame_position(robot.model, robot.joint_tree, frame)
-        feet.append(Foot(frame, body, tuple(local.tolist()), float(table_of_foot["depth"])))
+        suffix = table_of_foot.get("suffix", "")
+        if bool(suffix) != ("point" in table_of_foot):
+            reason = "names a point of a sole by suffix and point, or by neither"
+            raise InputError(reason, element=f"{element}.contacts[{index}]")
+        if suffix:
+            local = np.array(table_of_foot["point"])
+        x, y, z = local.tolist()
+        feet.append(Foot(frame, body, (x, y, z), float(table_of_foot["depth"]), suffix))
     if len(feet) < 2:
         raise InputError("must name two feet at least", element=f"{element}.contacts")
     times = _times(content, element)

@@ -50,6 +50,7 @@ from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, positions_from_com
+from floatplan.tables import POINT_FEET
 
 CORRECTIONS = 2  # [-] programs after the first, each with more nodes and wider margins
 
@@ -69,6 +70,7 @@ class NodeMargins:
     rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
+    dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
     """
 
     torque: float
@@ -81,6 +83,7 @@ class NodeMargins:
     pressed: float = 0.05
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
+    dip: float = POINT_FEET / 2
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -98,6 +101,7 @@ class NodeMargins:
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
+        too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
         too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         return replace(
             self,
@@ -107,6 +111,8 @@ class NodeMargins:
             refinement=1.4 * self.refinement,
             clearance=self.clearance + 1.5 * too_low,  # since the deepest point moves with the clearance
             reserve=self.reserve - too_near,
+            lift=self.lift + 1.5 * too_deep,
+            dip=max(0.0, self.dip - 1.5 * too_deep),
             pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )

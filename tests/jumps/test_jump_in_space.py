@@ -8,6 +8,9 @@ import pinocchio as pin
 import pytest
 
 import floatplan as fp
+from floatplan.jumps.setup import NodeMargins
+from floatplan.jumps.spatial import planner
+from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.setup import spatial_setup
 
 
@@ -108,6 +111,38 @@ def test_without_tilt_all_feet_stand(root, name):
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
     phases = spatial_setup(problem, problem.jump).phases
     assert [len(phase.feet) for phase in phases] == [4, 0, 4]
+
+
+def test_feet_are_held_where_they_stand(problem):
+    """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
+    program = spatial_setup(problem, problem.jump).program(planner.MARGINS)
+    raw = guess(program)
+    parameters = np.zeros(program.size + 1)
+    of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])
+    stiffness = 625.0 / 9.81  # [1/m] over g
+    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2)):
+        moved = raw.copy()
+        moved[program.begins[node]] += 0.01
+        change = np.subtract(*(np.array(program.assembly.evaluate(x, parameters)).ravel() for x in (moved, raw)))
+        assert np.count_nonzero(np.abs(change[of_feet] - 0.01 * stiffness) < 1e-9) == count
+
+
+def test_what_fails_between_nodes_is_planned_once_more(root, monkeypatch):
+    """Few nodes without margins: rates exceed their share between them; more nodes and margins mend that."""
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
+    monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=1.0, velocity=1.0, friction=1.0, refinement=0.6))
+    messages = []
+    setup = spatial_setup(problem, problem.jump)
+    jump = planner.jump_in_space(problem, problem.jump, 0, 1, messages.append)
+    first = planner.completed(setup, *_first_solution(setup), 0)
+    assert not first.ok
+    assert sum("with more nodes" in message for message in messages) >= 1
+    assert jump.ok, jump.check.sentences[0]
+
+
+def _first_solution(setup):
+    program = setup.program(planner.MARGINS)
+    return program, program.solve(guess(program))
 
 
 ALL = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")

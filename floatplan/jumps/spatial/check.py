@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -81,12 +82,12 @@ def _stances(jump: SpatialJumpMotion) -> Iterator[Value]:
 def _torques(stance: SpatialStance, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
     """Forces (N, nv) on all coordinates less what the feet take; and of each foot its places and velocities (N, 3).
 
-    The feet are the frames of the robot's own model.
+    The feet are the frames of the robot's own model; points of soles, which have none, get some.
     """
     model = stance.robot.model.copy()
     model.gravity.linear = np.array([0.0, 0.0, -stance.gravity])
+    frames = {foot.name: _frame(model, foot) for foot in stance.contacts}
     data = model.createData()
-    frames = {foot.frame: model.getFrameId(foot.frame) for foot in stance.contacts}
     torques = np.empty_like(state.torques)
     moves = {name: (np.empty((len(state.times), 3)), np.empty((len(state.times), 3))) for name in frames}
     rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
@@ -100,6 +101,14 @@ def _torques(stance: SpatialStance, state: JumpState) -> tuple[Array, dict[str, 
             moves[name][0][index] = data.oMf[frame].translation
             moves[name][1][index] = jacobian @ v
     return torques, moves
+
+
+def _frame(model: Any, foot: Foot) -> int:
+    """Number of a foot's frame in a model; one more where it is a point of a sole."""
+    if not foot.suffix:
+        return int(model.getFrameId(foot.frame))
+    placement = pin.SE3(np.eye(3), np.array(foot.local))
+    return int(model.addFrame(pin.Frame(foot.name, foot.body, 0, placement, pin.FrameType.OP_FRAME)))
 
 
 def _dynamics(jump: SpatialJumpMotion, stance: SpatialStance, state: JumpState) -> Iterator[Value]:

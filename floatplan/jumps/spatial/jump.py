@@ -1,7 +1,8 @@
 """The result of a search in space: a jump from standing to standing, with its check, and its file, ``jump.json``.
 
 JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, a file ``floatplan.plan/2``, and
-``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m), the ``axes`` of the base's angles,
+``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m; of a sole's points also ``suffix`` and
+``point``, m, in the frame of the joint that carries it), the ``axes`` of the base's angles,
 ``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (position of the
 base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
 """
@@ -18,6 +19,7 @@ from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.spatial.check import check_jump_in_space
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
+from floatplan.jumps.spatial.standing import Foot
 from floatplan.pool import one_thread
 
 FORMAT_IN_SPACE = "floatplan.jump/2"
@@ -51,8 +53,16 @@ class SpatialJump(SpatialJumpMotion, Jump):
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""
         return {
-            "contacts": [{"frame": foot.frame, "depth": foot.depth} for foot in stance.contacts],
+            "contacts": [_contact_table(foot) for foot in stance.contacts],
             "axes": stance.axes,
             "friction": stance.friction,
             **{name: getattr(stance.grid, name) for name in ARRAYS_IN_SPACE},
         }
+
+
+def _contact_table(foot: Foot) -> dict[str, Any]:
+    """What the file holds of a foot's point."""
+    table: dict[str, Any] = {"frame": foot.frame, "depth": foot.depth}
+    if foot.suffix:
+        table |= {"suffix": foot.suffix, "point": list(foot.local)}
+    return table

@@ -47,14 +47,15 @@ class SpatialPhase:
         return 1 - spaced if self.side == "takeoff" else spaced
 
     @property
-    def frames(self) -> tuple[str, ...]:
-        """Names of the feet that stand."""
-        return tuple(foot.frame for foot in self.feet)
+    def names(self) -> tuple[str, ...]:
+        """Names of the feet's points that stand."""
+        return tuple(foot.name for foot in self.feet)
 
     @property
     def name(self) -> str:
         """Side and feet, for a person."""
-        return f"{self.side} on {' and '.join(self.frames)}" if self.feet else self.side
+        frames = dict.fromkeys(foot.frame for foot in self.feet)
+        return f"{self.side} on {' and '.join(frames)}" if frames else self.side
 
 
 def side_phases(
@@ -62,7 +63,7 @@ def side_phases(
     groups: Sequence[tuple[Foot, ...]],
     unit: float,
     bounds: Sequence[tuple[float, float] | None],
-    intervals: Sequence[int] | None = None,
+    rotation: float = 0.0,
 ) -> list[SpatialPhase]:
     """Return the phases of a side of the flight, or the flight, with generic durations.
 
@@ -72,7 +73,7 @@ def side_phases(
     groups : feet of its one or two phases, in order of time
     unit : sqrt(height / g) of the centre of mass where the robot stands, s
     bounds : of their durations, s; None for generic ones
-    intervals : of each phase, if not the usual numbers
+    rotation : of the base in the flight, all angles added, rad
     """
     # Durations over sqrt(height / g), and intervals, of jumps of quadrupeds.
     usual = {
@@ -83,10 +84,12 @@ def side_phases(
         ("landing", 2): [(0.9, 8), (2.3, 12)],
     }[side, len(groups)]
     phases = []
-    for index, (feet, (guess, count), fixed) in enumerate(zip(groups, usual, bounds, strict=True)):
+    for feet, (guess, count), fixed in zip(groups, usual, bounds, strict=True):
         low, high = fixed or (0.6 * guess * unit, 1.8 * guess * unit)
         duration = min(max(guess * unit, low), high)
-        phases.append(SpatialPhase(side, feet, duration, (low, high), count if intervals is None else intervals[index]))
+        # Fast rotations need nodes: one more for each 18 degrees beyond a whole turn.
+        count += max(0, round((rotation - 2 * math.pi) / math.radians(18.0)))
+        phases.append(SpatialPhase(side, feet, duration, (low, high), count))
     return phases
 
 

@@ -13,6 +13,7 @@ from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, fli
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
+from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.jump import JumpRequest
@@ -89,7 +90,8 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
     mechanics = Mechanics(problem.robot, setup.axes, program.model.gravity, setup.feet)
     try:
         ends = flight_ends(program, solution, mechanics)
-        plan = planned_flight(flight_problem(problem, program, solution, mechanics, ends), seed)
+        joints = np.stack((solution.y, solution.v))[:, BASE:, program.flight_nodes]
+        plan = planned_flight(flight_problem(problem, program, solution, mechanics, ends), seed, joints=joints)
         if not plan.ok:
             explanation = f"No flight between the stances was found: {plan.explanation}"
             return SpatialJump(problem, request, explanation=explanation)

@@ -76,7 +76,7 @@ class SpatialStance:
     @property
     def ground(self) -> float:
         """Height of the ground below its feet, m."""
-        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].frame])
+        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].name])
         return float(places[0, 0, 0, 2] - self.contacts[0].depth)
 
     def joints(self, times: Array) -> Array:
@@ -87,7 +87,7 @@ class SpatialStance:
         """State at times (N,) s from the jump's start."""
         motion = self.grid.at(times)
         mechanics = self.mechanics
-        frames = [foot.frame for foot in self.contacts]
+        frames = [foot.name for foot in self.contacts]
         places, _ = mechanics.feet(motion, frames)
         wrench = mechanics.wrench(motion)
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
@@ -126,7 +126,7 @@ class SpatialStance:
             pin.computeJointJacobians(mechanics.model, mechanics.data, q)
             pin.updateFramePlacements(mechanics.model, mechanics.data)
             for column, foot in enumerate(self.contacts):
-                number = mechanics.frames[foot.frame]
+                number = mechanics.frames[foot.name]
                 jacobian = pin.getFrameJacobian(mechanics.model, mechanics.data, number, pin.LOCAL_WORLD_ALIGNED)
                 carried[index] += jacobian[:3, BASE:].T @ forces[index, column]
         return carried
@@ -177,15 +177,26 @@ def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight:
     They are sums of the pyramids' edges, with factors that are not negative.
     """
     sides = 16  # [-] the pyramid has 0.98 of the cone's width
-    heavier = 1e-4  # [-] of the nearness to the shares over the wrench, which is met to its square
+    heavier = 1e-5  # [-] of the nearness to the shares over the wrench
+    rounds = 6  # [-] at most; each leaves less of the wrench by orders of magnitude, if the cones have it at all
     angles = 2 * np.pi * np.arange(sides) / sides
     edges = np.stack((friction * np.cos(angles), friction * np.sin(angles), np.ones(sides)))
     feet = len(share) // 3
     generators = np.kron(np.eye(feet), edges)
     nearness = heavier / np.sqrt(loads)
     rows = np.vstack((arm_map @ generators, nearness[:, None] * generators))
-    factors, _ = nnls(rows, np.concatenate((wrench, nearness * share)) / weight)
-    return np.asarray((generators @ factors * weight).reshape(feet, 3))
+    # Where light feet stay near their shares, least squares leave some of the wrench: it is required once more, as
+    # multipliers of the wrench's equations would (Hestenes 1969).
+    target = wrench.copy()
+    forces = share
+    for _ in range(rounds):
+        factors, _ = nnls(rows, np.concatenate((target, nearness * share)) / weight)
+        forces = generators @ factors * weight
+        missing = wrench - arm_map @ forces
+        if np.abs(missing).max() < 1e-10 * weight:
+            break
+        target += missing
+    return np.asarray(forces.reshape(feet, 3))
 
 
 def continuous(q: Array) -> Array:
