@@ -118,6 +118,30 @@ class SpatialStance:
             points={frame: read_only(places[0][:, column]) for column, frame in enumerate(frames)},
         )
 
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """What the motors and the base take of a state's forces; see :class:`~floatplan.jumps.motion.AnyStance`.
+
+        The points are frames of the robot's own model, apart from what the state was computed with.
+        """
+        model = self.robot.model.copy()
+        model.gravity.linear = np.array([0.0, 0.0, -self.gravity])
+        data = model.createData()
+        count = len(state.times)
+        torques = np.empty_like(state.torques)
+        feet = {foot.frame: (np.empty((count, 3)), np.empty(count)) for foot in self.contacts}
+        rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
+        for index, (q, v, a) in enumerate(rows):
+            torques[index] = pin.rnea(model, data, q, v, a)
+            pin.computeJointJacobians(model, data, q)
+            pin.updateFramePlacements(model, data)
+            for name, (positions, speeds) in feet.items():
+                frame = model.getFrameId(name)
+                jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+                torques[index] -= jacobian.T @ state.forces[name][index]
+                positions[index] = data.oMf[frame].translation
+                speeds[index] = np.linalg.norm(jacobian @ v)
+        return torques, feet
+
     def _carried(self, motion: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model."""
         mechanics = self.mechanics
