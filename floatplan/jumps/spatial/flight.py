@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.flight import obstacles_in
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.exact import FlightEnds
 from floatplan.jumps.spatial.model import BASE
@@ -30,11 +31,6 @@ def flight_problem(
     after = program.phases[program.flight + 1].feet[0]
     places, _ = mechanics.feet(ends.motion[:, :, :1], [before.frame])
     landing_places, _ = mechanics.feet(ends.motion[:, :, 1:], [after.frame])
-    obstacles = []
-    for obstacle in problem.obstacles:
-        begin, end = obstacle.window or (0.0, ends.duration)
-        if begin < ends.duration and end > 0:
-            obstacles.append(obstacle)
     return replace(
         problem,
         start=postures[0],
@@ -47,7 +43,10 @@ def flight_problem(
             horizontal_velocity=tuple(ends.com_velocity[:2].tolist()),
             gravity=mechanics.gravity,
         ),
-        obstacles=(*obstacles, *_grounds(program, solution, mechanics)),
+        obstacles=(
+            *obstacles_in(problem, ends.duration, float(solution.origin[2])),
+            *_grounds(program, solution, mechanics),
+        ),
         ground=False,
         written=None,
     )
