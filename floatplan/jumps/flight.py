@@ -15,7 +15,7 @@ from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
+from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Obstacle, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
@@ -51,11 +51,6 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
     com_speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = com_speed(solution.y[:, takeoff], solution.v[:, takeoff], solution.a[:, takeoff])
     time = float(solution.durations[index])
-    obstacles = []
-    for obstacle in problem.obstacles:
-        begin, end = obstacle.window or (0.0, time)
-        if begin < time and end > 0 and not is_ground(obstacle, ground):
-            obstacles.append(obstacle)
     return replace(
         problem,
         start=postures[0],
@@ -68,10 +63,20 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*obstacles, *_grounds(problem, program, solution, ground)),
+        obstacles=(*obstacles_in(problem, time, ground), *_grounds(problem, program, solution, ground)),
         ground=False,
         written=None,
     )
+
+
+def obstacles_in(problem: Problem, duration: float, ground: float) -> list[Obstacle]:
+    """Obstacles that exist at some time of a flight of so many seconds, but for the ground at a height, m."""
+    obstacles = []
+    for obstacle in problem.obstacles:
+        begin, end = obstacle.window or (0.0, duration)
+        if begin < duration and end > 0 and not is_ground(obstacle, ground):
+            obstacles.append(obstacle)
+    return obstacles
 
 
 def _grounds(problem: Problem, program: JumpProgram, solution: JumpSolution, ground: float) -> list[HalfPlane]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -97,6 +97,46 @@ class JumpState:
         joints = np.linalg.pinv(robot.selection)
         full = (self.positions - robot.reference, self.velocities, self.accelerations)
         return np.stack([np.vstack((values[:, BASE - 1], joints @ values.T)) for values in full])
+
+
+class AnyStance(Protocol):
+    """One stance phase, in a plane or in space, as a check asks it."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that stands."""
+
+    @property
+    def gravity(self) -> float:
+        """Gravity, m/s^2."""
+
+    @property
+    def contacts(self) -> Sequence[Any]:
+        """Contacts that stand."""
+
+    @property
+    def grid(self) -> Any:
+        """Instants between which its motion is smooth, and the motion at them."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end, s."""
+
+    @property
+    def ground(self) -> float:
+        """Height of the ground on which it stands, m."""
+
+    def at(self, times: Array) -> JumpState:
+        """State at times (N,) s from the jump's start."""
+
+    def joints(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s."""
+
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """Forces (N, nv) on all coordinates that a state takes, less what its contacts bear; and how these move.
+
+        Of each point that stands, by name: positions (N, d), m, less what was rolled, and speeds (N,), m/s.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,6 +269,22 @@ class Stance:
                 jacobians[name][row] = jacobian[:3]
                 points[name][row] = placement.act(at.translation)
         return {name: (points[name], axes @ jacobians[name]) for name in self.points}
+
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """What the motors and the base take of a state's forces; see :class:`AnyStance`."""
+        robot = self.robot
+        tree = robot.tree
+        y = state.planned(robot)[0]
+        angles = tree.absolute_angles(y[0], y[1:].T)
+        touching = self.touching(state.positions)
+        feet = {}
+        for contact in self.contacts:
+            for name, spot in zip(contact.names, contact.spots, strict=True):
+                points, jacobians = touching[name]
+                rolled = tree.turn * spot.radius * angles[:, spot.body]
+                positions = np.stack((points @ robot.plane.horizontal + rolled, points @ robot.plane.vertical), axis=1)
+                feet[name] = positions, np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max(axis=1)
+        return state.torques, feet
 
     @property
     def ground(self) -> float:

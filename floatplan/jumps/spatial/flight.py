@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.flight import obstacles_in
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.exact import FlightEnds
 from floatplan.jumps.spatial.model import BASE
@@ -31,11 +32,6 @@ def flight_problem(
     after = program.phases[program.flight + 1].feet[0]
     takeoff = _frame_origin(mechanics, ends.motion[0, :, 0], before)
     landing = _frame_origin(mechanics, ends.motion[0, :, 1], after)
-    obstacles = []
-    for obstacle in problem.obstacles:
-        begin, end = obstacle.window or (0.0, ends.duration)
-        if begin < ends.duration and end > 0:
-            obstacles.append(obstacle)
     return replace(
         problem,
         start=postures[0],
@@ -48,7 +44,10 @@ def flight_problem(
             horizontal_velocity=tuple(ends.com_velocity[:2].tolist()),
             gravity=mechanics.gravity,
         ),
-        obstacles=(*obstacles, *_grounds(program, solution, mechanics, ends)),
+        obstacles=(
+            *obstacles_in(problem, ends.duration, float(solution.origin[2])),
+            *_grounds(program, solution, mechanics, ends),
+        ),
         ground=False,
         written=None,
     )

@@ -11,16 +11,12 @@ from __future__ import annotations
 
 import html
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 from floatplan.errors import InputError
-from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
-from floatplan.jumps.spatial.check import check_jump_in_space
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.standing import Foot
-from floatplan.pool import one_thread
 
 FORMAT_IN_SPACE = "floatplan.jump/2"
 ARRAYS_IN_SPACE = ("times", "y", "v", "a", "shares")
@@ -31,14 +27,6 @@ class SpatialJump(SpatialJumpMotion, Jump):
     """A jump in space from standing to standing; see :class:`~floatplan.jumps.jump.Jump`."""
 
     _format: ClassVar[str] = FORMAT_IN_SPACE
-
-    @cached_property
-    @one_thread
-    def check(self) -> JumpCheck:
-        """The stances, judged at 2 kHz; see :func:`~floatplan.jumps.spatial.check.check_jump_in_space`."""
-        if self.flight is None:
-            return JumpCheck(False, {}, ("no jump was found",))
-        return check_jump_in_space(self)
 
     def refuse_unless_shown(self) -> None:
         """Raise InputError: pictures show jumps in a plane, so far."""

@@ -1,7 +1,7 @@
 """The motion of a whole jump in space: its state at any time, in the quantities of a plan."""
 
-from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -9,18 +9,13 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
-from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.jump_motion import JumpGeometry, JumpMotion
 from floatplan.jumps.motion import JumpState
+from floatplan.jumps.spatial.geometry import SpatialGeometry
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.stance import continuous
 from floatplan.motion.dynamics import FlightState
-from floatplan.motion.spatial.bodies import BodyPoses
-from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
-from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.motion.spatial.whole import SpatialFullMotion
-from floatplan.plans.planned_motion import least_distances
-from floatplan.pool import one_thread
-from floatplan.problem.parts import Obstacle
 from floatplan.robot.robot import Robot
 
 JOINTS = BASE + 1  # first entry of the joints in a configuration
@@ -39,15 +34,14 @@ class SpatialJumpMotion(JumpMotion):
         assert self.flight is not None
         return self.flight.dynamics
 
-    @one_thread
-    def state(self, times: npt.ArrayLike) -> FlightState:
-        """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
-        return state_of(self.robot, self.at(times))
+    @cached_property
+    def geometry(self) -> JumpGeometry:
+        """Where the robot's links are."""
+        return SpatialGeometry(self.robot, self.contacts)
 
-    def clearances(self, times: Array, obstacles: Sequence[Obstacle]) -> Array:
-        """Least distance (N,), m, between any link and any of the obstacles that exist then; infinite without any."""
-        segments = segments_of(self.robot, self.state(times))
-        return np.asarray(np.min([least_distances(segments, obstacle, times) for obstacle in obstacles], axis=0))
+    def state_of(self, full: JumpState) -> FlightState:
+        """A state of its robot in the quantities of a plan."""
+        return state_of(self.robot, full)
 
     def full_motion(self, times: npt.ArrayLike) -> SpatialFullMotion:
         """Motion of every joint of the robot's file, and of the base, at N times; errors as of :meth:`at`."""
@@ -96,13 +90,3 @@ def state_of(robot: Robot, full: JumpState) -> FlightState:
         base_position=read_only(full.positions[:, :3]),
         angular_momentum=read_only(momentum),
     )
-
-
-def poses_of(robot: Robot, state: FlightState) -> BodyPoses:
-    """Where the bodies are at N instants."""
-    return BodyPoses.of(robot, of_quaternions(state.orientation), state.positions, state.com_position)
-
-
-def segments_of(robot: Robot, state: FlightState) -> SpatialSegments:
-    """The links' capsules at N instants."""
-    return shapes_in_space(robot).place(poses_of(robot, state))

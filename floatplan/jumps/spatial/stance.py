@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -118,6 +119,32 @@ class SpatialStance:
             points={frame: read_only(places[0][:, column]) for column, frame in enumerate(frames)},
         )
 
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """What the motors and the base take of a state's forces; see :class:`~floatplan.jumps.motion.AnyStance`.
+
+        The points are frames of the robot's own model, apart from what the state was computed with; points of soles,
+        which have none, get some.
+        """
+        model = self.robot.model.copy()
+        model.gravity.linear = np.array([0.0, 0.0, -self.gravity])
+        frames = {foot.name: _frame(model, foot) for foot in self.contacts}
+        data = model.createData()
+        count = len(state.times)
+        torques = np.empty_like(state.torques)
+        feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frames}
+        rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
+        for index, (q, v, a) in enumerate(rows):
+            torques[index] = pin.rnea(model, data, q, v, a)
+            pin.computeJointJacobians(model, data, q)
+            pin.updateFramePlacements(model, data)
+            for name, (positions, speeds) in feet.items():
+                frame = frames[name]
+                jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+                torques[index] -= jacobian.T @ state.forces[name][index]
+                positions[index] = data.oMf[frame].translation
+                speeds[index] = np.linalg.norm(jacobian @ v)
+        return torques, feet
+
     def _carried(self, motion: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model."""
         mechanics = self.mechanics
@@ -197,6 +224,14 @@ def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight:
             break
         target += missing
     return np.asarray(forces.reshape(feet, 3))
+
+
+def _frame(model: Any, foot: Foot) -> int:
+    """Number of a foot's frame in a model; one more where it is a point of a sole."""
+    if not foot.suffix:
+        return int(model.getFrameId(foot.frame))
+    placement = pin.SE3(np.eye(3), np.array(foot.local))
+    return int(model.addFrame(pin.Frame(foot.name, foot.body, 0, placement, pin.FrameType.OP_FRAME)))
 
 
 def continuous(q: Array) -> Array:
