@@ -175,7 +175,7 @@ class JumpMotion(MotionInFile):
         names: list[str] = []
         for contact in self.contacts:
             names += contact.names
-        return joined(instants, self.problem.robot.model.nv, pieces, names)
+        return joined(instants, self.problem.robot, pieces, names)
 
     def _in_flight(self, times: Array) -> JumpState:
         """State of the flight at times (N,) s from the jump's start; there has to be a flight."""

@@ -8,12 +8,10 @@ base, its angles and joints, with their derivatives), and ``shares``, next to wh
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
-from floatplan.errors import InputError
 from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.spatial.check import check_jump_in_space
@@ -37,16 +35,6 @@ class SpatialJump(SpatialJumpMotion, Jump):
         if self.flight is None:
             return JumpCheck(False, {}, ("no jump was found",))
         return check_jump_in_space(self)
-
-    def refuse_unless_shown(self) -> None:
-        """Raise InputError: pictures show jumps in a plane, so far."""
-        super().refuse_unless_shown()
-        reason = "pictures of jumps in space are not made yet"
-        raise InputError(reason, advice="show its flight: plan.json, or Jump.flight; export hands the whole jump on")
-
-    def _repr_html_(self) -> str:
-        """Notebooks show what is printed, as long as there is no picture."""
-        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""
