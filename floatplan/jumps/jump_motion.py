@@ -273,7 +273,7 @@ class JumpMotion(MotionInFile):
             rows = np.flatnonzero(phase_of == number)
             if len(rows):
                 pieces.append((rows, motion(instants[rows])))
-        return joined(instants, self.problem.robot.model.nv, pieces, names_of(self.contacts))
+        return joined(instants, self.problem.robot, pieces, names_of(self.contacts))
 
     def _phase_of(self, times: Array) -> IntArray:
         """Indices (N,) of the phases at times (N,), s; at a change of contacts that of the phase before."""

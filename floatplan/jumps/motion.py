@@ -325,20 +325,16 @@ def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
     return JumpState(read_only(times), *motion, {}, flight.torques, {})
 
 
-def joined(times: Array, size: int, pieces: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
-    """Join states of ``size`` coordinates, of whichever kind: rows of each among times (N,).
+def joined(times: Array, robot: Robot, pieces: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
+    """Join states of a robot, in a plane or in space: rows of each among times (N,).
 
     Points that are not in contact have no forces, and no positions: zero, and NaN.
     """
-    arrays: dict[str, Array] = {}
-    for name in ("positions", "velocities", "accelerations", "torques"):
-        columns = getattr(pieces[0][1], name).shape[1] if pieces else size  # in space configurations have one more
-        arrays[name] = np.empty((len(times), columns))
-    dimensions = 2
-    for _, state in pieces:
-        for force in state.forces.values():
-            dimensions = max(dimensions, force.shape[1])
-    forces = {name: np.zeros((len(times), dimensions)) for name in names}
+    model = robot.model
+    arrays = {name: np.empty((len(times), model.nv)) for name in ("velocities", "accelerations", "torques")}
+    arrays["positions"] = np.empty((len(times), model.nq))
+    dimension = 3 if robot.in_plane is None else 2
+    forces = {name: np.zeros((len(times), dimension)) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in pieces:
         for name, array in arrays.items():

@@ -3,6 +3,7 @@
 import math
 from functools import cache
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 from once import made_once
@@ -10,6 +11,7 @@ from once import made_once
 import floatplan as fp
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
+from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.robot.urdf.tree import robots_folder
 
 INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
@@ -41,4 +43,11 @@ def go2_problem(turns: int = -1) -> fp.Problem:
 def backflip() -> Jump:
     """The Go2's backflip."""
     found: Jump = made_once("backflip of a Go2", lambda: jump(go2_problem(), starts=1))
+    return found
+
+
+def roll() -> SpatialJump:
+    """The Go2's roll, in space, from its right legs to its left ones."""
+    file = Path(__file__).parents[2] / "problems" / "jumps" / "space" / "go2_roll.toml"
+    found: SpatialJump = made_once("roll of a Go2", lambda: jump(fp.load_problem(file), starts=1))
     return found

@@ -9,11 +9,9 @@ base, its angles and joints, with their derivatives), and ``shares``, next to wh
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from floatplan.errors import InputError
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.standing import Foot
@@ -27,16 +25,6 @@ class SpatialJump(SpatialJumpMotion, Jump):
     """A jump in space from standing to standing; see :class:`~floatplan.jumps.jump.Jump`."""
 
     _format: ClassVar[str] = FORMAT_IN_SPACE
-
-    def refuse_unless_shown(self) -> None:
-        """Raise InputError: pictures show jumps in a plane, so far."""
-        super().refuse_unless_shown()
-        reason = "pictures of jumps in space are not made yet"
-        raise InputError(reason, advice="show its flight: plan.json, or Jump.flight; export hands the whole jump on")
-
-    def _repr_html_(self) -> str:
-        """Notebooks show what is printed, as long as there is no picture."""
-        return f"<pre>{html.escape(repr(self))}</pre>"
 
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""
