@@ -16,6 +16,7 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.lifting import (
     LIFTING,
+    TO_A_MINIMUM,
     LiftedFlight,
     LiftedMotion,
     close,
@@ -214,22 +215,42 @@ class SpatialSearch(Search):
         results = [self._within_limits(small, stop, until)] if self.spec.constraints else []
         if results and not results[0].holds:
             return results[0]
-        least = refined(descend(small, RobustCost.of))
-        keeps_limits = False
+        lower = descend(small, RobustCost.of)
+        least = refined(lower)
+        of_least = None
         if least is not None:
-            result = self._judged(about(least), "feasible")
-            keeps_limits = result.holds
-            if self.spec.constraints and not keeps_limits:
-                result = self._within_limits(about(least), stop, until)
-            results.append(result)
+            of_least = self._judged(about(least), "feasible")
+            results.append(of_least)
+            if self.spec.constraints and not of_least.holds:
+                results.append(self._within_limits(about(least), stop, until))
         holding = [result for result in results if result.holds]
         if not holding:
             return results[-1] if results else self._judged(motion, "infeasible")
         best = min(holding, key=lambda result: result.objective_value)
-        if self.spec.constraints and not keeps_limits:
+        if self.spec.constraints and not (of_least is not None and of_least.holds):
             best = self._descend_within(best, stop, until)
-        best.status = "feasible"  # it is least of those tried, and not proved to be least of those near
+        elif best is of_least:
+            best = self._at_a_minimum(lower, best)
+        best.status = "optimal" if self._is_least_robust(best) else "feasible"
         return best
+
+    def _at_a_minimum(self, lower: LiftedMotion, best: AttemptResult) -> AttemptResult:
+        """Go on with the descent of the objective "robust" to a minimum; the result before where limits forbid that."""
+        final = refined(descend(lower, RobustCost.of, TO_A_MINIMUM))
+        if final is None:
+            return best
+        result = self._judged(about(final), "feasible")
+        return result if result.holds and result.objective_value < best.objective_value else best
+
+    def _is_least_robust(self, result: AttemptResult) -> bool:
+        """Whether a motion, which keeps the limits, is a minimum of the objective "robust" even without them."""
+        if result.variables.momentum.axes.shape != self.spec.momentum.axes.shape:
+            return False  # its h was fixed at the edge of the box
+        lifted = LiftedFlight(self.spec, result.variables, self.work)
+        try:
+            return RobustCost.of(close(nearby(lifted, result.x))).is_least
+        except IntegrationError:
+            return False
 
     def _descend_within(self, best: AttemptResult, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Make the objective "robust" smaller within limits.

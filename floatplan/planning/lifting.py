@@ -73,6 +73,8 @@ class LiftingSettings:
 
 
 LIFTING = LiftingSettings()
+# Of a descent to what may be called optimal: it ends where hardly anything is left to gain.
+TO_A_MINIMUM = replace(LIFTING, descent_steps=200, least_gain=1e-5, no_gradient=1e-5, shortest_step=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,16 +305,18 @@ class SizeCost:
         return downhill
 
 
-def descend(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = SizeCost) -> LiftedMotion:
-    """Make the cost of a closed motion smaller, along closed motions with the same turns."""
-    radius = LIFTING.first_radius
+def descend(
+    motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = SizeCost, rules: LiftingSettings = LIFTING
+) -> LiftedMotion:
+    """Make the cost of a closed motion smaller, along closed motions with the same turns; ``rules`` say how far."""
+    radius = rules.first_radius
     cost = cost_of(motion)
     least = LIFTING.recorded if motion.lifted.variables.has_reference else 0.0
-    for _ in range(LIFTING.descent_steps):
+    for _ in range(rules.descent_steps):
         downhill = cost.downhill(radius)
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= LIFTING.no_gradient * max(motion.size, least):
+        if length <= rules.no_gradient * max(motion.size, least):
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), LIFTING.rounding)
         share = min(1.0, radius / length, LIFTING.largest_rotation / farthest)
@@ -324,14 +328,14 @@ def descend(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = Size
         except IntegrationError:
             other = motion
             other_cost = cost
-        is_less = other_cost.value < cost.value * (1 - LIFTING.least_gain)
+        is_less = other_cost.value < cost.value * (1 - rules.least_gain)
         if other.is_closed() and is_less and other.makes_right_turns:
             motion = other
             cost = other_cost
             radius = 2 * min(radius, share * length)
         else:
             radius = LIFTING.shorter * min(radius, share * length)
-            if radius < LIFTING.shortest_step:
+            if radius < rules.shortest_step:
                 break
     return motion
 
