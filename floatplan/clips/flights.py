@@ -20,6 +20,7 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
+LEAST_DURATION = 0.1  # [s] of a flight: a shorter one is noise of the frames
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
 BASE_BODY = 1  # the model's joint that carries the base
 
@@ -183,7 +184,7 @@ class Scene:
         for first, last in _stretches(self.in_the_air()):
             begin = float(self.times[first])
             end = float(self.times[last])
-            if end - begin < 0.1:  # [s] a shorter one is noise of the frames
+            if end - begin < LEAST_DURATION:
                 continue
             first_frame = int(np.ceil(begin * fps - 1e-9))
             last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)

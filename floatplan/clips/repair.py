@@ -162,7 +162,7 @@ def repair_clip(
         check_rate(rate, "rate")
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
-    repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
+    repaired = {number: repair_flight(clip, before.flights[number], choice, degree, gravity) for number in chosen}
     good = {number: flight for number, flight in repaired.items() if flight.repairable}
     plans = {number: flight.plan for number, flight in good.items() if flight.plan is not None}
     left = {number: FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights)}

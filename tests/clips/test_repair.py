@@ -85,7 +85,7 @@ def test_where_a_stance_presses(beyond: float, robot: fp.Robot, tmp_path: Path) 
     data = robot.model.createData()
     com = pin.centerOfMass(robot.model, data, q[0])
     feet = clip.curve.poses(times[:1])
-    places = [feet.points(solid.body, solid.points)[0] for solids in clip.scene.foot_solids for solid in solids]
+    places = [feet.points(solid.body, solid.points)[0] for solids in clip.scene.foot_solids.groups for solid in solids]
     standing = np.concatenate(places)
     still = stance_figures(clip, q, times, 0.01, 9.81)
     assert still.vertical_least == pytest.approx(1.0)
