@@ -27,9 +27,8 @@ def problem_names() -> list[str]:
     )
 
 
-def answer(name: str) -> dict[str, Any]:
-    """What a problem file is answered with, as ``floatplan plan`` does."""
-    plan = fp.plan(fp.load_problem(ROOT / "problems" / f"{name}.toml"), prove=True)
+def answer(plan: fp.Plan) -> dict[str, Any]:
+    """What is compared of a plan."""
     record = plan.record
     return {
         "status": record.status,
@@ -44,5 +43,6 @@ def answer(name: str) -> dict[str, Any]:
 
 if __name__ == "__main__":
     argparse.ArgumentParser(description=__doc__).parse_args()  # it takes no arguments, and refuses any
-    answers = json_value({name: answer(name) for name in problem_names()})
+    problems = {name: fp.load_problem(ROOT / "problems" / f"{name}.toml") for name in problem_names()}
+    answers = json_value({name: answer(fp.plan(problem, prove=True)) for name, problem in problems.items()})
     REFERENCES.write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")

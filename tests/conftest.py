@@ -193,11 +193,14 @@ def any_robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 
 @pytest.fixture(scope="session")
 def planned() -> Callable[[str], Plan]:
-    """The plan of a problem file, by its path in ``problems/`` without the ending; made once in all processes."""
+    """The plan of a problem file, by its path in ``problems/`` without the ending; made once in all processes.
+
+    It is that of ``floatplan plan``: proved, by the usual work.
+    """
     from floatplan import load_problem, plan
 
     def plan_of(name: str) -> Plan:
-        return made_once(name, lambda: plan(load_problem(ROOT / "problems" / f"{name}.toml"), budget=PATIENT))
+        return made_once(name, lambda: plan(load_problem(ROOT / "problems" / f"{name}.toml"), prove=True))
 
     return plan_of
 

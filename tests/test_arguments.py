@@ -269,7 +269,6 @@ def test_what_people_call(problem, plan, authority, tmp_path, monkeypatch):
 
 
 def test_studies(root, problem, tmp_path, monkeypatch):
-    pytest.importorskip("pyarrow")
     monkeypatch.chdir(tmp_path)
     fp.save_problem(problem, tmp_path / "problem.toml")
     file = tmp_path / "study.toml"

@@ -7,16 +7,12 @@ import runpy
 import shutil
 import sys
 from contextlib import redirect_stdout
-from importlib.util import find_spec
 from pathlib import Path
 
 import example_pages
 import pytest
 from long_cases import cases
-from needed import skip_or_fail
 from places import ROOT
-
-from floatplan.robot.urdf.tree import robots_folder
 
 EXAMPLES = ROOT / "examples"
 PROMISED = {
@@ -41,17 +37,6 @@ PROMISED = {
     "from_mjcf": "optimal, proved",
     "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
     "the_method": "|b| = 25.0411",
-}
-EXTRAS = {
-    "fly_a_go2": ("mujoco", "casadi"),
-    "from_mjcf": ("mujoco",),
-    "jump": ("casadi",),
-    "library": ("pyarrow",),
-    "mujoco_playback": ("mujoco",),
-    "reference_motion": ("casadi",),
-    "repair_a_clip": ("casadi",),
-    "ros_trajectory": ("yaml",),
-    "study": ("pyarrow",),
 }
 LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"}
 
@@ -92,11 +77,6 @@ def test_each_has_what_it_draws_and_prints():
 
 @pytest.mark.parametrize("name", cases(list(PROMISED), LONG))
 def test_script_runs(name, copied, tmp_path, monkeypatch, capsys):
-    for module in EXTRAS.get(name, ()):
-        if find_spec(module) is None:
-            skip_or_fail(f"{module} is not installed")
-    if name in ("fly_a_go2", "library") and robots_folder() is None:
-        skip_or_fail("example-robot-data is not installed")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", [f"{name}.py", *([] if name == "first_flight" else ["given"])])
     runpy.run_path(str(copied / f"{name}.py"), run_name="__main__")

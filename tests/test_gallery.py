@@ -16,13 +16,11 @@ import floatplan as fp
 from floatplan.certificate.certificate import shapes_of
 from floatplan.motion.planar.contact_rates import has_contact
 from floatplan.robot.leak import MEANINGLESS, WORTH_A_WARNING
-from floatplan.robot.urdf.tree import PREFIX, robots_folder
+from floatplan.robot.urdf.tree import PREFIX
 
 GALLERY = ROOT / "problems" / "gallery"
 NAMES = sorted(path.stem for path in GALLERY.glob("*.toml"))
 IN_MUJOCO = ("a1", "bolt", "go2", "human", "solo12", "talos")
-
-pytestmark = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
 
 @pytest.fixture
@@ -44,7 +42,6 @@ def test_plans_are_within_limits(plans, name):
 
 @pytest.mark.parametrize("name", cases(IN_MUJOCO, set(IN_MUJOCO) - {"bolt"}))
 def test_mujoco_agrees_and_converges_with_fourth_order(plans, name):
-    pytest.importorskip("mujoco")
     errors = []
     for step in (2e-3, 1e-3, 5e-4):
         flown = fp.replay(plans(name), engine="mujoco", step=step)

@@ -1,7 +1,5 @@
 """The README and the pages of docs/: every snippet runs, in the order in which a reader meets it."""
 
-import importlib.metadata
-import importlib.util
 import json
 import re
 import shlex
@@ -12,21 +10,12 @@ from pathlib import Path
 import jsonschema
 import pytest
 from long_cases import cases
-from needed import skip_or_fail
 from once import made_once
 from places import ROOT
 
 import floatplan as fp
 
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
-EXTRAS = {  # words of commands, and the distribution that they need
-    "parquet": "pyarrow",
-    "floatplan study": "pyarrow",
-    "mcap": "mcap",
-    "mujoco": "mujoco",
-    "--scene": "viser",
-    "example-robot-data:": "example-robot-data",
-}
 WITH_JUMP = "README.md with its jump"
 LONG = {WITH_JUMP} | {
     f"docs/{page}.md" for page in ("in_flight", "jump", "tutorial")
@@ -66,8 +55,6 @@ def with_snippets(*languages):
 @pytest.fixture
 def jumps_once(monkeypatch, tmp_path):
     """A jump takes seconds: pages that ask for the same one are given what the first found."""
-    if importlib.util.find_spec("casadi") is None:
-        return
     from floatplan.jumps import planner
 
     search = planner.jump
@@ -97,9 +84,6 @@ def test_snippets_run(page, floatplan, monkeypatch):
         for command in commands(block):
             if command.startswith(passed_over):
                 continue
-            for word, distribution in EXTRAS.items():
-                if word in command and not any(importlib.metadata.distributions(name=distribution)):
-                    skip_or_fail(f"{distribution} is not installed")
             folders = len(list(Path.cwd().glob("runs/*")))
             run = floatplan(*shlex.split(command)[1:])
             may_fail = command.startswith(VERDICTS) and page != "README.md"

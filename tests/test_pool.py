@@ -7,7 +7,6 @@ from multiprocessing import forkserver
 
 import pytest
 from long_cases import cases
-from needed import skip_or_fail
 from places import ROOT
 
 from floatplan.pool import fork_server
@@ -75,11 +74,6 @@ def study_file(tmp_path):
 
 @pytest.mark.parametrize("engine", cases(["processes", "dask"], {"dask"}))
 def test_a_study_executes_nothing_of_the_working_directory(here, study_file, engine):
-    try:
-        import distributed  # noqa: F401
-        import pyarrow  # noqa: F401
-    except ImportError:
-        skip_or_fail("the extra study is not installed")
     run_there(here, PROGRAM, "study", study_file, "--jobs", "2", "--engine", engine)
 
 

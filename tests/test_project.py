@@ -190,14 +190,8 @@ class TestScripts:
     @pytest.mark.parametrize(
         "name",
         [
-            "scripts/demo",
-            "scripts/test",
-            "scripts/check",
-            "scripts/docs",
-            "scripts/build",
-            "scripts/try_installed",
-            "scripts/environment",
-            ".ci/run",
+            *("scripts/demo", "scripts/test", "scripts/check", "scripts/docs", "scripts/build"),
+            *("scripts/try_installed", "scripts/environment", ".ci/run"),
         ],
     )
     def test_can_be_run(self, name):

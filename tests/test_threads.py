@@ -7,7 +7,6 @@ import sys
 
 import pytest
 from long_cases import cases
-from needed import skip_or_fail
 from places import ROOT
 
 import floatplan as fp
@@ -63,10 +62,6 @@ def test_plans_are_the_same_bit_for_bit(name, tmp_path):
 
 @pytest.mark.long
 def test_studies_are_the_same_bit_for_bit(tmp_path):
-    try:
-        import pyarrow  # noqa: F401
-    except ImportError:
-        skip_or_fail("pyarrow is not installed: the extra study")
     study = tmp_path / "study.toml"
     study.write_text(STUDY.format(problem=ROOT / "problems" / "somersault.toml"))
     tables = [

@@ -10,12 +10,11 @@ import proof_reference as reference
 import pytest
 from places import URDF
 from proof_plans import draw_coefficients, example_a, example_b, make_plan, unlimited
-from proof_records import certify_record
+from proof_records import certify_record, finding
 
 from floatplan.certificate.certificate import shapes_of
 from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
-from floatplan.robot.urdf.tree import urdf_path
 
 GROUND = {"kind": "half-plane", "point": [0.0, 0.0], "normal": [0.0, 2.0], "margin": 0.0}
 CIRCLE = {"kind": "circle", "center": [1.485, 3.342], "radius": 0.2, "margin": 0.0}
@@ -45,11 +44,6 @@ def with_obstacles(record, *obstacles):
     return replace(record, problem=problem, clearance_min=float(clear) if np.isfinite(clear) else None)
 
 
-def finding(certificate, label):
-    (found,) = [item for item in certificate.findings if item.label.startswith(label)]
-    return found
-
-
 def test_example_a_is_proved(plan_a):
     certificate = certify_record(unlimited(plan_a))
     assert certificate.verdict == "proved"
@@ -64,16 +58,8 @@ def test_example_a_is_proved(plan_a):
 def test_to_dict_holds_the_documented_keys(plan_b):
     values = certify_record(plan_b).to_dict()
     assert set(values) == {
-        "verdict",
-        "orientation_end",
-        "clearance_min",
-        "torque_peak",
-        "velocity_peak",
-        "motor_torque_peak",
-        "findings",
-        "subintervals",
-        "seconds",
-        "attitude_bound",
+        *("verdict", "orientation_end", "clearance_min", "torque_peak", "velocity_peak", "motor_torque_peak"),
+        *("findings", "subintervals", "seconds", "attitude_bound"),
     }
     json.dumps(values, allow_nan=False)
     assert {"label", "verdict", "bound", "instant"} <= set(values["findings"][0])
@@ -243,13 +229,9 @@ def test_a_robot_with_collision_elements_needs_shapes(plan_b, tmp_path):
 
 def test_capsules_of_a_quadruped():
     """A robot of example-robot-data, left and right legs coupled, with the capsules around its collision geometry."""
-    try:
-        path = urdf_path("example-robot-data:go2_description/urdf/go2.urdf")
-    except InputError as error:
-        pytest.skip(str(error))
     sides, parts = (("FR", "FL"), ("RR", "RL")), ("thigh", "calf")
     coupled = {f"{right}_{part}_joint": f"{left}_{part}_joint" for right, left in sides for part in parts}
-    robot = Robot.from_urdf(path, coupled=coupled)
+    robot = Robot.from_urdf("example-robot-data:go2_description/urdf/go2.urdf", coupled=coupled)
     limits = robot.position_limits
     obstacles = [
         {"kind": "circle", "center": [0.9, 2.4], "radius": 0.1},

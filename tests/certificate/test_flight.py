@@ -7,9 +7,10 @@ import numpy as np
 import pinocchio as pin
 import proof_reference as reference
 import pytest
-from flint import acb, arb, arb_series
+from flint import arb, arb_series
 from places import URDF
 from proof_plans import draw_coefficients, make_plan
+from proof_sharp import BITS, Sharp
 
 from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.planar.flight import assemble, fly, joint_models
@@ -141,77 +142,26 @@ def appendix():
     }
 
 
-def gymnast_series(record, d, t, terms):
-    """Relative angles, orientation rate and torques as power series in time about t (Arb at 200 bits)."""
-    flint.ctx.cap = terms
-    q = []
-    for row, centre, amplitude in zip(record.coefficients, record.centre, record.amplitude, strict=True):
-        local = flint.arb_poly(row.tolist())(flint.arb_poly([t, arb(1)]))
-        q.append(arb_series(local.coeffs(), terms).sin() * arb(float(amplitude)) + arb(float(centre)))
-    zero = arb_series([0], terms)
-    psi = [zero, q[0], q[0] + q[1]]
-    dpsi = [zero, psi[1].derivative(), psi[2].derivative()]
-    c = {(0, 0): d[1], (0, 1): d[2], (0, 2): d[3], (1, 1): d[4], (1, 2): d[6], (2, 2): d[7]}
-
-    def mass(i, j):
-        return c[min(i, j), max(i, j)] * (psi[i] - psi[j]).cos()
-
-    total = sum((mass(i, j) for i in range(3) for j in range(3)), start=zero)
-    moving = sum((mass(i, j) * dpsi[j] for i in range(3) for j in range(3)), start=zero)
-    rate = (arb(record.angular_momentum) - moving) / total
-    dphi = [rate + x for x in dpsi]
-    body = []
-    for i in range(3):
-        momentum = sum((mass(i, j) * dphi[j] for j in range(3)), start=zero)
-        force = zero
-        for j in range(3):
-            force = force - c[min(i, j), max(i, j)] * (psi[i] - psi[j]).sin() * dphi[i] * dphi[j]
-        body.append(momentum.derivative() - force)
-    return rate, (body[1] + body[2], body[2])
-
-
 def test_models_contain_values_of_fifty_digits():
-    """theta', torques at instants, and theta(T) by Arb's own rigorous integration."""
+    """theta' and torques at instants, and theta(T), by code of their own."""
     robot = Robot.from_urdf(URDF / "gymnast.urdf")
     record = make_plan(robot, draw_coefficients(np.random.default_rng(8), 2, 1.1, 0.15), frames=("foot", "hand"))
     flight = fly(proof_robot(record), record, [], 4096)
-    cap = flint.ctx.cap
-    try:
-        with flint.ctx.workprec(200):
-            d = appendix()
-            for cell in range(0, len(flight.cells), 5):
-                for u in (-1.0, 0.25, 1.0):
-                    first, last = arb(float(flight.cells.low[cell])), arb(float(flight.cells.high[cell]))
-                    t = (first + last) / 2 + (last - first) / 2 * arb(u)
-                    rate, torques = gymnast_series(record, d, t, 4)
-                    truths = [(flight.joints.rate, 0, rate[0])]
-                    truths += [(flight.joints.motor_torques, k, torques[k][0]) for k in (0, 1)]
-                    for model, item, truth in truths:
-                        value = flint.arb_poly([float(x) for x in model.c[:, cell, item]])(arb(u))
-                        assert abs(value - truth) <= arb(float(model.e[cell, item]))
-            end = acb.integral(lambda t, _: _rate(record, d, t), 0, arb(record.duration), rel_tol=arb(2) ** -110)
-            last = flight.orientation.at_end(1.0)
-            off = end.real + arb(record.orientation["start"]) - arb(float(last.mid[-1, 0]))
-            assert abs(off) <= arb(float(last.rad[-1, 0]))
-            assert last.rad[-1, 0] < 1e-10
-            assert end.real.rel_accuracy_bits() > 100
-    finally:
-        flint.ctx.cap = cap
-
-
-def _rate(record, d, t):
-    """theta' for a complex instant."""
-    q, dq = [], []
-    for row, centre, amplitude in zip(record.coefficients, record.centre, record.amplitude, strict=True):
-        polynomial = flint.acb_poly(row.tolist())
-        p, dp = polynomial(t), polynomial.derivative()(t)
-        q.append(arb(float(centre)) + arb(float(amplitude)) * p.sin())
-        dq.append(arb(float(amplitude)) * p.cos() * dp)
-    c1, c2, c12 = q[0].cos(), q[1].cos(), (q[0] + q[1]).cos()
-    d0 = d[1] + d[4] + d[7] + 2 * (d[2] * c1 + d[6] * c2 + d[3] * c12)
-    d1 = d[4] + d[7] + d[2] * c1 + 2 * d[6] * c2 + d[3] * c12
-    d2 = d[7] + d[6] * c2 + d[3] * c12
-    return (arb(record.angular_momentum) - d1 * dq[0] - d2 * dq[1]) / d0
+    sharp = Sharp(robot, record)
+    with flint.ctx.workprec(BITS):
+        for cell in range(0, len(flight.cells), 5):
+            for u in (-1.0, 0.25, 1.0):
+                first, last = arb(float(flight.cells.low[cell])), arb(float(flight.cells.high[cell]))
+                t = (first + last) / 2 + (last - first) / 2 * arb(u)
+                truths = [(flight.joints.rate, 0, sharp.rate(t))]
+                truths += [(flight.joints.motor_torques, k, torque) for k, torque in enumerate(sharp.torques(t))]
+                for model, item, truth in truths:
+                    value = flint.arb_poly([float(x) for x in model.c[:, cell, item]])(arb(u))
+                    assert abs(value - truth) <= arb(float(model.e[cell, item]))
+        last = flight.orientation.at_end(1.0)
+        off = sharp.orientation(record.duration) - arb(float(last.mid[-1, 0]))
+        assert abs(off) <= arb(float(last.rad[-1, 0]))
+        assert last.rad[-1, 0] < 1e-10
 
 
 @pytest.mark.parametrize("seed", range(6))

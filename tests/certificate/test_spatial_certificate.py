@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from proof_records import certify_record
+from proof_records import certify_record, finding
 from scipy.spatial.transform import Rotation
 from space_chains import chain_file
 from space_mutations import base_plans, judge, mutate
@@ -32,11 +32,6 @@ INTEGRATED = 1e-11  # [rad] that DOP853 is off by, times the amplification
 @pytest.fixture(scope="module")
 def plans(tmp_path_factory):
     return base_plans(str(tmp_path_factory.mktemp("robots")))
-
-
-def finding(certificate, label):
-    (found,) = [each for each in certificate.findings if each.label == label]
-    return found
 
 
 def enclosed(record):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from proof_records import finding
 from space_distances import Distances, between
 from space_mutations import LEFT, _dense, _Key, _least, certificate_of, judge, mutate, shape_plans
 
@@ -26,11 +27,6 @@ LITTLE = 1e-6  # [m] that a violation is refuted by
 @pytest.fixture(scope="module")
 def plans(tmp_path_factory):
     return shape_plans(str(tmp_path_factory.mktemp("robots")))
-
-
-def finding(certificate, label):
-    (result,) = [each for each in certificate.findings if each.label == label]
-    return result
 
 
 def with_obstacles(record, *obstacles, least=None):

@@ -5,6 +5,7 @@ import tomllib
 from dataclasses import fields
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from places import PROBLEMS, URDF
@@ -36,8 +37,6 @@ class TestRobots:
         for line, facts in zip(floatplan("robots").stdout.splitlines()[1:], listed["robots"], strict=False):
             assert line.removesuffix(" --coupled mirror").endswith(facts["robot"])
             assert line.endswith("--coupled mirror") == (facts["coupled"] == "mirror")
-        if urdf.robots_folder() is None:
-            pytest.skip("example-robot-data is not installed")
         go2 = told["example-robot-data:go2_description/urdf/go2.urdf"]
         assert (len(go2["joints"]), len(go2["followers"]), go2["coupled"]) == (4, 4, "mirror")
         assert all(facts["reason"] for facts in listed["unusable"])
@@ -130,7 +129,6 @@ class TestChoices:
 def validator():
     from floatplan.problem.file import problem_schema
 
-    jsonschema = pytest.importorskip("jsonschema")
     schema = problem_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)

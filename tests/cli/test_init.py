@@ -8,16 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jumps import GO2, INSTALLED, backflip
+from jumps import GO2, backflip
 from legged_samples import quadruped
 from long_cases import cases
 
 import floatplan as fp
 from floatplan.initial import flight
 from floatplan.jumps.setup import jump_setup
-from floatplan.robot.urdf.tree import PREFIX, robots_folder
-
-needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
+from floatplan.robot.urdf.tree import PREFIX
 
 
 def planned(floatplan, path, *known):
@@ -39,7 +37,6 @@ UR5, SOLO12 = "ur_description/urdf/ur5_robot.urdf", "solo_description/robots/sol
 BAR = {name: f"{name}_description/urdf/{name}.urdf" for name in ("go2", "a1")}
 
 
-@needs_jumps
 def test_the_file_of_a_jump(floatplan, monkeypatch):
     """Nothing is edited between three commands; the flight is that of the jump, proved, and so is the jump's."""
     monkeypatch.setattr(flight, "jump", lambda problem, **_: backflip())
@@ -63,7 +60,6 @@ def test_the_file_of_a_jump(floatplan, monkeypatch):
 
 
 @pytest.mark.long
-@needs_jumps
 def test_links_of_the_first_jump_do_not_overlap(floatplan, root):
     """The gymnast's jump of least torque folds its shank into its thigh: it is searched for again."""
     assert floatplan("init", root / "urdf" / "gymnast.urdf", "-q").code == 0
@@ -75,7 +71,6 @@ def test_links_of_the_first_jump_do_not_overlap(floatplan, root):
     assert found.to_dict()["warnings"] == [warning.to_dict() for warning in found.warnings]
 
 
-@needs_jumps
 @pytest.mark.parametrize("name", cases(BAR, set(BAR)))
 def test_from_a_robot_to_its_jump_in_two_commands(floatplan, name):
     assert floatplan("init", PREFIX + BAR[name], "-q").code == 0
@@ -95,7 +90,6 @@ ASKED = {
 
 
 @pytest.mark.long
-@needs_jumps
 @pytest.mark.parametrize("name", ASKED)
 def test_what_is_asked_plans_as_it_stands(floatplan, root, name):
     """And jumps; its daily representative, in ``tests/initial/test_options.py``, makes no jump of its own."""
@@ -110,7 +104,6 @@ def test_what_is_asked_plans_as_it_stands(floatplan, root, name):
     assert standing[1, 0] - standing[0, 0] == pytest.approx(turns * problem.robot.plane.turn * 2 * math.pi)
 
 
-@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 @pytest.mark.usefixtures("afloat")
 def test_without_casadi_it_is_afloat_and_says_so(floatplan):
     run = floatplan("init", PREFIX + SOLO12)
@@ -140,7 +133,6 @@ def test_where_there_is_no_flight(floatplan):
     assert not Path("light.toml").exists()
 
 
-@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 def test_an_arm_turns_its_base_afloat(floatplan):
     assert floatplan("init", PREFIX + UR5, "-o", "arm.toml").code == 0
     text = Path("arm.toml").read_text()

@@ -6,17 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from jumps import INSTALLED, backflip
-from needed import skip_or_fail
+from jumps import backflip
 
 import floatplan as fp
 from floatplan.jumps import launch as launching
 from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.launch import Launch
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 @pytest.fixture

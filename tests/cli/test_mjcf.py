@@ -4,7 +4,6 @@ import json
 import shutil
 import sys
 import tomllib
-from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -108,7 +107,6 @@ def test_a_first_problem_is_of_an_mjcf(floatplan, problem, monkeypatch):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(find_spec("casadi") is None, reason="CasADi is not installed")
 def test_a_first_problem_is_a_flip_that_is_proved(floatplan, problem):
     assert floatplan("init", "parts/kangaroo.xml", "--force").code == 0
     assert floatplan("jump", "kangaroo.toml", "-o", "result").code == 0

@@ -7,7 +7,6 @@ import pytest
 
 from floatplan.arguments import in_line, percent, short, shortened
 from floatplan.jumps.check import FIGURES
-from floatplan.robot.urdf.tree import robots_folder
 
 NEGATIVE_ZERO = re.compile(r"(?<![\w.])-0(?:\.0+)?(?![\w.])")
 PROBLEM = """angles = "deg"
@@ -97,7 +96,6 @@ class TestWrongFiles:
         assert run.code == 2
         assert "is a TOML file, not a robot's" in run.stderr
 
-    @pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
     @pytest.mark.parametrize(
         ("name", "meant"),
         [("go2", "go2_description/urdf/go2.urdf"), ("Talos", "talos_data/"), ("hyq", "hyq_description/")],

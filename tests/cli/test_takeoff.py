@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 
 
 @pytest.fixture
@@ -56,8 +55,6 @@ class TestTakeoff:
         assert facts["no_common_momentum"] is None
 
     def test_a_free_momentum_has_to_suit_both_ends(self, floatplan, root):
-        if robots_folder() is None:
-            pytest.skip("example-robot-data is not installed")
         run = floatplan("takeoff", root / "problems" / "gallery" / "go2.toml")
         assert run.code == 1
         assert "No angular momentum suits both ends" in run.stdout

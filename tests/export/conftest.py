@@ -1,5 +1,6 @@
 """Plans whose files are read back: of coupled legs, and of a tree with joints of every kind."""
 
+import jumps
 import numpy as np
 import pytest
 from robot_samples import PAIR, RandomTree, inertial, robot_text
@@ -41,3 +42,8 @@ def tree(flown, tmp_path_factory):
     first, *_, last = fp.Robot.from_urdf(path, plane="xz", locked=drawn.locked).joints
     coupled = {last: fp.Coupling(first, -0.7, 0.3)}
     return flown(fp.Robot.from_urdf(path, plane="xz", locked=drawn.locked, coupled=coupled))
+
+
+@pytest.fixture(scope="module")
+def jump():
+    return jumps.backflip()

@@ -6,24 +6,20 @@ from functools import cache
 from xml.etree import ElementTree
 
 import jumps
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
 
 import floatplan as fp
 from floatplan.export.formats import UNITREE_JOINTS, export
 from floatplan.export.motion import exported
 
-pytestmark = pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
-
 EXACT = 1e-12
 RATE = 500.0
-
-
-@pytest.fixture(scope="module")
-def jump():
-    return jumps.backflip()
 
 
 @pytest.fixture(scope="module")
@@ -88,8 +84,7 @@ def test_inverse_dynamics_of_the_file_give_its_torques(jump, tmp_path):
 def test_a_trajectory_goes_through_ros_and_back(jump, tmp_path):
     """By ROS 2's definitions, no field more or less, and the same from bytes again."""
     content = yaml.safe_load(export(jump, "ros", tmp_path / "file.yaml", 125.0).read_text())
-    systems = pytest.importorskip("rosbags.typesys")
-    store, kind = systems.get_typestore(systems.Stores.ROS2_JAZZY), "trajectory_msgs/msg/JointTrajectory"
+    store, kind = get_typestore(Stores.ROS2_JAZZY), "trajectory_msgs/msg/JointTrajectory"
     point, duration, head, stamp = (
         store.types[name]
         for name in (
@@ -119,7 +114,7 @@ def test_a_trajectory_goes_through_ros_and_back(jump, tmp_path):
 
 def test_a_second_reader_finds_the_same_bag_and_its_gains(jump, tmp_path):
     path = export(jump, "mcap", tmp_path / "jump.mcap", 100.0, kp=60.0, kd=2.0)
-    with pytest.importorskip("rosbags.highlevel").AnyReader([path]) as bag:
+    with AnyReader([path]) as bag:
         found = {
             each.topic: [bag.deserialize(raw, each.msgtype) for _, _, raw in bag.messages([each])]
             for each in bag.connections
@@ -136,7 +131,6 @@ def test_a_second_reader_finds_the_same_bag_and_its_gains(jump, tmp_path):
 
 def test_mujoco_s_inverse_dynamics_of_the_file_give_its_ctrl(jump, tmp_path):
     """MuJoCo's reading of the URDF in the file's states, pushed by its forces where they act, needs its torques."""
-    mujoco = pytest.importorskip("mujoco")
     content, robot = read_archive(export(jump, "mujoco", tmp_path / "file.npz", 8 * RATE)), jump.problem.robot
     urdf = ElementTree.fromstring(robot.xml)
     for link in urdf.iter("link"):

@@ -210,7 +210,6 @@ def test_loco_mujoco_takes_each_key_and_integrates_qvel(plan, tmp_path):
         near(qvel[frame, :-1], data.qvel)
 
 
-@pytest.mark.skipif(not jumps.INSTALLED, reason="CasADi or example-robot-data is not installed")
 @pytest.mark.long
 def test_a_jump_has_its_contacts_and_forces(tmp_path):
     jump = jumps.backflip()

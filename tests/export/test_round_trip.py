@@ -4,10 +4,10 @@ import csv
 import json
 from pathlib import Path
 
-import jumps
 import numpy as np
 import pytest
 import yaml
+from pyarrow import parquet
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -41,7 +41,7 @@ def read_csv(path):
 
 
 def read_parquet(path):
-    table = pytest.importorskip("pyarrow.parquet").read_table(path)
+    table = parquet.read_table(path)
     return from_columns({name: table[name].to_numpy() for name in table.column_names})
 
 
@@ -164,13 +164,6 @@ def assert_is(motion, found):
         np.testing.assert_allclose(found["forces"][name], forces[name], atol=EXACT * np.abs(forces[name]).max())
 
 
-@pytest.fixture(scope="module")
-def jump():
-    if not jumps.INSTALLED:
-        pytest.skip("CasADi or example-robot-data is not installed")
-    return jumps.backflip()
-
-
 @pytest.mark.parametrize("kind", ["coupled", "tree", "jump"])
 @pytest.mark.parametrize("form", READERS)
 def test_what_is_read_is_the_motion(request, tmp_path, form, kind):
@@ -201,7 +194,6 @@ def test_what_is_read_is_the_motion(request, tmp_path, form, kind):
 
 
 def test_parquet_says_units_and_what_was_asked(tree, jump, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
     for motion in (tree, jump):
         schema = parquet.read_table(export(motion, "parquet", tmp_path / "file", 50.0)).schema
         about = {key.decode(): value.decode() for key, value in schema.metadata.items()}

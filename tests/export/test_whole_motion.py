@@ -5,6 +5,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
+from mcap.reader import make_reader
 from robot_samples import TWO_LINKS
 
 import floatplan as fp
@@ -24,9 +25,8 @@ def free_model(plan):
 
 def messages(path):
     """Messages by topic, as the ROS 2 reader of MCAP decodes them."""
-    reader = pytest.importorskip("mcap_ros2.reader")
     found = {}
-    for message in reader.read_ros2_messages(str(path)):
+    for message in pytest.importorskip("mcap_ros2.reader").read_ros2_messages(str(path)):
         found.setdefault(message.channel.topic, []).append(message)
     return found
 
@@ -36,10 +36,9 @@ def seconds(message):
 
 
 def test_mcap_is_a_ros_2_bag(plan, tmp_path):
-    reader = pytest.importorskip("mcap.reader")
     path = export(plan, "mcap", tmp_path / "flight.mcap")
     with path.open("rb") as stream:
-        bag = reader.make_reader(stream)
+        bag = make_reader(stream)
         assert bag.get_header().profile == "ros2"
         summary = bag.get_summary()
     assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}

@@ -9,13 +9,8 @@ from places import ROOT
 from floatplan.export.formats import FORMATS as KNOWN
 
 PROBLEMS = (
-    "new_configuration",
-    "obstacle",
-    "moving_hoop",
-    "torque_limited",
-    "somersault_motors",
-    "falling_cat",
-    "handstand_ground",
+    *("new_configuration", "obstacle", "moving_hoop", "torque_limited", "somersault_motors"),
+    *("falling_cat", "handstand_ground"),
 )
 GALLERY = tuple(sorted(path.stem for path in (ROOT / "problems" / "gallery").glob("*.toml")))
 FLYING = ("double_pendulum", "go2", "solo")  # robots of the gallery with plans and meshes, planned at once

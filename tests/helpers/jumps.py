@@ -2,7 +2,6 @@
 
 import math
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,7 @@ import floatplan as fp
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
 from floatplan.jumps.spatial.jump import SpatialJump
-from floatplan.robot.urdf.tree import robots_folder
 
-INSTALLED = find_spec("casadi") is not None and robots_folder() is not None
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 
 

@@ -16,6 +16,10 @@ from floatplan.robot.robot import Robot
 
 ROOM = 5e-5  # [m] between obstacles and the motion
 HAIR = 0.125  # share of changes that come as close to the tolerance as doubles can just tell
+KINDS = (
+    *("coefficient", "h", "duration", "torque", "velocity", "rate", "obstacle", "com", "mass", "goal", "claim"),
+    "nothing",
+)
 GROUND = {"kind": "half-plane", "point": [0.0, 0.0], "normal": [0.0, 1.0], "margin": 0.0}
 
 
@@ -67,23 +71,9 @@ def load(record: PlanRecord) -> Robot:
 
 def mutate(rng: np.random.Generator, record: PlanRecord, folder: Path) -> Case:
     """One random change of a plan, its problem or its robot."""
-    kind = rng.choice(
-        [
-            "coefficient",
-            "h",
-            "duration",
-            "torque",
-            "velocity",
-            "rate",
-            "obstacle",
-            "com",
-            "mass",
-            "goal",
-            "claim",
-            "nothing",
-        ]
-    )
-    return globals()[f"_{kind}"](rng, record, folder)
+    kind = str(rng.choice(KINDS))
+    changed = globals()[f"_{kind}"](rng, record, folder)
+    return Case(kind, load(changed), changed)
 
 
 def _small(rng, low, high):
@@ -94,25 +84,25 @@ def _small(rng, low, high):
 
 
 def _nothing(rng, record, folder):
-    return Case("nothing", load(record), record)
+    return record
 
 
 def _coefficient(rng, record, folder):
     b = np.array(record.coefficients)
     place = tuple(rng.integers(0, size) for size in b.shape)
     b[place] += _small(rng, -14, -2) * max(1.0, abs(b[place]))
-    return Case("coefficient", load(record), replace(record, coefficients=read_only(b)))
+    return replace(record, coefficients=read_only(b))
 
 
 def _h(rng, record, folder):
     h = record.angular_momentum + _small(rng, -13, -2)
     flight = record.problem["flight"] | {"angular_momentum": "midpoint" if rng.random() < 0.5 else h}
-    return Case("h", load(record), replace(record, angular_momentum=h, problem=record.problem | {"flight": flight}))
+    return replace(record, angular_momentum=h, problem=record.problem | {"flight": flight})
 
 
 def _duration(rng, record, folder):
     flight = record.problem["flight"] | {"duration": record.duration * (1.0 + _small(rng, -14, -3))}
-    return Case("duration", load(record), replace(record, problem=record.problem | {"flight": flight}))
+    return replace(record, problem=record.problem | {"flight": flight})
 
 
 def _limit(kind, rng, record):
@@ -120,7 +110,7 @@ def _limit(kind, rng, record):
     peaks = getattr(record, f"{kind}_peak")
     change = 3e-9 * rng.uniform(-1.0, 1.0) if rng.random() < HAIR else _small(rng, -5, -1)
     limits[kind] = (np.array(peaks) * (1.0 + change)).tolist()
-    return Case(kind, load(record), replace(record, problem=record.problem | {"limits": limits}))
+    return replace(record, problem=record.problem | {"limits": limits})
 
 
 def _torque(rng, record, folder):
@@ -134,7 +124,7 @@ def _velocity(rng, record, folder):
 def _rate(rng, record, folder):
     limits = dict(record.problem["limits"])
     limits["orientation_rate"] *= 1.0 + _small(rng, -3, -0.5)
-    return Case("rate", load(record), replace(record, problem=record.problem | {"limits": limits}))
+    return replace(record, problem=record.problem | {"limits": limits})
 
 
 def _obstacle(rng, record, folder):
@@ -144,13 +134,13 @@ def _obstacle(rng, record, folder):
         room = ROOM if obstacles[index]["kind"] != "half-plane" else 0.0
         margin = obstacles[index]["margin"] + room + 4e-8 * rng.uniform(-1.0, 1.0)
         obstacles[index]["margin"] = max(0.0, margin)
-        return Case("obstacle", load(record), replace(record, problem={**record.problem, "obstacles": obstacles}))
+        return replace(record, problem={**record.problem, "obstacles": obstacles})
     shift = 10.0 ** rng.uniform(-4, -2) * np.exp(2j * np.pi * rng.random())
     for key in ("center", "point", "start", "end"):
         if key in obstacles[index]:
             x, y = obstacles[index][key]
             obstacles[index][key] = [x + shift.real, y + shift.imag]
-    return Case("obstacle", load(record), replace(record, problem={**record.problem, "obstacles": obstacles}))
+    return replace(record, problem={**record.problem, "obstacles": obstacles})
 
 
 def _com(rng, record, folder):
@@ -159,7 +149,7 @@ def _com(rng, record, folder):
     problem = record.problem
     if rng.random() < 0.5:
         problem = problem | {"flight": problem["flight"] | {"horizontal_velocity": com["velocity0"][0]}}
-    return Case("com", load(record), replace(record, com=com, problem=problem))
+    return replace(record, com=com, problem=problem)
 
 
 def _mass(rng, record, folder):
@@ -171,8 +161,7 @@ def _mass(rng, record, folder):
     path = folder / f"{hashlib.sha256(changed.encode()).hexdigest()[:16]}.urdf"
     path.write_text(changed)
     robot = replace(record.robot, urdf=str(path), sha256=hashlib.sha256(changed.encode()).hexdigest())
-    record = replace(record, robot=robot)
-    return Case("mass", load(record), record)
+    return replace(record, robot=robot)
 
 
 def _goal(rng, record, folder):
@@ -181,12 +170,10 @@ def _goal(rng, record, folder):
     if rng.random() < 0.5:
         goal["orientation"] += change
         orientation = record.orientation | {"goal": goal["orientation"]}
-        return Case(
-            "goal", load(record), replace(record, orientation=orientation, problem=record.problem | {"goal": goal})
-        )
+        return replace(record, orientation=orientation, problem=record.problem | {"goal": goal})
     key = str(rng.choice(["positions", "velocities", "accelerations"]))
     goal[key] = [goal[key][0] + change, *goal[key][1:]]
-    return Case("goal", load(record), replace(record, problem=record.problem | {"goal": goal}))
+    return replace(record, problem=record.problem | {"goal": goal})
 
 
 def _claim(rng, record, folder):
@@ -198,4 +185,4 @@ def _claim(rng, record, folder):
         value = record.clearance_min + _small(rng, -6, -2)
     else:
         value = read_only(getattr(record, key) * change)
-    return Case("claim", load(record), replace(record, **{key: value}))
+    return replace(record, **{key: value})

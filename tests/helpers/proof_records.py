@@ -7,8 +7,14 @@ from floatplan.certificate.certificate import BUDGET, prove
 from floatplan.certificate.planar.clearance import LinkShape
 from floatplan.plans.reading import checked
 from floatplan.plans.record import PlanRecord
-from floatplan.plans.verdicts import Certificate
+from floatplan.plans.verdicts import Certificate, Finding
 from floatplan.robot.urdf.tree import urdf_path
+
+
+def finding(certificate: Certificate, label: str) -> Finding:
+    """The one finding of a certificate with a label, or whose label begins with this word."""
+    (found,) = [each for each in certificate.findings if label in (each.label, each.label.split()[0])]
+    return found
 
 
 def certify_record(

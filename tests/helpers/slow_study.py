@@ -4,6 +4,7 @@ import signal
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Event
+from typing import Any
 
 import floatplan as fp
 from floatplan.pool import start_server
@@ -26,6 +27,11 @@ def run(path: str, folder: str, last: int, shard: str, progress_of: Connection) 
         planned_study(Path(path), Path(folder), False, driver.started("processes", 1, None), wait, shard)
     else:
         fp.study(path, folder=folder, jobs=1, progress=wait)
+
+
+def timeless(table: Any) -> Any:
+    """A study's table without what each row took."""
+    return table.drop_columns(["milliseconds"])
 
 
 def killed_after(chunks: int, path: Path, folder: Path, more: int = 0, shard: str = "") -> None:

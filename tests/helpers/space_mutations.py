@@ -24,19 +24,8 @@ BETWEEN = 1e-4  # [-] of a peak, that may be missed between these instants
 FLOWN = 2e-9  # [rad] and [m] that DOP853 is off by, by far
 HAIR = 0.125  # share of changes that come close to a tolerance
 KINDS = (
-    "coefficient",
-    "h",
-    "duration",
-    "start",
-    "end",
-    "goal",
-    "axes",
-    "turns",
-    "limit",
-    "com",
-    "claim",
-    "urdf",
-    "nothing",
+    *("coefficient", "h", "duration", "start", "end", "goal", "axes", "turns", "limit", "com", "claim"),
+    *("urdf", "nothing"),
 )
 SHAPES = ("obstacle", "obstacle", "obstacle", "pair", "foot", "collision", "clearance")  # where distances are asked
 LEFT = 5e-9  # [m] that distances of true plans are above their margins

@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from flown_plans import DriftingInSpace
-from needed import skip_or_fail
 from places import SPACE
 
 import floatplan as fp
@@ -20,7 +19,6 @@ from floatplan.kernel.tolerances import CORRECTION_GAINS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_of
 from floatplan.planning.constraints import LENGTH_SCALE
-from floatplan.robot.urdf.tree import robots_folder
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +28,6 @@ def diver():
 
 @pytest.fixture(scope="module")
 def go2():
-    if robots_folder() is None:
-        skip_or_fail("example-robot-data is not installed")
     return fp.plan(fp.load_problem(SPACE / "go2_barrel_roll.toml"))
 
 

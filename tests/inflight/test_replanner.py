@@ -9,7 +9,6 @@ from long_cases import cases
 from places import PROBLEMS
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 
 FILES = sorted(PROBLEMS.glob("*.toml")) + sorted(PROBLEMS.glob("gallery/*.toml"))
 DAILY = (
@@ -156,8 +155,6 @@ def test_landing_time_follows_the_centre_of_mass(plan, replanner, speed):
 
 @pytest.mark.parametrize("file", cases(FILES, LONG), ids=lambda file: file.stem)
 def test_every_problem_from_any_instant_and_after_a_failure(file):
-    if file.parent.name == "gallery" and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
     problem = fp.load_problem(file)
     plan = forward_plan(problem, size=0.1)
     replanner = fp.Replanner(plan)

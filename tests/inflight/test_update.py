@@ -12,7 +12,6 @@ from plain_problems import plain_problems
 from update_reference import filtered
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 
 CHAINS = cases(range(8, 96, 14), range(36, 96, 14))
 NAMES = ("falling_cat_apart", "somersault", "high_jump", "gallery/go2", "gallery/g1", "gallery/human")
@@ -74,8 +73,6 @@ def test_corrections_of_random_robots_are_what_they_say(number):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_corrections_within_limits_and_past_obstacles_are_what_they_say(name):
-    if name.startswith("gallery") and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
     problem = limited(fp.load_problem(PROBLEMS / f"{name}.toml"), np.random.default_rng(0))
     assert_foreseen(forward_plan(problem))
 

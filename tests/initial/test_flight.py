@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jumps import GO2, INSTALLED, backflip
+from jumps import GO2, backflip
 
 import floatplan as fp
 from floatplan.initial import flight
@@ -15,8 +15,6 @@ from floatplan.initial.shortcomings import shortcomings, with_largest_pitch_erro
 from floatplan.initial.text import problem_file_text
 from floatplan.jumps.check import touchdown_height
 from floatplan.jumps.jump import Jump
-
-needs_jumps = pytest.mark.skipif(not INSTALLED, reason="CasADi or example-robot-data is not installed")
 
 
 def go2_s():
@@ -31,7 +29,6 @@ def asked_to_land_turned(error):
     return replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
 
 
-@needs_jumps
 def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_keeps(monkeypatch, tmp_path):
     """It is written with the largest error at which it is clear, and a warning where that is less than usual."""
     not_clear = asked_to_land_turned(0.5)
@@ -58,7 +55,6 @@ def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_kee
     assert again.jump.pitch_error == pytest.approx(error)
 
 
-@needs_jumps
 def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch):
     asked = []
 
@@ -84,7 +80,6 @@ def test_where_no_jump_is_found_the_reasons_are_said(monkeypatch):
     assert "afloat" in tried[-1]
 
 
-@needs_jumps
 @pytest.mark.parametrize("ground", [False, True])
 def test_a_flight_that_was_planned_above_the_ground_is_asked_so_in_the_file(tmp_path, ground):
     chosen, flown = go2_s(), backflip().flight

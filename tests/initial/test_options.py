@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from jumps import GO2, INSTALLED, backflip
-from needed import skip_or_fail
+from jumps import GO2, backflip
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -14,9 +13,6 @@ from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import chosen_robot
 from floatplan.initial.text import problem_file_text
 from floatplan.jumps.jump import Jump
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 @pytest.fixture(scope="module")

@@ -12,9 +12,7 @@ from floatplan.initial.flight import jump_problem
 from floatplan.initial.options import InitOptions
 from floatplan.initial.robots import chosen_robot
 from floatplan.jumps.setup import jump_setup
-from floatplan.robot.urdf.tree import PREFIX, robots_folder
-
-needs_robots = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
+from floatplan.robot.urdf.tree import PREFIX
 
 WITH_HANDS = "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf"
 TWO_ARMS = "tiago_description/robots/tiago_dual.urdf"
@@ -29,7 +27,6 @@ FEET = {
 }
 
 
-@needs_robots
 @pytest.mark.parametrize("urdf", cases(FEET, [WITH_HANDS, TWO_ARMS]))
 def test_feet(urdf):
     found = chosen_robot(PREFIX + urdf).feet

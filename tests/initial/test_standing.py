@@ -106,7 +106,6 @@ def test_a_posture_of_the_srdf_is_taken_whatever_its_name(chosen, tmp_path):
 
 def test_a_keyframe_is_the_posture(tmp_path):
     """Of an MJCF; one that stands before one that lies, whatever the order."""
-    pytest.importorskip("mujoco")
     legs = "".join(
         f'''<body name="{name}_thigh" pos="{x} {y} 0"><joint name="{name}_hip" axis="0 1 0" range="-140 140"/>
         <geom type="capsule" fromto="0 0 -.04 0 0 -.16" size=".02" mass=".6"/>

@@ -12,15 +12,10 @@ from places import ROOT
 from plain_problems import plain_problems
 
 import floatplan as fp
-from floatplan.kernel import build, library
+from floatplan.kernel import build
 from floatplan.motion.exact_polynomials import powers_of_seconds
 from floatplan.planning.batch import follow_unconstrained
 from floatplan.planning.kernel_input.numbers import Numbers
-
-
-@pytest.fixture
-def kernel():
-    return library.kernel()
 
 
 def followed(problem):

@@ -14,7 +14,6 @@ from reduced_program import objective
 from sampled_flight import jacobian_of, nodes_of, sample_also, trajectory, values_of
 
 import floatplan as fp
-from floatplan.kernel import library
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.planning.constraints import applies
 from floatplan.planning.kernel_problem import KernelProblem
@@ -30,11 +29,6 @@ AROUND = (
     fp.HalfPlane(point=(0.0, -0.3), normal=(0.1, 1.0), margin=0.01),
     fp.Bar(start=(0.2, 0.5), end=(0.4, 1.4), radius=0.03, velocity=(0.1, 0.3), window=(0.2, 0.8)),
 )
-
-
-@pytest.fixture
-def kernel():
-    return library.kernel()
 
 
 @pytest.fixture(params=[*PROBLEMS, "everything", "free", "following"])

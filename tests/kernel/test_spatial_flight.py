@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan import tables
-from floatplan.kernel import library
 from floatplan.motion.sine_polynomial import WrittenMotion, basis
 from floatplan.motion.spatial.attitude import LEVELS, cells
 from floatplan.motion.spatial.clearance import pair_distances_in_space
@@ -39,11 +38,6 @@ def diver(root, momentum="free", objective="coefficients", limits=LIMITS, degree
     motion = fp.Motion(degree=degree, objective=objective)
     motors = {"left_flexion": fp.Motor(stall=300.0, slope=8.0)} if limits else {}
     return fp.Problem(robot, start, goal, fp.Flight(1.3, momentum), motion, fp.Limits(**limits, motor=motors))
-
-
-@pytest.fixture
-def kernel():
-    return library.kernel()
 
 
 def program_and_point(problem, seed, size=0.2):

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 
 
 @pytest.fixture(scope="module")
 def load(root):
     @cache
     def loaded(name):
-        if name.startswith("gallery/") and robots_folder() is None:
-            pytest.skip("example-robot-data is not installed")
         return fp.load_problem(root / "problems" / f"{name}.toml")
 
     return loaded

@@ -14,7 +14,6 @@ import floatplan as fp
 from floatplan.arrays import read_only
 from floatplan.motion.dynamics import Ballistics
 from floatplan.motion.planar.full_model import PinocchioDynamics
-from floatplan.robot.urdf.tree import robots_folder
 
 DURATION, GRAVITY = 1.3, 3.7
 TURNING = -3.0  # rad/s, with the joints at zero
@@ -24,8 +23,6 @@ EXACT = 1e-9  # of the largest
 TILTED = 10.0  # times the tilt: how far off the file's own model is
 STEP = 1e-3  # s, of difference quotients of the fourth order
 GALLERY = PROBLEMS / "gallery"
-
-installed = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 
 
 def drawn(robot, seed=5):
@@ -88,7 +85,6 @@ def test_chains_and_trees(any_robot):
     check_derivatives(plan, model)
 
 
-@installed
 def test_real_robots(real_robot):
     """Exactly where no axis was turned; else exactly for the turned axes, and to the order of the tilt for the file."""
     plan, model = drawn(real_robot), free_model(real_robot)

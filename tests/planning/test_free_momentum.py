@@ -8,7 +8,6 @@ from free_problems import free_problem
 from places import PROBLEMS
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 
 
 def free(problem):
@@ -22,8 +21,6 @@ def given(problem, momentum):
 @pytest.fixture(scope="module")
 def flip():
     """A front flip of a Go2 whose thighs' torque at takeoff, which follows from h, is near its limit."""
-    if robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
     robot = fp.load_problem(PROBLEMS / "gallery" / "go2.toml").robot
     degree = np.pi / 180
 

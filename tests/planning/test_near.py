@@ -4,13 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from needed import skip_or_fail
 from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
-from floatplan.robot.urdf.tree import robots_folder
 
 PATIENCE = 60.0  # s of budget that no search here uses up
 NAMES = ("obstacle", "torque_limited", "handstand_ground", "moving_hoop", "new_configuration_moving", "gallery/go2")
@@ -21,8 +19,6 @@ def plan_near(problem, near, budget):
 
 
 def problem_of(name):
-    if name.startswith("gallery") and robots_folder() is None:
-        skip_or_fail("example-robot-data is not installed: the extra robots")
     return fp.load_problem(PROBLEMS / f"{name}.toml")
 
 

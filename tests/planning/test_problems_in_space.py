@@ -9,7 +9,7 @@ from places import SPACE
 from space_sections import drawn_goals
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import PREFIX, robots_folder
+from floatplan.robot.urdf.tree import robots_folder
 
 NAMES = sorted(path.stem for path in SPACE.glob("*.toml"))
 DAILY = ("cat", "go2_barrel_roll")
@@ -24,8 +24,6 @@ def plans(planned):
     "name", [name if name in DAILY else pytest.param(name, marks=pytest.mark.long) for name in NAMES]
 )
 def test_they_are_planned_within_limits_and_land(plans, name):
-    if PREFIX in (SPACE / f"{name}.toml").read_text() and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
     plan = plans(name)
     assert plan.ok, plan.explanation
     assert plan.whole.missed < 1e-8
@@ -56,7 +54,6 @@ def test_the_cat_rolls_by_bending_round_in_circles(plans):
     assert ([forwards.max(), aside.max()] < high).all()
 
 
-@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 @pytest.mark.parametrize("seeds", [(0, 2, 3), pytest.param(range(40), marks=pytest.mark.long)])
 def test_goals_to_which_drawn_motions_lead_are_found(seeds):
     """A third of them within limits of 1.3 times what the drawn motion needs."""
@@ -76,7 +73,6 @@ def test_goals_to_which_drawn_motions_lead_are_found(seeds):
             assert ends.accelerations[index] == pytest.approx(end.accelerations, abs=1e-8)
 
 
-@pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
 def test_the_ur5_on_a_free_base_is_that_of_ur_description():
     """All bodies that move, where their joints are, and what these may do."""
     packaged = robots_folder() / "ur_description" / "urdf" / "ur5_robot.urdf"

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import space_reference
+from long_cases import cases
 from places import PROBLEMS
 from scipy.spatial.transform import Rotation
 
@@ -88,7 +89,7 @@ def test_what_is_optimal_cannot_be_made_smaller(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("objective", ["coefficients", "robust"])
+@pytest.mark.parametrize("objective", cases(["coefficients", "robust"], {"coefficients"}))
 def test_growth_is_that_of_differences(name, objective):
     """K and P by DOP853, of central differences."""
     plan = plan_of(name, objective)

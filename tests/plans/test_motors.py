@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from proof_records import finding
 from robot_samples import PAIR, inertial, robot_text
 
 import floatplan as fp
@@ -48,11 +49,6 @@ def free(robot):
     plan = fp.plan(flight(robot))
     assert plan.ok, plan.explanation
     return plan
-
-
-def finding(certificate, label):
-    (found,) = [item for item in certificate.findings if item.label == label]
-    return found
 
 
 class TestRobot:

@@ -11,7 +11,6 @@ from robot_samples import inertial, joint, robot_text
 from true_heights import lowest_by_link
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 
 KEYS = {"kind", "subject", "value", "limit", "unit", "instant", "message"}
 
@@ -25,8 +24,6 @@ def handstand():
 @pytest.fixture(scope="module")
 def backflip():
     """A Go2's, without obstacles and limits."""
-    if robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
     problem = fp.load_problem(ROOT / "problems" / "gallery" / "go2.toml")
     return replace(problem, obstacles=(), limits=fp.Limits())
 

@@ -18,8 +18,6 @@ from floatplan.robot.urdf import tree as urdf
 from floatplan.robot.urdf.tree import PREFIX, example_urdfs, robots_folder, urdf_path
 from floatplan.robot.wheels import explain_wheels, wheels
 
-installed = pytest.mark.skipif(robots_folder() is None, reason="example-robot-data is not installed")
-
 REFUSED = {  # file: a part of the reason, each looked up in the file
     "alex_description/urdf/alex_psyonic_hands.urdf": 'names joint "index_q1", which does not exist',
     "hector_description/robots/quadrotor_base.urdf": "no joint that turns is left to plan",
@@ -35,7 +33,6 @@ REFUSED = {  # file: a part of the reason, each looked up in the file
 EXACT = 1e-10
 
 
-@installed
 @pytest.mark.parametrize("name", cases(example_urdfs(), {*example_urdfs()} - {*example_urdfs()[::4], *REFUSED}))
 def test_real_robots_load_or_are_refused_for_a_true_reason(name, capfd):
     """D and torques are those of Pinocchio's free-flyer model of the robot whose axes were turned onto the normal.
@@ -69,7 +66,6 @@ def test_real_robots_load_or_are_refused_for_a_true_reason(name, capfd):
         assert relative_error(torques, raw.torques(*state)) < EXACT + 10.0 * tilt
 
 
-@installed
 def test_unknown_robots_are_refused_with_advice():
     with pytest.raises(InputError, match=r"has no file 'go2\.urdf'") as caught:
         Robot.from_urdf(PREFIX + "go2.urdf")
@@ -110,7 +106,6 @@ QUADRUPEDS = {
 }
 
 
-@installed
 @pytest.mark.parametrize("name", QUADRUPEDS)
 def test_mirror_couples_left_and_right_legs_and_stops_the_leak(name):
     apart = Robot.from_urdf(PREFIX + name)

@@ -87,7 +87,6 @@ def test_planner_certificate_and_engines_turn_tilted_axes_alike(tilted):
     assert plan.ok, plan.explanation
     assert fp.certify(plan).verdict == "proved"
     assert fp.replay(plan).landed
-    pytest.importorskip("mujoco")
     assert fp.replay(plan, engine="mujoco").landed
 
 

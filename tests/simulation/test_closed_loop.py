@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 from flown_plans import Drifting
-from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
@@ -68,10 +67,6 @@ def test_between_whole_periods_corrections_are_as_many_as_replanners_make(plan: 
 
 
 def test_mujoco_lands_too(plan: fp.Plan) -> None:
-    try:
-        import mujoco  # noqa: F401
-    except ImportError:
-        skip_or_fail("mujoco is not installed")
     result = fp.closed_loop(plan, perturb=PERTURBED, flights=1, seed=5, engine="mujoco")
     assert np.abs(result.corrected.orientation).max() < math.radians(0.5)
 

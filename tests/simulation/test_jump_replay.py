@@ -8,18 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jumps import INSTALLED, backflip
-from needed import skip_or_fail
+from jumps import backflip
 from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.simulation.jump_flight import JumpControl, _JumpGuide
 from floatplan.view.report.flights import write_jump_pages
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
-pytest.importorskip("mujoco")
 
 LATE = "noise=0.1deg,delay=4ms"
 SOFT = 40.0, 1.0  # [N m/rad, N m s/rad] as others control a Go2

@@ -15,7 +15,6 @@ from robot_samples import PAIR, inertial, joint, robot_text
 
 import floatplan as fp
 from floatplan.plans.reading import load_record
-from floatplan.robot.urdf.tree import robots_folder
 
 PERTURBED = ("mass=2%", "inertia=2%", "h=1%,torque=1%,rise=5%")
 EVERY_OTHER = {("handstand", "mass=2%"), ("branched", "inertia=2%"), ("branched", PERTURBED[2])}
@@ -35,8 +34,6 @@ FLOWN = {
 
 @pytest.mark.parametrize("name", cases([*NAMES, *GALLERY], {*NAMES, *GALLERY} - FLOWN))
 def test_every_problem_lands_where_its_plan_says(planned, name):
-    if name in GALLERY and robots_folder() is None:
-        pytest.skip("example-robot-data is not installed")
     plan = planned(name)
     flown = fp.replay(plan)
     assert flown.landed
@@ -127,8 +124,6 @@ def branched(tmp_path_factory):
 
 @pytest.mark.parametrize("engine", ["pinocchio", "mujoco"])
 def test_coupled_joints_are_driven_and_locked_ones_are_rigid(branched, engine):
-    if engine == "mujoco":
-        pytest.importorskip("mujoco")
     assert branched.ok
     flown = fp.replay(branched, engine=engine)
     assert flown.orientation_error < 1e-8
@@ -143,7 +138,6 @@ class TestInput:
 
     @pytest.mark.parametrize("case", cases(itertools.product(("handstand", "branched"), PERTURBED), EVERY_OTHER))
     def test_both_engines_fly_the_same_perturbed_robot(self, case, request):
-        pytest.importorskip("mujoco")
         name, perturb = case
         plan = request.getfixturevalue(name)
         one, other = (fp.replay(plan, engine=engine, perturb=perturb, seed=3) for engine in ("pinocchio", "mujoco"))
@@ -189,8 +183,6 @@ class TestCommand:
 @pytest.fixture(scope="module")
 def sides(tmp_path_factory):
     """Plans of a body with a pair of limbs, by the mass of the right hip's link: 0.6 kg is symmetric."""
-
-    pytest.importorskip("mujoco")
 
     def planned(mass):
         path = tmp_path_factory.mktemp("sides") / "robot.urdf"

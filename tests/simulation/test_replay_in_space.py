@@ -6,11 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from long_cases import cases
-from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
-from floatplan.robot.urdf.tree import robots_folder
 from floatplan.simulation.replay import landing_rows, replays
 
 
@@ -21,7 +19,6 @@ def diver(planned):
 
 def test_mujoco_agrees_with_the_plan(diver):
     """The diver's shoulders have a link without mass between their joints."""
-    pytest.importorskip("mujoco")
     flown = fp.replay(diver, engine="mujoco")
     assert flown.landed
     assert max(flown.orientation_error, *flown.position_error) < 1e-8
@@ -34,7 +31,6 @@ def test_mujoco_agrees_with_the_plan(diver):
 
 @pytest.mark.parametrize("perturb", cases(["h=2%,torque=1%", "mass=3%", "inertia=5%"], {"mass=3%"}))
 def test_both_engines_fly_the_same_perturbed_robot(diver, perturb):
-    pytest.importorskip("mujoco")
     engines = [fp.replay(diver, engine=engine, perturb=perturb, seed=3) for engine in ("pinocchio", "mujoco")]
     errors = [[each.orientation_error, *each.position_error, each.com_error] for each in engines]
     np.testing.assert_allclose(*errors, atol=1e-5)
@@ -82,8 +78,6 @@ def test_corrected_flights(diver, floatplan, monkeypatch):
 
 
 def test_a_go2_lands_with_another_momentum(planned):
-    if robots_folder() is None:
-        skip_or_fail("example-robot-data is not installed")
     plan = planned("space/go2_barrel_roll")
     flown = fp.closed_loop(plan, perturb="h=10%", flights=2, seed=1)
     assert flown.perturbation.h == 0.1
@@ -94,7 +88,6 @@ def test_a_go2_lands_with_another_momentum(planned):
 
 
 def test_mujoco_flies_the_same_corrected_robot(diver):
-    pytest.importorskip("mujoco")
     flown = [
         fp.closed_loop(diver, perturb="h=2%", flights=1, seed=1, engine=engine) for engine in ("pinocchio", "mujoco")
     ]

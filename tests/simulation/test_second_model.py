@@ -5,17 +5,12 @@ from math import atan2, pi
 from pathlib import Path
 from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 import pytest
-from jumps import INSTALLED
-from needed import skip_or_fail
 from once import made_once
 
 import floatplan as fp
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
-mujoco = pytest.importorskip("mujoco")
 
 ROOT = Path(__file__).resolve().parents[2]
 FRICTION = 0.8

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 from long_cases import cases
-from slow_study import killed_after
+from slow_study import killed_after, timeless
 
 import floatplan as fp
 from floatplan.studies import driver, rows
 from floatplan.studies.folder import Shard
 
-pytest.importorskip("pyarrow")
 pytestmark = pytest.mark.usefixtures("without_maps")
 
 
@@ -36,10 +35,6 @@ def shard(asked, floatplan):
         return Path(out) / "shards" / words.replace("/", "-of-")
 
     return run
-
-
-def timeless(table):
-    return table.drop_columns(["milliseconds"])
 
 
 @pytest.mark.parametrize(("total", "count"), [(96, 1), (96, 7), (7, 7), (10**6, 64)])

@@ -12,16 +12,15 @@ from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
+import pyarrow
 import pytest
-from needed import skip_or_fail
 from places import ROOT
-from slow_study import ROWS, killed_after
+from slow_study import ROWS, killed_after, timeless
 
 import floatplan as fp
 from floatplan import InputError, files
 from floatplan.studies import driver, rows
 
-pyarrow = pytest.importorskip("pyarrow") if not os.environ.get("CI") else __import__("pyarrow")
 pytestmark = pytest.mark.usefixtures("without_maps")
 COLUMNS = [
     *("index", "flight.angular_momentum", "flight.duration", "status", "objective", "angular_momentum"),
@@ -33,10 +32,6 @@ WHOLE = """
 "obstacles.0.center.0" = { from = 0.9, to = 1.7, count = 3 }
 "goal.positions.q1" = [0, 200]
 """
-
-
-def timeless(table):
-    return table.drop_columns(["milliseconds"])
 
 
 def test_the_table_has_its_columns_units_and_rows(done):
@@ -280,11 +275,9 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
 
 
 def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
-    try:
-        import dask
-        import distributed
-    except ImportError:
-        skip_or_fail("dask is not installed: the extra study")
+    import dask
+    import distributed
+
     path, study = done
     monkeypatch.setattr(driver, "PATIENCE", 600)
     monkeypatch.setattr(driver, "FIRST_CHUNK", 6)

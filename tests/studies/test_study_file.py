@@ -5,6 +5,7 @@ import math
 import shutil
 import tomllib
 
+import jsonschema
 import numpy as np
 import pytest
 from elsewhere import told
@@ -129,7 +130,6 @@ def test_the_hash_is_of_what_the_rows_follow_from(study_file, tmp_path):
 
 @pytest.fixture(scope="module")
 def validator():
-    jsonschema = pytest.importorskip("jsonschema")
     jsonschema.Draft202012Validator.check_schema(study_schema())
     return jsonschema.Draft202012Validator(study_schema())
 

@@ -4,17 +4,13 @@ import math
 
 import numpy as np
 import pytest
-from jumps import INSTALLED, backflip
-from needed import skip_or_fail
+from jumps import backflip
 
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.jumps.jump import Jump
 from floatplan.studies import motions, rows
 from floatplan.studies.file import load_study_file
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 JUMPS = """
 [vary]

@@ -9,7 +9,6 @@ from places import PROBLEMS
 
 import floatplan as fp
 
-pytest.importorskip("pyarrow")
 GRID = '[vary]\n"flight.duration" = { from = 0.95, to = 1.25, count = 10 }\n'
 pytestmark = pytest.mark.usefixtures("without_maps")
 REASONS = [errno.EACCES, errno.EIO, errno.EMFILE, errno.ESTALE]

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jumps import INSTALLED, backflip, go2_problem
-from needed import skip_or_fail
+from jumps import backflip, go2_problem
 from places import PROBLEMS
 
 import floatplan as fp
@@ -15,9 +14,6 @@ from floatplan.studio.planning import packed, unpacked
 from floatplan.studio.session import Session, View
 from floatplan.studio.tasks import ShownPlan
 from floatplan.view.charts import SampledPlan
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 PATIENCE = 600.0  # s for what takes ten, and lets others go first
 

@@ -22,7 +22,6 @@ PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
-    pytest.importorskip("viser")
     problem = fp.load_problem(ROOT / "problems" / "obstacle.toml")
     folder = str(tmp_path_factory.mktemp("saved"))
     with logged_errors() as errors, closing(Studio(problem, folder=folder, port=0, with_map=False)) as made:

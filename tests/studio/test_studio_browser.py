@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jumps import INSTALLED
-from needed import skip_or_fail
 from places import ROOT
 from studio_insides import logged_errors
 from studio_page import Page
@@ -94,8 +92,6 @@ def test_the_border_of_two_phases_is_dragged(browser):
     """On a page whose title and names are its own."""
     from selenium.webdriver.common.action_chains import ActionChains
 
-    if not INSTALLED:
-        skip_or_fail("CasADi or example-robot-data is not installed")
     problem = fp.load_problem(ROOT / "problems" / "jumps" / "go2.toml")
     with logged_errors() as errors, closing(Studio(problem, port=0)) as studio:
         studio.player.playing = False  # software draws it slowly

@@ -8,9 +8,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from browser import Browser
-from jumps import INSTALLED, backflip
+from jumps import backflip
 from long_cases import cases
-from needed import skip_or_fail
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -22,9 +21,6 @@ from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import footing, moments
 from floatplan.view.report.data import sample_grid
 from floatplan.view.report.report import report, report_data, write_report
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 HOSTILE = "</script><script>window.broken = 1</script><img src=x onerror='window.broken = 1'>"
 

@@ -68,7 +68,7 @@ def test_names_cannot_leave_their_element(handstand: fp.Plan, page: str) -> None
 
 
 def test_it_says_what_was_asked_found_and_proved(planned: Callable[[str], fp.Plan]) -> None:
-    plan = planned("new_configuration")
+    plan = fp.plan(planned("new_configuration").problem)
     data = report_data(plan)
     assert [section["title"] for section in data["sections"]] == [
         *("Problem", "Result", "Proved", "Use of limits", "Warnings")

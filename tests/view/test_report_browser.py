@@ -1,6 +1,5 @@
 """The report and the scene in a browser: they play, they hold the plan's numbers, and they ask nothing of a network."""
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,10 +9,8 @@ import numpy as np
 import pytest
 from browser import Browser
 from long_cases import cases
-from needed import skip_or_fail
 
 import floatplan as fp
-from floatplan.robot.urdf.tree import robots_folder
 from floatplan.view.report.report import write_report
 from floatplan.view.scene.scene import write_scene
 
@@ -95,8 +92,6 @@ def test_every_report_plays_and_scrubs_without_complaint_or_network(
 ) -> None:
     from selenium.webdriver.common.by import By
 
-    if (path.parent.name == "gallery" or path.stem.startswith("go2")) and robots_folder() is None:
-        skip_or_fail("example-robot-data is not installed: the extra robots")
     plan = planned(path.relative_to(ROOT / "problems").with_suffix("").as_posix())
     report = write_report(plan, tmp_path / "report.html")
     browser.open(report)
@@ -177,8 +172,6 @@ def test_a_phone_needs_no_sideways_scrolling_and_has_room_for_curves(page: Brows
 @pytest.mark.long
 def test_the_scene_opens_without_a_network(browser: Browser, handstand: fp.Plan, tmp_path: Path) -> None:
     """Its clock and speed have names for screen readers, as all that can be operated."""
-    if importlib.util.find_spec("viser") is None:
-        skip_or_fail("viser is not installed: the extra view")
     scene = write_scene(handstand, tmp_path / "scene.html")
     browser.driver.set_window_size(300, 250)
     browser.open(scene)

@@ -1,6 +1,5 @@
 """Flights in space as pictures, page and scene show them."""
 
-import importlib.util
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +8,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from browser import Browser
-from needed import skip_or_fail
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -144,8 +142,6 @@ def test_it_is_turned_by_mouse_by_touch_and_from_the_keyboard(diver: fp.Plan, br
 
 
 def test_the_scene_holds_solids_trails_and_momentum(diver: fp.Plan) -> None:
-    if importlib.util.find_spec("viser") is None:
-        skip_or_fail("viser is not installed: the extra view")
     assert "<title>floatplan: diver_half_twist</title>" in scene(diver)
 
 
