@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.motion.spatial.attitude import LEVELS, IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
@@ -84,27 +84,16 @@ class _NominalMotion:
         self.initial_attitude = self.reorientation.start.matrix
         self.final_attitude = self.reorientation.goal.matrix
         self.cells = cells(*LEVELS[2])  # the coarsest of eight stages
-        low, high = problem.position_limits.T
-        centre = (low + high) / 2
-        amplitude = (high - low) / 2
-        duration = problem.flight.duration
-        branch = np.zeros(len(centre), np.int64)
-        ends: list[Array] = []
-        for state in (problem.initial, problem.final):
-            accelerations = np.nan_to_num(state.accelerations)
-            p, rate, curvature = boundary_arguments(
-                state.positions, state.velocities, accelerations, centre, amplitude, branch
-            )
-            ends += [p, duration * rate, duration**2 * curvature]
         if problem.reference is None:
-            polynomials = SinePolynomials(centre, amplitude, duration, np.array(ends).T, (0,) * len(centre))
+            none_free = np.zeros(len(problem.robot.joints), np.int64)
+            polynomials = SinePolynomials.between_ends(problem, none_free.tolist(), np.zeros_like(none_free))
             values = basis(polynomials.form).values(self.cells.s)
             joints = polynomials.motion(polynomials.nominal_coefficients, values)
             positions = joints.positions
             velocities = joints.velocities
         else:
             positions = reference_at(problem.reference, self.cells.s)
-            velocities = reference_at(problem.reference, self.cells.s, 1) / duration
+            velocities = reference_at(problem.reference, self.cells.s, 1) / self.duration
         inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(positions)
         self._inertia = inertia
         self._relative = np.einsum("kan,kn->ka", joint_map, velocities)
