@@ -134,11 +134,6 @@ def enumeration(name: str) -> type[IntEnum]:
     return IntEnum(name, sorted(members.items(), key=lambda member: member[1]))  # type: ignore[return-value]
 
 
-def pointers(name: str) -> tuple[str, ...]:
-    """Return the names of the arrays that a struct points to."""
-    return tuple(layout(name).arrays)
-
-
 class Struct:
     """A struct of the header, and the arrays that it points to, which live as long as it does.
 
