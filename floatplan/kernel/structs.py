@@ -20,7 +20,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import DECLARATIONS, FOLDER, declarations, header_digest
 
 Pointer: TypeAlias = Any  # of cffi, which has no types
-MULTIPLE = 8  # of the counts that are ``Eights`` in the header
+MULTIPLE = 8  # [-] of the counts that are ``Eights`` in the header
 EIGHTS = "long long"  # what ``Eights`` is defined as
 DTYPES: dict[str, np.dtype[Any]] = {
     "double": np.dtype(np.float64),

@@ -64,8 +64,8 @@ def pair_or_three(key: str) -> Check:
     return check
 
 
-LOWEST_DEGREE = 5
-HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
+LOWEST_DEGREE = 5  # [-] that the six boundary conditions (13) take
+HIGHEST_DEGREE = 15  # [-] above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 
 
 @dataclass(frozen=True, eq=False)
