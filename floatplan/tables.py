@@ -141,7 +141,7 @@ def _within(largest: float, unit: str) -> Range:
     return Range(-largest, largest, unit)
 
 
-MOST_OBSTACLES = 200  # of a problem, and as many pairs of links to keep apart
+MOST_OBSTACLES = 200  # [-] of a problem, and as many pairs of links to keep apart
 # What every number of a problem or plan file may be, by key: beyond it nobody means what is written, and doubles
 # overflow. URDF files have their own bounds, floatplan.robot.urdf.tree.
 RANGES: dict[str, Range] = {

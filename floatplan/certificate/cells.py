@@ -13,7 +13,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, products, stack, up
 
-ORDER = 16  # coefficients of each model
+ORDER = 16  # [-] coefficients of each model
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,7 +26,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 
-ROUND = 2.0**-52
+ROUND = 2.0**-52  # [-] twice the unit roundoff of doubles
 PRECISION = 128  # [bits] of Arb
 
 

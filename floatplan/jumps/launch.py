@@ -30,7 +30,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.tables import RELATIVE
 
-STARTS = 3
+STARTS = 3  # [-] guesses that are tried, of which the best counts
 MARGINS = NodeMargins(1.0, 1.0, 0.95, 0.8, clearance=3e-3)  # of programs whose factor is minimised
 CALM_MARGINS = NodeMargins(0.95, 0.97, 0.8, clearance=3e-3)  # where squared torques are, within the limits
 LIMIT_WORDS = {

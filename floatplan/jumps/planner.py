@@ -32,7 +32,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
 MARGINS = NodeMargins(torque=0.9, velocity=0.96, friction=0.7)  # of the first program; then as its jump's check demands
-STARTS = 4
+STARTS = 4  # [-] guesses that are tried, see ``_search``
 NEAR_FAILED = "no jump was found near the one at hand"
 
 

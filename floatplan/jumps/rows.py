@@ -330,10 +330,7 @@ class NodeRows:
 
     def _friction_rows(self, phase: Phase, own: Pair, pairs: Sequence[Pair]) -> list[Row]:
         """Both sides of the friction cone of each contact; a toe takes the load of its heel."""
-        heels: Any = 0
-        for contact, pair in zip(phase.others, pairs, strict=True):
-            if contact.vertical:
-                heels += pair[1]
+        heels = sum(pair[1] for contact, pair in zip(phase.others, pairs, strict=True) if contact.vertical)
         rows: list[Row] = []
         for contact, (horizontal, vertical) in zip(phase.contacts, [(own[0], own[1] + heels), *pairs], strict=True):
             if contact.vertical:
@@ -557,11 +554,7 @@ def axes_of(contact: GroundContact) -> tuple[int, ...]:
 
 def drifting(phase: Phase) -> int:
     """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
-    count = 0
-    for contact in phase.others:
-        if not contact.vertical:
-            count += len(axes_of(contact))
-    return count
+    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:

@@ -8,6 +8,7 @@ from floatplan.errors import InstallationError
 from floatplan.kernel.build import FOLDER, LIBRARY, is_cut_off, sources_digest
 from floatplan.kernel.structs import FFI
 
+SOURCES_DIGEST = sources_digest()  # a library that was compiled from other sources is not used
 PREFIX = "floatplan_"  # of the functions' names
 
 
@@ -34,7 +35,7 @@ def kernel() -> Kernel:
                 library = FFI.dlopen(str(path))
                 names = [name for name in dir(library) if name.startswith(PREFIX)]
                 functions = {name.removeprefix(PREFIX): getattr(library, name) for name in names}
-                if FFI.string(functions["sources"]()).decode() == sources_digest():
+                if FFI.string(functions["sources"]()).decode() == SOURCES_DIGEST:
                     functions["instructions"] = int(functions["instructions"]())
                     # The library is unloaded with the last reference to it, whatever becomes of its functions.
                     return Kernel(**functions, _library=library)

@@ -304,12 +304,7 @@ class LiftedMotion {
     bool turn_one_by_one(Index first) {
         Turning t{};
         t.cells = LANES;
-        t.stages = S;
-        t.integrals = rule.integrals;
-        t.weights = rule.weights;
-        t.sweeps = given.sweeps;
-        t.settled = given.settled;
-        t.largest = given.largest;
+        set_rule(t, rule, given);
         t.duration = motions.duration / C * LANES;
         t.momentum = h_W;
         t.inertia = stage_inertia;

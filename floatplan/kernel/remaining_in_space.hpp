@@ -324,12 +324,7 @@ class SpatialFilter {
         Turning &t = turned.cells;
         const Cells &rule = f.gap_cells;
         t.cells = 1;
-        t.stages = rule.stages;
-        t.integrals = rule.integrals;
-        t.weights = rule.weights;
-        t.sweeps = body.sweeps;
-        t.settled = body.settled;
-        t.largest = body.largest;
+        set_rule(t, rule, body);
         t.duration = dt;
         t.momentum = f.state + 3;
         t.inertia = inertia + 9 * from;

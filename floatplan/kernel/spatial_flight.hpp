@@ -392,12 +392,7 @@ class SpatialFlight {
         const Cells &rule = body.cells[level];
         Turning &cells = state.turned.cells;
         cells.cells = rule.cells;
-        cells.stages = rule.stages;
-        cells.integrals = rule.integrals;
-        cells.weights = rule.weights;
-        cells.sweeps = given.sweeps;
-        cells.settled = given.settled;
-        cells.largest = given.largest;
+        set_rule(cells, rule, given);
         cells.duration = motions.duration;
         cells.momentum = state.h_W;
         cells.inertia = state.turned.inertia;

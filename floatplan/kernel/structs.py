@@ -20,7 +20,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import DECLARATIONS, FOLDER, declarations, header_digest
 
 Pointer: TypeAlias = Any  # of cffi, which has no types
-MULTIPLE = 8  # of the counts that are ``Eights`` in the header
+MULTIPLE = 8  # [-] of the counts that are ``Eights`` in the header
 EIGHTS = "long long"  # what ``Eights`` is defined as
 DTYPES: dict[str, np.dtype[Any]] = {
     "double": np.dtype(np.float64),
@@ -132,11 +132,6 @@ def enumeration(name: str) -> type[IntEnum]:
     """Return an enumeration of the header."""
     members = FFI.typeof(name).relements
     return IntEnum(name, sorted(members.items(), key=lambda member: member[1]))  # type: ignore[return-value]
-
-
-def pointers(name: str) -> tuple[str, ...]:
-    """Return the names of the arrays that a struct points to."""
-    return tuple(layout(name).arrays)
 
 
 class Struct:

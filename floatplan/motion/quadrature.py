@@ -16,7 +16,7 @@ from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.pool import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
-AT_ONCE = 32  # candidates: the function gives all its columns for every one
+AT_ONCE = 32  # [-] candidates: the function gives all its columns for every one
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,10 +192,10 @@ class SpatialSearch(Search):
         motion = close(start)
         usable = motion.is_closed() and motion.makes_right_turns
         objective = self.spec.problem.motion.objective
+        is_norm = objective in ("coefficients", "clip")  # of the variables x
         if usable and objective == "robust":
             result = self._robust(motion, stop, before + most_work)
-        # Two objectives are the norm of the variables x, which lifting makes small by itself.
-        elif usable and (self.spec.constraints or objective not in ("coefficients", "clip")):
+        elif usable and (self.spec.constraints or not is_norm):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:

@@ -104,9 +104,9 @@ class KernelProblem:
         sampling = Struct(
             "SamplingOptions",
             level=2,  # of grids, where random motions are measured
-            random=10
-            * variables.size,  # motions, of which a start violates least; fewer find worse plans of many joints
-            spreads=(0.1, 0.2, 0.4, 0.8, 1.6, 3.2),  # [rad] their standard deviations, cyclically
+            # Of so many random motions a start violates least; fewer find worse plans of many joints.
+            random=10 * variables.size,
+            spreads=(0.1, 0.2, 0.4, 0.8, 1.6, 3.2),  # [rad] standard deviations of these, cyclically
             fractions=len(fractions),
             fraction=doubles(fractions),
             offset_map=None if variables.offset_map is None else doubles(variables.offset_map),

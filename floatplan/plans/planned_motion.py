@@ -24,7 +24,7 @@ from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
-PEAK_NODES = (33, 65, 129, 257)  # the nodes of each lie among those of the next
+PEAK_NODES = (33, 65, 129, 257)  # [-] the nodes of each lie among those of the next
 
 
 def least_distances(segments: PlacedShapes, obstacle: Obstacle, instants: Array) -> Array:

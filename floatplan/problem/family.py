@@ -20,7 +20,7 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import finite_limits, motor_limits, of_motors
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
-MOST_PROBLEMS = 10_000_000  # of a family
+MOST_PROBLEMS = 10_000_000  # [-] of a family, which are arrays in memory
 BY_MOTOR: Mapping[str, LimitRow] = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
 
 

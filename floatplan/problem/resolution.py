@@ -22,9 +22,9 @@ from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
 from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, STEEPEST, LimitRow
 
-MOST_DISTANCES = 800  # between shapes of links and obstacles
-MOST_JOINTS = 60
-NARROWEST = 1e-6  # rad, of a joint's range
+MOST_DISTANCES = 800  # [-] between shapes of links and obstacles
+MOST_JOINTS = 60  # [-] that are planned: humanoids without their hands have about 30
+NARROWEST = 1e-6  # [rad] of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 

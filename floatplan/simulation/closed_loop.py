@@ -33,7 +33,7 @@ from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_moti
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
-MOST_FLIGHTS = 10_000
+MOST_FLIGHTS = 10_000  # [-] of one call
 MOST_PERIODS = 100_000  # [-] of a flight
 BUDGET = 60.0  # [s]
 

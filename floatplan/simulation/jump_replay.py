@@ -25,7 +25,7 @@ from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlig
 from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
 from floatplan.tables import Range
 
-MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
+MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # [-] of gains
 
 
 def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = None) -> tuple[Array, int]:

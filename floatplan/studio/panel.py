@@ -30,7 +30,7 @@ DEGREES = ("auto", "7", "9", "11", "13")
 class SliderEnds:
     """How far sliders reach, so that a usual change is neither too small to hit nor out of reach."""
 
-    orientation: float = 400 * math.radians(1)  # [rad] to both sides of the present value
+    orientation: float = math.radians(400)  # [rad] to both sides of the present value
     speed: float = 4.0  # [m/s] horizontal, to both sides
     position: float = 2.0  # [m] of obstacles, to both sides
     least_limit: float = 0.01  # [-] of the upper end of a limit's slider

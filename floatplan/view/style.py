@@ -170,8 +170,4 @@ def legend_above(figure: Figure, entries: Sequence[tuple[Any, str]]) -> None:
 def round_below(value: float) -> float:
     """Return the largest of ..., 0.5, 1, 2, 5, 10, ... that is not above a positive value."""
     power = 10.0 ** math.floor(math.log10(value))
-    largest = 1
-    for factor in (2, 5):
-        if factor * power <= value:
-            largest = factor
-    return power * largest
+    return power * max(factor for factor in (1, 2, 5) if factor * power <= value)

@@ -26,7 +26,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, enumeration, integers, pointers
+from floatplan.kernel.structs import Struct, doubles, enumeration, integers, layout
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import cross_matrix, of_quaternions, unwrapped_angles
 from floatplan.problem.attitude import Reorientation, tilt
@@ -215,7 +215,7 @@ def _ask(what: str, cells: Cells, duration: float, **members: Any) -> None:
     compiled = kernel()
     counts = {"cells": cells.count, "stages": cells.stages, "duration": duration, **TOLERANCES}
     rules = {"integrals": doubles(cells.integrals), "weights": doubles(cells.gauss.weights)}
-    struct = Struct("Turning", **(dict.fromkeys(pointers("Turning")) | counts | rules | members))
+    struct = Struct("Turning", **(dict.fromkeys(layout("Turning").arrays) | counts | rules | members))
     failed = compiled.turn(struct.pointer, enumeration("Asked")[what], compiled.instructions)
     if failed == OUT_OF_MEMORY:
         raise MemoryError

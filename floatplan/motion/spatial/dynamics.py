@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, integers, pointers
+from floatplan.kernel.structs import Struct, doubles, integers, layout
 from floatplan.motion.planar.full_model import Workspace
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER
@@ -101,7 +101,9 @@ class SpatialDynamics:
         motions["positions"] = motions["positions"] + self.reference
         inputs = {**motions, "rates": state[3]} if len(state) > 3 else motions
         arrays = {name: doubles(values) for name, values in inputs.items()}
-        moved = Struct("SpatialMotion", instants=count, **(dict.fromkeys(pointers("SpatialMotion")) | arrays | results))
+        moved = Struct(
+            "SpatialMotion", instants=count, **(dict.fromkeys(layout("SpatialMotion").arrays) | arrays | results)
+        )
         compiled = kernel()
         if compiled.space(self.tree.pointer, moved.pointer, compiled.instructions):
             raise MemoryError

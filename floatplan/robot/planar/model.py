@@ -20,7 +20,7 @@ from floatplan.robot.planar.choice import Choice, Plane
 from floatplan.robot.urdf.base import FREE_FLYER
 from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
-BASE_COORDINATES = 3
+BASE_COORDINATES = 3  # [-] along the horizontal, along the vertical, about the normal
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] for Pinocchio where there is no limit
 
 

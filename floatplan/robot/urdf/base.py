@@ -16,7 +16,7 @@ from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
 from floatplan.tables import FREE_TYPES, INDEPENDENT
 
-FREE_FLYER = 6  # velocities of a base in space; its configuration has one number more
+FREE_FLYER = 6  # [-] velocities of a base in space; its configuration has one number more
 
 
 def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
