@@ -213,31 +213,35 @@ class SpatialProgram:
         weight = self.weight
         shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
         forces = {frame: weight * share for frame, share in shares.items()}
+        displacement = ca.SX.sym("d", 2)
         parameters = ca.SX.sym("p", 0)
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        stiffness = 625.0  # [1/s^2] before takeoff; after landing the motion's end fixes where the feet are
+        # After landing the motion's end fixes where the feet are; rows that pulled them there too would be too many.
+        stiffness = 625.0 if kind.side == "takeoff" else 0.0  # [1/s^2]
         sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
         for index in range(6):
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
+        uses_displacement = kind.side == "landing" and bool(kind.tracking or kind.arriving)
         for foot in (*kind.tracking, *kind.arriving):
             _, (position, velocity, acceleration) = model.foot(foot.name)
-            gap = position - ca.DM(self.ends.places["takeoff"][foot.name])
+            stands = ca.SX(self.ends.places[kind.side][foot.name])
+            if kind.side == "landing":
+                stands += ca.vertcat(displacement, 0)
+            gap = position - stands
             label = f"position of {foot.name}"
             for direction in self._directions(kind.side, foot):
                 along = ca.DM(direction).T
-                speed = ca.mtimes(along, velocity)
-                change = ca.mtimes(along, acceleration)
+                off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
                 if foot in kind.arriving:
                     rows.append((speed / (model.gravity * self.unit), 0.0, 0.0, label))
+                    rows.append((change / model.gravity, 0.0, 0.0, label))
                 else:
-                    change += damping * speed
-                if kind.side == "takeoff":
-                    change += stiffness * ca.mtimes(along, gap)
-                rows.append((change / model.gravity, 0.0, 0.0, label))
+                    pulled = change + damping * speed + stiffness * off
+                    rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
             share = shares[foot.name]
             steepest = self.bounds.friction * math.cos(math.pi / sides)
@@ -259,10 +263,15 @@ class SpatialProgram:
             low = np.vstack((low, least))
             high = np.vstack((high, np.full(least.shape, np.inf)))
         indices = np.array([np.arange(self.begins[node], self.begins[node + 1]) for node in nodes]).T
+        variables = of_node
+        if uses_displacement:
+            variables = ca.vertcat(of_node, displacement)
+            last = self.begins[self.nodes - 1]
+            indices = np.vstack((indices, np.tile([[last], [last + 1]], len(nodes))))
         everything = [*rows, *height_rows]
         where = self.phases[self.phase_of[nodes[0]]].name
         return Piece(
-            variables=of_node,
+            variables=variables,
             parameters=parameters,
             rows=ca.vertcat(*(row[0] for row in everything)),
             cost=cost,
