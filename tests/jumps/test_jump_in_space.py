@@ -114,13 +114,13 @@ def test_without_tilt_all_feet_stand(root, name):
 
 
 def test_feet_are_held_where_they_stand(problem):
-    """Rows of feet that stand before takeoff grow with their distance from where they stood."""
+    """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
     program = spatial_setup(problem, problem.jump).program(planner.MARGINS)
     raw = guess(program)
     parameters = np.zeros(program.size + 1)
     of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])
     stiffness = 625.0 / 9.81  # [1/m] over g
-    for node, count in ((3, 4), (int(program.borders[2]) - 2, 2)):
+    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2)):
         moved = raw.copy()
         moved[program.begins[node]] += 0.01
         change = np.subtract(*(np.array(program.assembly.evaluate(x, parameters)).ravel() for x in (moved, raw)))

@@ -1,10 +1,10 @@
 """The program of a jump in space over all phases: variables, rows, guess, and the search by IPOPT in two stages.
 
-A border of two phases is one node, at which feet that leave or arrive bear no force; what arrives has no velocity and
-no acceleration. Between nodes accelerations are linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``,
-``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy ``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings
-back what the steps let drift; after landing without the last term, since there the motion's end is fixed. The squared
-shares of torque limits, summed over nodes, are minimised.
+A border of two phases is one node, at which feet that leave or arrive bear no force. Between nodes accelerations are
+linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
+``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
+other sign of the velocity, since there the motion's end is fixed. The squared shares of torque limits, summed over
+nodes, are minimised.
 """
 
 import itertools
@@ -62,15 +62,13 @@ class NodeKind:
     Attributes
     ----------
     side : of the flight, whose places feet have
-    tracking : feet that stand, or leave
-    arriving : feet that touch down, without velocity and acceleration
+    tracking : feet that stand, leave or touch down
     bearing : feet with forces
     is_end : whether the robot stands still there, in a fixed posture
     """
 
     side: str
     tracking: tuple[Foot, ...]
-    arriving: tuple[Foot, ...]
     bearing: tuple[Foot, ...]
     is_end: bool = False
 
@@ -172,17 +170,16 @@ class SpatialProgram:
         border = np.flatnonzero(self.borders == node)
         if node in (0, self.nodes - 1):
             phase = self.phases[0 if node == 0 else -1]
-            return NodeKind(phase.side, (), (), phase.feet, is_end=True)
+            return NodeKind(phase.side, (), phase.feet, is_end=True)
         if not len(border):
             phase = self.phases[self.phase_of[node]]
-            return NodeKind(phase.side, phase.feet, (), phase.feet)
+            return NodeKind(phase.side, phase.feet, phase.feet)
         before = self.phases[int(border[0]) - 1]
         after = self.phases[int(border[0])]
         bearing = tuple(foot for foot in before.feet if foot in after.feet)
         if after.side == "landing":
-            arriving = tuple(foot for foot in after.feet if foot not in before.feet)
-            return NodeKind("landing", before.feet, arriving, bearing)
-        return NodeKind("takeoff", before.feet, (), bearing)
+            return NodeKind("landing", after.feet, bearing)
+        return NodeKind("takeoff", before.feet, bearing)
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -216,17 +213,18 @@ class SpatialProgram:
         displacement = ca.SX.sym("d", 2)
         parameters = ca.SX.sym("p", 0)
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
+        stiffness = 625.0  # [1/s^2] and
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        # After landing the motion's end fixes where the feet are; rows that pulled them there too would be too many.
-        stiffness = 625.0 if kind.side == "takeoff" else 0.0  # [1/s^2]
+        if kind.side == "landing":  # it ends where everything is fixed: drift decays backwards in time
+            damping = -damping
         sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
         for index in range(6):
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
-        uses_displacement = kind.side == "landing" and bool(kind.tracking or kind.arriving)
-        for foot in (*kind.tracking, *kind.arriving):
+        uses_displacement = kind.side == "landing" and bool(kind.tracking)
+        for foot in kind.tracking:
             _, (position, velocity, acceleration) = model.foot(foot.name)
             stands = ca.SX(self.ends.places[kind.side][foot.name])
             if kind.side == "landing":
@@ -236,12 +234,8 @@ class SpatialProgram:
             for direction in self._directions(kind.side, foot):
                 along = ca.DM(direction).T
                 off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
-                if foot in kind.arriving:
-                    rows.append((speed / (model.gravity * self.unit), 0.0, 0.0, label))
-                    rows.append((change / model.gravity, 0.0, 0.0, label))
-                else:
-                    pulled = change + damping * speed + stiffness * off
-                    rows.append((pulled / model.gravity, 0.0, 0.0, label))
+                pulled = change + damping * speed + stiffness * off
+                rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
             share = shares[foot.name]
             steepest = self.bounds.friction * math.cos(math.pi / sides)
@@ -330,8 +324,7 @@ class SpatialProgram:
         feet = sorted({foot for phase in self.phases for foot in phase.feet if not foot.suffix}, key=lambda f: f.body)
         rows = []
         for first, second in itertools.combinations(feet, 2):
-            standing = {*kind.tracking, *kind.arriving}
-            if first in standing and second in standing:
+            if first in kind.tracking and second in kind.tracking:
                 continue
             between = self.model.foot(first.name)[1][0] - self.model.foot(second.name)[1][0]
             least = first.depth + second.depth + apart
@@ -341,7 +334,7 @@ class SpatialProgram:
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
         """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
-        standing = {foot.name for foot in (*kind.tracking, *kind.arriving)}
+        standing = {foot.name for foot in kind.tracking}
         heights = [(point, "link") for point in self.points]
         heights += [(point, "corner") for point in self.corners]
         in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.name not in standing}
