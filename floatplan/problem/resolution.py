@@ -357,7 +357,8 @@ def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]
             if tilt(axes, second) > STEEPEST:
                 reason = f"its second angle about {axes!r} is {math.degrees(second):.4g} degrees"
                 near = "-70 to 70" if axes[0] != axes[2] else "20 to 160"
-                advice = f"it must be within {near}: rotate about other axes, or give the goal as a quaternion"
+                other = "rotate about other axes, the largest rotation's first, or give the goal as a quaternion"
+                advice = f"it must be within {near}: {other}"
                 yield InputError(reason, element=f"{element}.orientation", advice=advice)
         return
     cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))

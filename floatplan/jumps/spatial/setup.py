@@ -32,6 +32,7 @@ from floatplan.robot.shapes.solids import frame_position
 from floatplan.tables import POINT_FEET
 
 IN_PLANE = "is for jumps in a plane, so far"
+MOST_ROTATION = 6 * math.pi  # [rad] about an axis in a flight: three turns, twice of what programs have a solution for
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +184,12 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
         raise InputError(
             f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice
         )
+    rotation = float(np.abs(np.array(goal.angles) - np.array(start.angles)).max())
+    if rotation > 1.01 * MOST_ROTATION:
+        most = math.degrees(MOST_ROTATION)
+        reason = f"the base would turn by {math.degrees(rotation):.4g} degrees, no jump turns by more than {most:.4g}"
+        advice = "ask for fewer turns, or plan the flight alone with floatplan plan"
+        raise InputError(reason, element="goal.orientation", advice=advice)
     for key, attitude in (("start", start), ("goal", goal)):
         assert attitude.angles is not None
         middle = attitude.angles[1]
@@ -232,6 +239,10 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
                 reason = f"{min(unknown)!r} is not among what stands at first: {', '.join(names)}"
                 element = f"jump.{side}.contacts[{index}]"
                 raise InputError(reason, element=element, advice="name the same feet before and after")
+            repeated = {name for name in group if group.count(name) > 1}
+            if repeated:
+                element = f"jump.{side}.contacts[{index}]"
+                raise InputError(f"{min(repeated)!r} stands twice", element=element, advice="name each foot once")
         outer = (groups or (names,))[0 if side == "takeoff" else -1]
         left_out = {foot.frame for foot in feet} - set(outer)
         if left_out:
@@ -266,7 +277,8 @@ def _standing(
     """Joints (n,) in which the robot stands still on all feet, and the height of the base, m."""
     robot = problem.robot
     requested = request.takeoff.from_ if side == "takeoff" else request.landing.to
-    key = f"jump.{side}.contacts"
+    named_after = request.landing.contacts and not request.takeoff.contacts
+    key = f"jump.{'landing' if named_after else side}.contacts"
     if isinstance(requested, Mapping):
         key = "jump.takeoff.from" if side == "takeoff" else "jump.landing.to"
         for name, angle, (low, high) in zip(robot.joints, target, problem.position_limits, strict=True):
