@@ -10,7 +10,7 @@ from typing import Any
 import flint
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, products, stack, up
 
 ORDER = 16  # [-] coefficients of each model
@@ -35,6 +35,12 @@ class TimeCells:
 
     def __len__(self) -> int:
         return len(self.low)
+
+    @property
+    def are_divisible(self) -> BoolArray:
+        """Whether there is a double between both ends (cells,)."""
+        middle = 0.5 * (self.low + self.high)
+        return np.asarray((self.low < middle) & (middle < self.high))
 
     def time(self, cell: int, u: float) -> float:
         """Instant in a cell, rounded; the ends are themselves."""

@@ -62,7 +62,9 @@ def existing_cells(cells: TimeCells, obstacle: Mapping[str, Any]) -> IntArray:
 
 def shapes_of_pair(links: Sequence[str], pair: Mapping[str, Any]) -> tuple[list[int], list[int]]:
     """Indices of the shapes of two links that are to keep apart, among shapes that belong to ``links``."""
-    first, second = (indices_of(name, links) for name in pair["links"])
+    name, other_name = pair["links"]
+    first = indices_of(name, links)
+    second = indices_of(other_name, links)
     if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
     return first, second
@@ -88,7 +90,7 @@ def clearance_findings(
     shapes that were planned with, and nothing is known of clearances.
     """
     findings: list[Finding] = []
-    clearance = None
+    clearance = None  # [m] to obstacles
     obstacles = record.problem.get("obstacles") or []
     if obstacles:
         minima = []
