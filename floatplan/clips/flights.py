@@ -264,12 +264,15 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    Its base is at the identity, as of an upright robot: in the air it may be upside down for most of a clip. A base
-    that ends a limb is a foot or a hand; it has its first attitude of the clip.
+    Where its base tilts much it is taken at the identity, as of an upright robot: in the air it may be upside down for
+    most of a clip. A base that ends a limb is a foot or a hand; it has its first attitude of the clip.
     """
     times = np.linspace(0.0, curve.duration, 100)  # enough to compare limbs
-    upright = curve.attitudes(times[:1])[0] if _base_ends_a_limb(curve.robot) else np.eye(3)
-    attitudes = np.broadcast_to(upright, (len(times), 3, 3))
+    attitudes = curve.attitudes(times)
+    if _base_ends_a_limb(curve.robot):
+        attitudes[:] = attitudes[0]
+    else:
+        attitudes[attitudes[:, 2, 2] < np.cos(np.deg2rad(30.0))] = np.eye(3)  # [rad] more tilt than of a stance
     poses = body_poses(curve.robot, np.zeros((len(times), 3)), attitudes, curve.positions(times))
     heights = BodySolids(tuple(by_body.values())).lowest(poses)[..., 2]
     over_lowest = heights - heights.min(axis=1, keepdims=True)

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
-from floatplan.clips.bodies import centre_of_mass
+from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import LEAST_DURATION, SAMPLING, ClipFlight
 from floatplan.clips.judge import FlightJudgement, largest_share
@@ -41,7 +41,7 @@ SHARES = {
 }  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
 CHOICE = one_of(*SHARES, "auto", or_number=number(Range(0.0, 1.0, "")))
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
-# [s] of a repaired flight: its clip is searched for flights at instants of its own; one may be lost at each end
+# [s] of a repaired flight: its clip is searched for flights at instants of its own, and may lose one at each end
 SHORTEST = LEAST_DURATION + 2.0 / SAMPLING.rate
 RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
@@ -335,6 +335,11 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> 
             share, motor = largest_use
             if share > 1.0:
                 reasons.append(f"{motor} needs {100 * share:.0f} % of its {quantity}")
+    poses = body_poses(robot, motion.base_position, attitudes, motion.positions)
+    clearances = clip.scene.foot_solids.lowest(poses)[..., 2] - clip.ground.at(instants)[:, None]
+    if clearances.min() < -0.01:  # [m] more is not what feet press in
+        foot = clip.scene.foot_names[int(clearances.min(axis=0).argmin())]
+        reasons.append(f"{foot} would be {-1e3 * clearances.min():.0f} mm under the ground")
     if largest > math.radians(30.0):  # a flight with a larger change is another motion
         joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]
         reasons.append(f"{joint} would move {math.degrees(largest):.0f} degrees from the clip")
