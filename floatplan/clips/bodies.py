@@ -14,13 +14,13 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, integers, pointers
+from floatplan.kernel.structs import Struct, doubles, integers, layout
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
-NO_SOLIDS: dict[str, Any] = dict.fromkeys(pointers("PlacedSolids"))
+NO_SOLIDS: dict[str, Any] = dict.fromkeys(layout("PlacedSolids").arrays)
 FIRST_JOINT = 2  # of the model: joint 0 is the world, 1 the base
 
 

@@ -101,8 +101,8 @@ def test_feet_over_which_it_tips_leave_last(root, name, before, after):
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
     phases = spatial_setup(problem, problem.jump).phases
     assert [phase.side for phase in phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
-    assert set(phases[1].frames) == before
-    assert set(phases[3].frames) == after
+    assert set(phases[1].names) == before
+    assert set(phases[3].names) == after
 
 
 @pytest.mark.parametrize("name", ["go2_quarter_turn", "go2_side", "a1_diagonal"])

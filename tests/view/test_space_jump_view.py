@@ -10,8 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from browser import Browser
-from jumps import INSTALLED, roll
-from needed import skip_or_fail
+from jumps import roll
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -23,9 +22,6 @@ from floatplan.view.jumps import footing, moments
 from floatplan.view.report.data import sample_grid
 from floatplan.view.report.report import report_data, write_report
 from floatplan.view.solids import CAMERA, rendered_solids
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 
 @pytest.fixture(scope="module")
