@@ -16,22 +16,13 @@ def plans(tmp_path_factory):
 
 
 @pytest.mark.parametrize("first", cases(range(0, CASES, BATCH), range(EVERY_TIME, CASES)))
-def test_every_promise_is_kept(first, tmp_path):
+@pytest.mark.parametrize("run", [run_here, run_clip])
+def test_every_promise_is_kept(run, first, tmp_path):
     broken = []
     for seed in range(first, first + BATCH):
         folder = tmp_path / str(seed)
         folder.mkdir()
-        broken += run_here(seed, folder)
-    assert not broken, "\n".join(map(str, broken))
-
-
-@pytest.mark.parametrize("first", cases(range(0, CASES, BATCH), range(EVERY_TIME, CASES)))
-def test_spoiled_clips_are_refused_or_judged(first, tmp_path):
-    broken = []
-    for seed in range(first, first + BATCH):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        broken += run_clip(seed, folder)
+        broken += run(seed, folder)
     assert not broken, "\n".join(map(str, broken))
 
 

@@ -1,5 +1,6 @@
 """The studio's page, driven as a hand does: grips are dragged, sliders moved, buttons clicked."""
 
+import contextlib
 import time
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +13,7 @@ from floatplan.studio.stage import end_poses
 from floatplan.view.scene.scene import world_points
 
 PATIENCE = 600.0  # s for what takes a fraction of one, and lets others go first
+NOTICED = 1.0  # s until what was done is done again
 FIND = "return document.getElementById(arguments[0])?.textContent || ''"
 OF_VISER = (
     "THREE.Clock",
@@ -45,12 +47,23 @@ class Page:
         browser.driver.get(studio.address)
         self.wait(lambda: self.text("floatplan-status"))
 
-    def wait(self, done: Callable[[], Any]) -> None:
+    def wait(self, done: Callable[[], Any], patience: float = PATIENCE) -> None:
         """Wait until something is true."""
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + patience
         while not done():
             assert time.monotonic() < end, self.text("floatplan-status")
             time.sleep(0.02)
+
+    def until(self, act: Callable[[], Any], done: Callable[[], Any]) -> None:
+        """Do something until something is true: a page that is drawn anew, or far behind, may miss it."""
+
+        def is_done() -> bool:
+            act()
+            with contextlib.suppress(AssertionError):
+                self.wait(done, NOTICED)
+            return bool(done())
+
+        self.wait(is_done)
 
     def text(self, name: str) -> str:
         return str(self.browser.run(FIND, name))
@@ -99,29 +112,14 @@ class Page:
         return self._labelled(label, "[role=slider]")
 
     def click_until(self, name: str, done: Callable[[], Any]) -> None:
-        """Click a button until something is true: a page that is drawn anew may miss a click."""
-
-        def is_done() -> bool:
-            self.click(name)
-            time.sleep(1.0)
-            return bool(done())
-
-        self.wait(is_done)
+        """Click a button until something is true."""
+        self.until(lambda: self.click(name), done)
 
     def drag_grip(self, end: str, part: int, turn: float) -> None:
-        """Drag the grip of a part of a posture around its joint, by an angle, rad.
-
-        A page that software draws may be so far behind that it sees no grip there: then again.
-        """
+        """Drag the grip of a part of a posture around its joint, by an angle, rad."""
         before = self.studio.session.view.number
         self.wait(lambda: self.studio.server.get_clients())
-
-        def is_dragged() -> bool:
-            self._drag_once(end, part, turn)
-            time.sleep(1.0)
-            return bool(self.studio.session.view.number > before)
-
-        self.wait(is_dragged)
+        self.until(lambda: self._drag_once(end, part, turn), lambda: self.studio.session.view.number > before)
 
     def _drag_once(self, end: str, part: int, turn: float) -> None:
         from selenium.webdriver.common.action_chains import ActionChains

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from places import ROOT
+from places import SPACE, URDF
 from robot_samples import inertial
 
 import floatplan as fp
 
-SPACE, URDF = ROOT / "problems" / "space", ROOT / "urdf"
 LEVEL = fp.Attitude(angles=(0, 0, 0), axes="xyz")
 TILTED = fp.Attitude(angles=(0.1, -0.1, 0.05), axes="xyz")
 FINE = np.linspace(0, 1, 41)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import space_reference
 from long_cases import cases
-from places import PROBLEMS
+from places import PROBLEMS, SPACE
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -21,7 +21,6 @@ from floatplan.planning.robust import RobustCost
 from floatplan.planning.spec import spec_of
 from floatplan.planning.variables import decision_variables
 
-SPACE = PROBLEMS / "space"
 NAMES = ("diver_half_twist", "go2_half_twist")
 
 
