@@ -21,11 +21,11 @@ import floatplan
 PACKAGE = Path(floatplan.__file__).parent
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (41_205, 26_500),
+    "statements": (41_203, 26_500),
     "statements of the largest file": (407, 405),
     "packs `a, b = x, y` per 1000 lines": (1.1, 4),
     "comprehensions per 1000 lines": (24.6, 25),
-    "module constants": (593, 600),
+    "module constants": (588, 600),
     "private words": (1_182, 2_514),
     "lines that ask in_plane or in_space": (68, 70),
     "lines of the longest function": (80, 80),

@@ -18,7 +18,6 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
-from floatplan.arguments import without_none
 from floatplan.cli import ExitCode
 from floatplan.errors import PACKAGE, FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
@@ -157,7 +156,11 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     def run(**words: Any) -> None:
         arguments: dict[str, Any] = {}
         for table, rows in tables.items():
-            arguments[table] = without_none({name: words.pop(name) for name in rows})
+            arguments[table] = {}
+            for name in rows:
+                value = words.pop(name)
+                if value is not None:
+                    arguments[table][name] = value
         command(**words, **arguments)
 
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]

@@ -263,7 +263,7 @@ class Replanner:
             return self._unchanged("invalid", wrong)
         self._now = present
         # A correction that comes too early by a tenth of the time between two is made all the same.
-        if present - self._corrected < (1 - 0.1) / self.rate:
+        if present - self._corrected < 0.9 / self.rate:
             return self._last
         return self._correct(present)
 
