@@ -127,6 +127,7 @@ def test_feet_are_held_where_they_stand(problem):
         assert np.count_nonzero(np.abs(change[of_feet] - 0.01 * stiffness) < 1e-9) == count
 
 
+@pytest.mark.long
 def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     """A program that allows rates of 0.84 of their limits where 0.7 are requested: the next one allows less."""
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
