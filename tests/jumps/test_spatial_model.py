@@ -92,6 +92,33 @@ def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
         assert abs(moment @ line.direction) < 1e-10 * np.abs(moment).max()
 
 
+def test_a_sole_stands_on_three_points():
+    """Of a G1: heel and toes on the ground; where its base moves, the leg brings all three back to where they were."""
+    joints = [
+        f"left_{name}_joint" for name in ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+    ]
+    g1 = fp.Robot.from_urdf(
+        "example-robot-data:g1_description/urdf/g1_29dof_rev_1_0.urdf", base="free-flyer", joints=joints
+    )
+    level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
+    bent = np.array([-0.5, 0.0, 0.0, 1.0, -0.5, 0.0])
+    feet = feet_at(g1, "left_ankle_roll_link", level, bent, "contacts")
+    assert [foot.suffix for foot in feet] == [".heel", ".left_toe", ".right_toe"]
+    mechanics = Mechanics(g1, "zyx", 9.81, feet)
+    motion = np.zeros((3, BASE + 6, 1))
+    motion[0, BASE:, 0] = bent
+    names = [foot.name for foot in feet]
+    places = mechanics.feet(motion, names)[0][0, 0]
+    assert np.ptp(places[:, 2]) < 1e-12
+    assert np.allclose(places[1] - places[2], [0.0, 0.06, 0.0], atol=1e-9)  # the width of its toes
+    moved = motion.copy()
+    moved[0, :BASE, 0] = [0.01, 0.02, -0.02, 0.1, 0.05, -0.05]
+    moved[1:, :BASE, 0] = [[0.1, -0.2, 0.3, 1.0, -1.0, 0.5], [1.0, 2.0, -3.0, 4.0, 5.0, -6.0]]
+    closed = mechanics.feet(mechanics.close(moved, dict(zip(names, places, strict=True))), names)[0][:, 0]
+    assert np.abs(closed[0] - places).max() < 1e-11
+    assert np.abs(closed[1:]).max() < 1e-8
+
+
 def test_forces_make_the_wrench_inside_the_cones():
     arms = np.array([[[0.2, 0.15, -0.3], [0.2, -0.15, -0.3], [-0.2, 0.15, -0.3], [-0.2, -0.15, -0.3]]])
     shares = np.zeros((1, 4, 3))

@@ -161,6 +161,20 @@ class SpatialModel:
         body, local = self.points.get(name) or frame_position(self.robot.model, self.robot.joint_tree, name)
         return body - 1, self.placed(self.bodies[body - 1].point(local))
 
+    def leverage(self, name: str) -> Any:
+        """Determinant of the derivative of a foot's position by the joints of its leg, m^3; None unless they are three.
+
+        It vanishes where the leg is straight, or the foot on the axis of the first joint.
+        """
+        ca = casadi()
+        number, _ = self.foot(name)
+        foot = self.bodies[number].point(self.points[name][1])[0]
+        columns = []
+        while number > 0:
+            columns.append(ca.cross(self.joint_axes[number], foot - self.bodies[number].position))
+            number = self.robot.model.parents[number + 1] - 1
+        return ca.det(ca.horzcat(*columns)) if len(columns) == 3 else None
+
     def placed(self, relative: Sequence[Any]) -> tuple[Any, Any, Any]:
         """A point with derivatives in the world, from the same relative to the base's origin."""
         orders = (self.y[:3], self.v[:3], self.a[:3])

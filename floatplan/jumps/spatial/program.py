@@ -247,6 +247,7 @@ class SpatialProgram:
         height_rows: list[tuple[Any, float, float, str]] = []
         if not kind.is_end:
             rows += motor_rows
+            rows += self._leverage_rows(kind)
             rows += self._distance_rows(kind)
             height_rows = self._height_rows(kind)
         cost += 1e-5 * ca.sumsqr(model.a) + 1e-2 * sum((ca.sumsqr(share) for share in shares.values()), ca.SX(0))
@@ -316,6 +317,18 @@ class SpatialProgram:
                 rows.append((share + lost, -most, most, label))
                 rows.append((share - lost, -most, most, label))
         return rows, cost
+
+    def _leverage_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep legs which stand from postures in which their joints cannot move the foot every way."""
+        ca = casadi()
+        least = 0.2  # [-] of the leverage where the robot stands at first
+        rows = []
+        for foot in kind.tracking:
+            leverage = self.model.leverage(foot.name)
+            if leverage is not None:
+                standing = float(ca.Function("leverage", [self.model.y], [leverage])(self.ends.y[0]))
+                rows.append((leverage / standing - least, 0.0, np.inf, f"leverage of {foot.name}"))
+        return rows
 
     def _distance_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
         """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles."""
