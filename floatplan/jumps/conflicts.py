@@ -67,7 +67,7 @@ def kind_of(label: str) -> str:
     words = label.partition(" of ")[0]
     if label.startswith(Label.CLEAR):
         return "ground"
-    return {"rate": "velocity", "torque-speed curve": "torque"}.get(words, words)
+    return {"rate": "velocity", "torque-speed curve": "torque", "height": "ground"}.get(words, words)
 
 
 def conflicting_limits(

@@ -1,8 +1,8 @@
-"""What is in the way where no jump in space was found: the limits that bind where the search ended.
+"""What is in the way where a search has no jump in space: the limits that bind at its last iterate.
 
 There limits hold, or nearly, and motion, balance or positions do not, by violations c of rows with the Jacobian J.
-Along ``-J^T c`` these would become less. What keeps the search from there are limits next to their bounds: the part of
-``-J^T c`` that points out of them is a sum of their gradients with multipliers that are not negative. The larger the
+Along ``-J^T c`` these would become less. What keeps the search from there are limits next to their bounds: what of
+``-J^T c`` points out of them is a sum of their gradients with multipliers that are not negative. The larger the
 multiplier, the more the violations would become less were its limit wider.
 """
 
@@ -12,21 +12,10 @@ import numpy as np
 from scipy.optimize import nnls
 
 from floatplan.arrays import Array
-from floatplan.jumps.conflicts import allowed
+from floatplan.jumps.conflicts import KINDS, allowed, kind_of
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.problem.problem import Problem
-
-KIND_OF = {  # how labels of limits begin, and the kind of limit
-    "torque": "torque",
-    "torque-speed curve": "torque",
-    "rate": "velocity",
-    "friction": "friction",
-    "range": "range",
-    "duration": "duration",
-    "height": "ground",
-    "distance": "distance",
-}
 
 
 class BindingLimit(NamedTuple):
@@ -61,8 +50,8 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     low = np.concatenate((assembly.low, box_low))
     high = np.concatenate((assembly.high, box_high))
     labels = [*assembly.labels, *_variable_labels(program)]
-    kinds = np.array([KIND_OF.get(label.partition(" of ")[0], "") for label in labels])
-    is_limit = (kinds != "") & (low < high)
+    kinds = np.array([kind_of(label) for label in labels])
+    is_limit = np.isin(kinds, (*KINDS, "distance")) & (low < high)
     sizes = _sizes(low, high)
 
     # Where the violations of all else descend most steeply, in variables scaled as the proximal term has them.
@@ -75,7 +64,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     below = np.flatnonzero(is_limit & (values < low + near * sizes))
     above = np.flatnonzero(is_limit & (values > high - near * sizes))
     limits = np.concatenate((below, above))
-    if not len(limits) or not np.abs(violations).max() > 1e-6:  # rows that miss by less count as held
+    if not len(limits) or not np.abs(violations).max() > 1e-6:  # as of rows of a solution
         return []
     outward = np.zeros((len(limits), program.size))
     of_rows = limits < count

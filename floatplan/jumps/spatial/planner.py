@@ -59,7 +59,7 @@ def jump_in_space(
 
 
 def _shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem) -> str:
-    """What is farthest from what is required where a search ended, and the limits that bind there."""
+    """What is farthest from what is required at the last iterate, and the limits that bind there."""
     sentence = f"In the nearest this is farthest from what is required: {nearest.worst[1]}."
     binding = binding_limits(program, nearest.raw)
     if binding:
