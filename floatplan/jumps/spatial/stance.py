@@ -125,17 +125,18 @@ class SpatialStance:
         """
         model = self.robot.model.copy()
         model.gravity.linear = np.array([0.0, 0.0, -self.gravity])
+        frames = {foot.name: model.getFrameId(foot.frame) for foot in self.contacts}
         data = model.createData()
         count = len(state.times)
         torques = np.empty_like(state.torques)
-        feet = {foot.frame: (np.empty((count, 3)), np.empty(count)) for foot in self.contacts}
+        feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frames}
         rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
         for index, (q, v, a) in enumerate(rows):
             torques[index] = pin.rnea(model, data, q, v, a)
             pin.computeJointJacobians(model, data, q)
             pin.updateFramePlacements(model, data)
             for name, (positions, speeds) in feet.items():
-                frame = model.getFrameId(name)
+                frame = frames[name]
                 jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
                 torques[index] -= jacobian.T @ state.forces[name][index]
                 positions[index] = data.oMf[frame].translation
