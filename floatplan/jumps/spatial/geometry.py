@@ -25,7 +25,7 @@ class SpatialGeometry:
 
     def __init__(self, robot: Robot, contacts: Sequence[Foot]) -> None:
         self.robot = robot
-        self.contacts = list({foot.frame: foot for foot in contacts}.values())
+        self.contacts = list({foot.name: foot for foot in contacts}.values())
 
     def links_of(self, contacts: Iterable[Foot]) -> set[str | None]:
         """Links on which feet stand."""

@@ -32,7 +32,6 @@ from floatplan.robot.shapes.solids import frame_position
 from floatplan.tables import POINT_FEET
 
 IN_PLANE = "is for jumps in a plane, so far"
-MOST_ROTATION = 6 * math.pi  # [rad] about an axis in a flight: three turns, twice of what programs have a solution for
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +184,8 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
             f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice
         )
     rotation = float(np.abs(np.array(goal.angles) - np.array(start.angles)).max())
-    if rotation > 1.01 * MOST_ROTATION:
-        most = math.degrees(MOST_ROTATION)
+    most = 1080.0  # [degrees] twice of what programs have had solutions for
+    if math.degrees(rotation) > most + 1.0:
         reason = f"the base would turn by {math.degrees(rotation):.4g} degrees, no jump turns by more than {most:.4g}"
         advice = "ask for fewer turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
