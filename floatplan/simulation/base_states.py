@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.jumps.spatial.stance import continuous
 from floatplan.problem.attitude import required
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.model import BASE_COORDINATES
@@ -68,6 +69,14 @@ class PlanarBase:
         """Return the orientation at landing that is required."""
         return problem.final.orientation
 
+    def apart(self, one: Any, other: Any) -> float:
+        """Return the angle between two orientations, rad, whole turns included."""
+        return abs(float(one - other))
+
+    def continuous(self, positions: Array) -> Array:
+        """Return configurations (N, 3 + J) of a motion, whose orientation goes on from one to the next."""
+        return positions
+
 
 class SpatialBase:
     """The base in space; members as of :class:`PlanarBase`."""
@@ -114,6 +123,14 @@ class SpatialBase:
     def goal(self, problem: Problem) -> Any:
         """Return the attitude at landing that is required, a quaternion."""
         return required(problem.final.attitude).quaternion
+
+    def apart(self, one: Any, other: Any) -> float:
+        """Return the angle between two quaternions of one motion, rad: a whole turn in between changes the sign."""
+        return float(2 * np.arccos(np.clip(one @ other, -1.0, 1.0)))
+
+    def continuous(self, positions: Array) -> Array:
+        """Return configurations (N, 7 + J) of a motion, whose quaternions do not change their signs."""
+        return continuous(np.array(positions))
 
 
 BaseStates: TypeAlias = PlanarBase | SpatialBase

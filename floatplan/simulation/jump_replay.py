@@ -163,8 +163,6 @@ def replay_jump(
 def _jump_to_fly(jump: Jump | str | Path) -> Jump:
     """The jump, or that of a file; an error where its check does not hold, or where it lasts too long."""
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
-    if jump.robot.base == "free-flyer":
-        raise jump.robot.not_in_plane
     jump.refuse_unless_ok("fly")
     if jump.duration + STANDING > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")

@@ -116,7 +116,8 @@ class JumpLandings(Landings):
         end.
     touched : (F) names of links other than feet that touched the ground
     pitch : (F,) rad
-        Orientation where the flight should end, less the planned one; NaN of a motion that diverged before.
+        Orientation where the flight should end, less the planned one, in space the angle between the two attitudes; NaN
+        of a motion that diverged before.
     torque : (F,)
         The largest request of a motor over its limit at its speed; what is over 1 was cut off.
     slid : (F,) m
