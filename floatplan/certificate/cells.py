@@ -13,7 +13,8 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, products, stack, up
 
-ORDER = 16  # coefficients of each model
+FIRST_CELLS = 24  # [-] of a flight, before any is halved
+ORDER = 16  # [-] coefficients of each model
 
 
 @dataclass(frozen=True, eq=False)
