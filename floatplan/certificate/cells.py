@@ -13,6 +13,7 @@ import numpy as np
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, products, stack, up
 
+FIRST_CELLS = 24  # [-] of a flight, before any is halved
 ORDER = 16  # [-] coefficients of each model
 
 

@@ -11,7 +11,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import SinePolynomials, basis, powers_map
-from floatplan.problem.parts import HalfPlane, Obstacle
+from floatplan.problem.parts import Circle, HalfPlane
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -162,7 +162,7 @@ class Program:
         values, by_u = zip(*rows, strict=True)
         return np.concatenate(values, axis=1), np.concatenate(by_u, axis=1)
 
-    def distances(self, obstacle: Obstacle, t: Array, u: Array) -> tuple[Array, Array]:
+    def distances(self, obstacle: Circle | HalfPlane, t: Array, u: Array) -> tuple[Array, Array]:
         """Distances (19) of capsules, m, at times t (N,) s: of the nearest points (22), which small changes leave.
 
         The path of the centre of mass is (2), (3), (6); a half-plane is as near as a capsule's ends.

@@ -21,6 +21,7 @@ from floatplan.planning.lifting import (
     LiftedMotion,
     close,
     descend,
+    descend_far,
     is_least,
     nearby,
     refined,
@@ -199,7 +200,7 @@ class SpatialSearch(Search):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:
-            final = refined(descend(motion)) if usable else None
+            final = refined(descend_far(motion)) if usable else None
             status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
             result = self._judged(final or motion, status)
         result.work = self.work.done - before

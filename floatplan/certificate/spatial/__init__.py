@@ -8,7 +8,7 @@ make, ``omega`` the base's angular velocity. SI units and radians.
 The words of this package:
 
 cell
-    A short part of the flight, on which time is ``u`` in [-1, 1]; halved until it is as fine as the proof needs.
+    A short interval of the flight, on which time is ``u`` in [-1, 1]; halved until it is as fine as the proof needs.
 model
     A polynomial of u with a radius: the function that it stands for is within that at every instant of the cell.
     ``Taylor`` are models of scalars, the cells second in their arrays, and ``Matrices`` of matrices, the cells first.
@@ -18,12 +18,12 @@ item, member
     One piece of a cell on which a least value may be, as branch and bound splits it; which of the functions it is of.
     Its Bernstein form has coefficients between whose smallest and largest all values are.
 approximation, bound
-    A polynomial attitude that doubles find, and the angle within which the true attitude is of it: all that is said of
-    the true flight is said of the approximation, wider by the bound.
+    A polynomial attitude that doubles find, and the angle within which the true attitude is of it: enclosures of the
+    true flight are those of the approximation, wider by the bound.
 momentum_in_base, joint_momentum
     ``R^T h``, and ``A q'``: ``omega = I^-1 (momentum_in_base - joint_momentum)``.
 residual, amplification, condition
-    r, s and q of the theorem in ``bound``: how far the approximation is from solving (S1), by how much a small turn
+    r, s and q of the theorem in ``bound``: how far the approximation is from solving (S1), by how much a small rotation
     grows, and what has to be below 1.
 segment, solid
     A link's shape: what is within a radius of a straight line; the hull of points grown by an ellipsoid, for heights.

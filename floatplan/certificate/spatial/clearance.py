@@ -24,7 +24,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate.branch_and_bound import Items, bernstein, may_be_least
+from floatplan.certificate.branch_and_bound import ROUGH, Items, bernstein, may_be_least
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, up
 from floatplan.certificate.spatial.models import Matrices
 from floatplan.certificate.spatial.robot import Point, SpatialRobot
@@ -32,7 +32,6 @@ from floatplan.certificate.spatial.robot import Point, SpatialRobot
 CapsuleShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
 SolidShape: TypeAlias = tuple[str, Sequence[Sequence[float]], Sequence[Sequence[float]]]
 
-ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
 ROUNDING = 32.0 * ROUND  # [-] of the sum of all magnitudes, more than the rounding of a bound on a distance
 
 
@@ -141,9 +140,11 @@ class SegmentPairs:
         distance = np.linalg.norm(shortest, axis=-1) - self.radius.mid
         heights = [(_unit(shortest) * vector).sum(axis=-1) for vector in middle]
         proved = _lowest_corner(*heights) - self.radius.mid
-        known, change = _variation_of_all(vectors, cells)
-        known = known + self.radius.rad + ROUGH * (1.0 + sum(np.linalg.norm(vector, axis=-1) for vector in middle))
-        return self.forms(*may_be_least(proved - known - change, distance + known, cells))
+        uncertainty, change = _variation_of_all(vectors, cells)
+        uncertainty = (
+            uncertainty + self.radius.rad + ROUGH * (1.0 + sum(np.linalg.norm(vector, axis=-1) for vector in middle))
+        )
+        return self.forms(*may_be_least(proved - uncertainty - change, distance + uncertainty, cells))
 
     def forms(self, cell: IntArray, pair: IntArray) -> Items:
         """Bernstein forms of all nine coordinates, of single pairs on single cells."""
@@ -306,10 +307,10 @@ class Heights:
         offset = self.offset[cells]
         height = offset.c[0] + np.stack([s.lowest(normal[:, i]) for i, s in enumerate(self.solids)], axis=1)
         extent = np.array([solid.extent for solid in self.solids])
-        known, change = _variation(self.normal, cells)
-        known = offset.e + known * extent + ROUGH * (1.0 + extent + np.abs(offset.c[0]))
+        uncertainty, change = _variation(self.normal, cells)
+        uncertainty = offset.e + uncertainty * extent + ROUGH * (1.0 + extent + np.abs(offset.c[0]))
         change = np.abs(offset.c[1:]).sum(axis=0) + change * extent
-        return self.forms(*may_be_least(height - known - change, height + known, cells))
+        return self.forms(*may_be_least(height - uncertainty - change, height + uncertainty, cells))
 
     def forms(self, cell: IntArray, solid: IntArray) -> Items:
         """Bernstein forms of the offset and of the normal's coordinates, of single solids on single cells."""
@@ -370,9 +371,9 @@ class FaceDistances:
         start = segments.start.c[cells, :, 0, :, 0]
         along = segments.along.c[cells, :, 0, :, 0]
         distance = self._over_faces(start, start + along).max(axis=-1) - segments.radius
-        known, change = _variation_of_all((segments.start, segments.along), cells)
-        known = known + ROUGH * (1.0 + np.linalg.norm(start, axis=-1) + np.linalg.norm(along, axis=-1))
-        return self.forms(*may_be_least(distance - known - change, distance + known, cells))
+        uncertainty, change = _variation_of_all((segments.start, segments.along), cells)
+        uncertainty = uncertainty + ROUGH * (1.0 + np.linalg.norm(start, axis=-1) + np.linalg.norm(along, axis=-1))
+        return self.forms(*may_be_least(distance - uncertainty - change, distance + uncertainty, cells))
 
     def forms(self, cell: IntArray, capsule: IntArray) -> Items:
         """Bernstein forms of the coordinates of both ends, of single segments on single cells."""
@@ -410,20 +411,20 @@ class FaceDistances:
 
 
 def _variation(vectors: Matrices, cells: IntArray) -> tuple[Array, Array]:
-    """How well vectors (cells, items) are known, and how far they get from where they are in the middle of cells."""
-    known = vectors.e[cells]
-    return known, vectors.sizes[cells, :, 1:].sum(axis=-1) + known
+    """The radii of vectors (cells, items), and how far they get from where they are in the middle of cells."""
+    uncertainty = vectors.e[cells]
+    return uncertainty, vectors.sizes[cells, :, 1:].sum(axis=-1) + uncertainty
 
 
 def _variation_of_all(vectors: Sequence[Matrices], cells: IntArray) -> tuple[Array, Array]:
     """The sums over several vectors of both."""
-    known: Any = 0.0
+    uncertainty: Any = 0.0
     change: Any = 0.0
     for vector in vectors:
         own_known, own_change = _variation(vector, cells)
-        known = known + own_known
+        uncertainty = uncertainty + own_known
         change = change + own_change
-    return known, change
+    return uncertainty, change
 
 
 def _coordinates(vectors: Matrices, cell: IntArray, item: IntArray) -> list[Taylor]:

@@ -18,6 +18,7 @@ from floatplan.arrays import Array
 from floatplan.certificate.branch_and_bound import SAME, at_most, near
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
 from floatplan.certificate.limits import JointState, LimitedQuantity, least_of, same
+from floatplan.certificate.robots.columns import LETTERS
 from floatplan.certificate.spatial.attitude import rotation
 from floatplan.certificate.spatial.bound import LARGEST
 from floatplan.certificate.spatial.flight import MOST_CELLS_UNKNOWN, SpatialEnclosure
@@ -26,7 +27,6 @@ from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
 from floatplan.tables import A_TURN_OFF, FRAME_POSITION, ORIENTATION, STEEPEST
 
-LETTERS = "xyz"
 SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
 TILT = 1e-2  # [rad] by which the tilt may pass its limit between the instants at which the search sees it
 STEP = 1.0  # [rad] by which first and third angle change at most between the instants at which they are counted
@@ -64,16 +64,16 @@ def _theorem(flight: SpatialEnclosure, is_enough: bool) -> list[Finding]:
     """The terms of (S3), and, where they do not prove enough, which of them is too coarse and what would help."""
     attitude = flight.attitude
     terms = (("residual", attitude.residual), ("amplification", attitude.amplification))
-    found = []
+    findings = []
     for name, value in terms:
-        found.append(Finding("attitude", (name,), "proved" if math.isfinite(value) else "undecided", value))
-    found += [
+        findings.append(Finding("attitude", (name,), "proved" if math.isfinite(value) else "undecided", value))
+    findings += [
         _below("condition", attitude.condition, 1.0),
         _below("bound", attitude.bound, LARGEST),
     ]
-    if not is_enough or any(finding.verdict != "proved" for finding in found):
-        found.append(Finding("attitude", (_advice(flight),), "undecided", None))
-    return found
+    if not is_enough or any(finding.verdict != "proved" for finding in findings):
+        findings.append(Finding("attitude", (_advice(flight),), "undecided", None))
+    return findings
 
 
 def _below(name: str, value: float, limit: float) -> Finding:

@@ -15,7 +15,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.certificate.cells import TimeCells
+from floatplan.certificate.cells import FIRST_CELLS, TimeCells
 from floatplan.certificate.enclosure import Taylor
 from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.spatial.attitude import Approximation, approximate
@@ -26,7 +26,6 @@ from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.certificate.spatial.torques import forces, squared
 from floatplan.plans.record import PlanRecord
 
-FIRST_CELLS = 24  # [-] before any is halved
 BOUND = 5e-11  # [rad] sought for the attitude
 RESIDUAL = 3e-13  # [rad] of the residual's integral over the flight, below which it is not sought
 ROUNDING = 2.5e-14  # [-] of the fastest rate that the momentum can make: residuals of any number of cells, by rounding
@@ -113,21 +112,23 @@ def fly(
         attitude = attitude_bound(motion, approximation, cells, momentum, start)
         sizes = np.array([attitude.residuals, np.zeros(len(cells))])
         sought = _sought(attitude, motion, duration)
-        found = None
+        enclosed = None
         if math.isinf(attitude.amplification) and len(cells) < MOST_CELLS_UNKNOWN:
             sizes[1] = math.inf
             coarse = cells.are_divisible
         else:
             if (attitude.residuals <= sought).all() or not _worth_halving(sizes, before, sought, cells).any():
-                found = forces(robot, motion, attitude.momentum_in_base)
-                if math.isfinite(attitude.bound):  # else nothing is known of torques, in any number of cells
-                    sizes[1] = _relative_radii(found.motor_torques)
+                enclosed = forces(robot, motion, attitude.momentum_in_base)
+                if math.isfinite(attitude.bound):  # else torques have no bound in any number of cells
+                    sizes[1] = _relative_radii(enclosed.motor_torques)
             coarse = _worth_halving(sizes, before, sought, cells)
         is_spent = len(cells) + coarse.sum() > budget
-        if is_spent and found is None:
-            found = forces(robot, motion, attitude.momentum_in_base)
-        if found is not None and (is_spent or not coarse.any()):
-            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
+        if is_spent and enclosed is None:
+            enclosed = forces(robot, motion, attitude.momentum_in_base)
+        if enclosed is not None and (is_spent or not coarse.any()):
+            return SpatialEnclosure(
+                cells, motion, attitude, approximation.quaternions, enclosed.rate, enclosed.motor_torques
+            )
         fine = np.flatnonzero(~coarse)
         middle = 0.5 * (cells.low + cells.high)
         low = np.concatenate([cells.low[fine], cells.low[coarse], middle[coarse]])
@@ -157,8 +158,8 @@ def _middles(approximation: Approximation, coarse: BoolArray) -> Array:
     """Attitudes (2 cells, 4) in the middles of the first halves of some cells, and then of the second ones."""
     q = approximation.quaternions[coarse]
     powers = np.array([[-0.5], [0.5]]) ** np.arange(q.shape[1])
-    found = np.concatenate([np.einsum("k,ckx->cx", each, q) for each in powers])
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    middles = np.concatenate([np.einsum("k,ckx->cx", of_half, q) for of_half in powers])
+    return np.asarray(middles / np.linalg.norm(middles, axis=1, keepdims=True))
 
 
 def _relative_radii(torques: Taylor) -> Array:
