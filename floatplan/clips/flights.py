@@ -267,7 +267,7 @@ def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tup
     Where its base tilts much it is taken at the identity, as of an upright robot: in the air it may be upside down for
     most of a clip. A base that ends a limb is a foot or a hand; it has its first attitude of the clip.
     """
-    times = np.linspace(0.0, curve.duration, 100)  # enough to compare limbs
+    times = np.linspace(0.0, curve.duration, 50)  # enough to compare limbs
     attitudes = curve.attitudes(times)
     if _base_ends_a_limb(curve.robot):
         attitudes[:] = attitudes[0]
@@ -347,9 +347,13 @@ def _level(times: Array, still_times: Array, still_heights: Array) -> Array:
     first = np.searchsorted(still_times, times - SAMPLING.ground_window)
     end = np.searchsorted(still_times, times + SAMPLING.ground_window)
     step = max(int(SAMPLING.ground_window * SAMPLING.rate / 30), 1)  # it hardly changes within a twentieth of a second
+    level_of: dict[tuple[int, int], float] = {}  # by the first and the end of those in the window
     for k in {*range(0, len(times), step), len(times) - 1}:
-        if end[k] > first[k]:
-            levels[k] = np.percentile(still_heights[first[k] : end[k]], percent)
+        window = int(first[k]), int(end[k])
+        if window[1] > window[0]:
+            if window not in level_of:
+                level_of[window] = float(np.percentile(still_heights[slice(*window)], percent))
+            levels[k] = level_of[window]
     finite = np.flatnonzero(np.isfinite(levels))
     nearest = finite[np.clip(np.searchsorted(finite, np.arange(len(times))), 0, len(finite) - 1)]
     return np.asarray(levels[nearest])

@@ -196,22 +196,23 @@ def _flight_repair(
     attitudes = clip.curve.attitudes(ends)
     base = float(np.linalg.norm(q[:, :3] - clip.curve.base_positions(ends), axis=1).max())
     turns = [angle_between(now, own) for now, own in zip(of_quaternions(q[:, 3:7]), attitudes, strict=True)]
-    misses = [0.0]
-    figures = []
-    for first, last in ((begin - STANCE_SPAN, begin), (begin + plan.duration, begin + plan.duration + STANCE_SPAN)):
-        times = np.arange(max(first, 0.0), min(last, motion.clock.duration), FORCE_STEP)
-        if len(times) <= 2 * STEPS:
-            continue
-        clip_times = motion.clock.to_clip(times)
-        configurations = motion.configurations(times)
-        misses.append(float(foot_misses(clip, clip_times, configurations).max()))
-        figures.append(stance_figures(clip, configurations, clip_times, FORCE_STEP, gravity))
+    end = begin + plan.duration
+    before = np.arange(max(begin - STANCE_SPAN, 0.0), begin, FORCE_STEP)
+    after = np.arange(end, min(end + STANCE_SPAN, motion.clock.duration), FORCE_STEP)
+    times = np.concatenate((before, after))
+    clip_times = motion.clock.to_clip(times)
+    configurations = motion.configurations(times)
+    figures = [
+        stance_figures(clip, configurations[stance], clip_times[stance], FORCE_STEP, gravity)
+        for stance in (slice(len(before)), slice(len(before), None))
+        if len(times[stance]) > 2 * STEPS
+    ]
     return FlightRepair(
         flight=flight,
         repaired=repaired,
         seam_base=base,
         seam_turn=max(turns),
-        seam_foot=max(misses),
+        seam_foot=float(foot_misses(clip, clip_times, configurations).max(initial=0.0)),
         stance=_worst(figures) if figures else None,
     )
 

@@ -29,7 +29,7 @@ class FitSettings:
     higher_degrees: tuple[int, ...] = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
     frames_per_coefficient: float = 2.0  # [-] at least, of the higher degrees
     other_degrees: tuple[int, ...] = (-2, -1, 1, 2)  # [-] off the best, tried before a turning is called a fault
-    cells: int = 12  # [-] of the integration of the attitude
+    cells: int = 8  # [-] of the integration of the attitude
     stages: int = 6  # [-] of each cell
     iterations: int = 12  # [-] of Gauss and Newton, at most
     shortest_step: float = 1e-3  # [-] of Gauss and Newton: where no longer one is better, the fit ends

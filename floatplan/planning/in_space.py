@@ -38,7 +38,8 @@ from floatplan.planning.search import (
     Search,
     expiry,
 )
-from floatplan.planning.variables import Start, decision_variables
+from floatplan.planning.spec import nominal_start
+from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
@@ -163,8 +164,7 @@ class SpatialSearch(Search):
         seeds = np.random.SeedSequence(self.options.seed)
         lifted: list[Iterator[LiftedMotion | None]] = []
         for degrees in degrees_tried(self.spec.problem, flight):
-            variables = decision_variables(self.spec.problem, degrees, None, self.spec.momentum)
-            of_degree = LiftedFlight(self.spec, variables, self.work)
+            of_degree = LiftedFlight(self.spec, nominal_start(self.spec, degrees).variables, self.work)
             lifted.append(starts(of_degree, int(seeds.generate_state(1)[0]) + len(lifted)))
         is_left = True
         while is_left:
