@@ -42,7 +42,7 @@ def test_they_are_planned_within_limits_and_land(plans, name):
 
 def test_without_limits_levelling_is_not_larger_than_with_them():
     """Both go down the same curved valley, without limits by the descent alone."""
-    problem = fp.load_problem(FOLDER / "go2_levels.toml")
+    problem = fp.load_problem(SPACE / "go2_levels.toml")
     within = fp.plan(problem)
     without = fp.plan(replace(problem, limits=fp.Limits()))
     assert without.ok

@@ -26,7 +26,6 @@ from floatplan.arrays import Array
 from floatplan.certificate.cells import ComplexBalls
 from floatplan.certificate.enclosure import PRECISION, Balls
 from floatplan.certificate.robots import cached
-from floatplan.certificate.robots.columns import LETTERS
 from floatplan.certificate.robots.taken import as_recorded
 from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, carriers, check_roles, is_geared, joint_ratios
 from floatplan.errors import InputError
