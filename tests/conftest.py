@@ -61,10 +61,12 @@ def pytest_collection_finish() -> None:
     """Hold BLAS to one thread where a test computes itself: beside other tests its threads wait for cores, spinning.
 
     Public calls do so by themselves; ``test_threads.py`` looks at that, in processes of its own. The modules and tests,
-    which stay to the end, are not looked through for garbage time and again.
+    which stay to the end, are not looked through for garbage time and again, and what comes after them seldom: with
+    Python's own threshold of 700 that would be 6 % of all work.
     """
     threadpool_limits(limits=1, user_api="blas")
     gc.freeze()
+    gc.set_threshold(20_000)
     gc.enable()
 
 

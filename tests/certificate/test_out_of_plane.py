@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_samples import URDF_FOLDER
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from space_reference import joints_at
@@ -16,7 +15,6 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import urdf_path
 
-PROBLEM_FOLDER = URDF_FOLDER.parent / "problems"
 INTEGRATED = 1e-11  # [rad] that DOP853 is off by
 SHARP = 1e-8  # [rad] that a bound may be above it
 SAMPLED = 1e-3  # [-] by which the largest tilt may be above that at the instants looked at
@@ -24,9 +22,8 @@ NAMES = ("flight", "landing", "attitude")
 
 
 @pytest.fixture(scope="module")
-def plans():
-    names = ("go2", "g1", "bolt", "double_pendulum")
-    return {name: fp.plan(fp.load_problem(PROBLEM_FOLDER / "gallery" / f"{name}.toml")) for name in names}
+def plans(planned):
+    return {name: planned(f"gallery/{name}") for name in ("go2", "g1", "bolt", "double_pendulum")}
 
 
 def bounds(certificate):
@@ -104,8 +101,8 @@ def test_it_decides_nothing_and_is_left_out_where_nobody_asks(plans):
     assert [each.kind for each in again.findings[:3]] == ["out_of_plane"] * 3
 
 
-def test_a_robot_that_is_its_own_mirror_image_stays(plans):
-    plan = fp.plan(fp.load_problem(PROBLEM_FOLDER / "somersault.toml"))
+def test_a_robot_that_is_its_own_mirror_image_stays(planned):
+    plan = planned("somersault")
     assert max(each.bound for each in bounds(fp.certify(plan, out_of_plane=True))) < 1e-8
 
 
@@ -122,8 +119,8 @@ def test_it_follows_the_record(plans):
     assert {(each.verdict, each.bound) for each in bounds(found)} == {("undecided", math.inf)}
 
 
-def test_a_flight_in_space_is_in_no_plane():
-    plan = fp.plan(fp.load_problem(PROBLEM_FOLDER / "space" / "cat.toml"))
+def test_a_flight_in_space_is_in_no_plane(planned):
+    plan = planned("space/cat")
     with pytest.raises(InputError, match="out_of_plane: is of plans in a plane, and this flight is in space"):
         fp.certify(plan, out_of_plane=True)
     with pytest.raises(InputError, match="out_of_plane"):

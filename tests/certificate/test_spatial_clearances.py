@@ -247,8 +247,8 @@ def test_no_false_proof_and_hardly_a_false_alarm(plans, tmp_path):
     assert_no_false_proof(drawn, lambda case: judge(case.record), certificate_of)
 
 
-def test_clearances_are_in_the_answer_of_certify(tmp_path, root):
-    plan = fp.plan(fp.load_problem(root / "problems" / "space" / "diver_past_a_bar.toml"), prove=True)
+def test_clearances_are_in_the_answer_of_certify(tmp_path, planned):
+    plan = planned("space/diver_past_a_bar")
     assert plan.certificate.proved
     assert plan.certificate.to_dict()["clearance_min"] == pytest.approx(plan.record.clearance_min, abs=SHARP)
     again = fp.certify(plan.save(tmp_path / "plan.json"))

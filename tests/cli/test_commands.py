@@ -90,19 +90,7 @@ class TestPlan:
 class TestRobotAndOptions:
     @pytest.mark.parametrize("goal", [["--goal", "-90,0,0"], ["--goal=-90,0,0"], ["--goal", "-90 0 0"]])
     def test_negative_numbers(self, goal, floatplan):
-        run = floatplan(
-            "plan",
-            GYMNAST,
-            "--start",
-            "72,18,-45",
-            *goal,
-            "--degrees",
-            "--duration",
-            "1.4",
-            "-o",
-            "out",
-            "--no-figures",
-        )
+        run = floatplan("plan", GYMNAST, *HANDSTAND[:2], *goal, *HANDSTAND[4:], "-o", "out", "--no-figures")
         assert run.code == 0, run
         problem = fp.load_problem("out/problem.toml")
         assert problem.final.orientation == -math.pi / 2

@@ -1,14 +1,13 @@
 """A gymnast's somersault and what corrects it."""
 
 import pytest
-from places import PROBLEMS
 
 import floatplan as fp
 
 
 @pytest.fixture(scope="module")
-def plan():
-    return fp.plan(fp.load_problem(PROBLEMS / "somersault.toml"))
+def plan(planned):
+    return planned("somersault")
 
 
 @pytest.fixture(scope="module")

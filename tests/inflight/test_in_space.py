@@ -10,7 +10,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from flown_plans import DriftingInSpace
-from places import SPACE
 
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
@@ -22,18 +21,18 @@ from floatplan.planning.constraints import LENGTH_SCALE
 
 
 @pytest.fixture(scope="module")
-def diver():
-    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"))
+def diver(planned):
+    return planned("space/diver_half_twist")
 
 
 @pytest.fixture(scope="module")
-def go2():
-    return fp.plan(fp.load_problem(SPACE / "go2_barrel_roll.toml"))
+def go2(planned):
+    return planned("space/go2_barrel_roll")
 
 
 @pytest.fixture(scope="module")
-def bar():
-    return fp.plan(fp.load_problem(SPACE / "diver_past_a_bar.toml"))
+def bar(planned):
+    return planned("space/diver_past_a_bar")
 
 
 @pytest.fixture(scope="module")

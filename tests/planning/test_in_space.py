@@ -21,8 +21,8 @@ from floatplan.tables import ORIENTATION
 
 
 @pytest.fixture(scope="module")
-def half_twist():
-    return fp.plan(fp.load_problem(SPACE / "diver_half_twist.toml"), prove=True)
+def half_twist(planned):
+    return planned("space/diver_half_twist")
 
 
 def test_half_a_twist_is_made_by_the_arms(half_twist):

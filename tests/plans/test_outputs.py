@@ -5,13 +5,12 @@ import webbrowser
 import numpy as np
 import pytest
 
-import floatplan as fp
 from floatplan.errors import InputError
 
 
 @pytest.fixture(scope="module")
-def plan(root):
-    return fp.plan(fp.load_problem(root / "problems" / "new_configuration.toml"))
+def plan(planned):
+    return planned("new_configuration")
 
 
 @pytest.fixture

@@ -35,8 +35,8 @@ CONSTRAINTS = {
 
 
 @pytest.fixture(scope="module")
-def plan(root):
-    return fp.plan(fp.load_problem(root / "problems" / "obstacle.toml"), prove=True)
+def plan(planned):
+    return planned("obstacle")
 
 
 @pytest.mark.parametrize("label", CONSTRAINTS)
