@@ -19,7 +19,7 @@ from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, integers
-from floatplan.kernel.tolerances import CORRECTION_GAINS, CORRECTION_GAINS_IN_SPACE
+from floatplan.kernel.tolerances import CORRECTION_OPTIONS, CORRECTION_OPTIONS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.planning.kernel_input.rows import KernelRows
@@ -51,18 +51,18 @@ class Prediction:
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
-    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``gains`` say the rest.
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``options`` say the rest.
     """
 
     def __init__(self, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
         flying: Any = views.flying  # whose rows and input of the kernel are of one kind
-        self.gains = CORRECTION_GAINS if flying.orientations.size == 1 else CORRECTION_GAINS_IN_SPACE
-        self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
+        self.options = CORRECTION_OPTIONS if flying.orientations.size == 1 else CORRECTION_OPTIONS_IN_SPACE
+        self.motions: deque[RemainingMotion] = deque(maxlen=self.options.memory)
         blocks = views.rows
         grid = views.instants
         constraints = flying.rows([rows.block for rows in blocks])
-        self._kernel_input: Any = flying.kernel_input(constraints, self.gains.gap_nodes)
+        self._kernel_input: Any = flying.kernel_input(constraints, self.options.gap_nodes)
         n = len(rewriting.first.centre)
         width = len(views.whitening)
         motors = self._kernel_input.members["turns"].shape[1] - n
@@ -73,21 +73,21 @@ class Update:
         self._prepared = {filled.nodes: self._of_instants(filled) for _, filled in views.grids}
         self._called = _called_arrays(constraints, n, len(grid.s), width, motors, flying.orientations.size)
         self._struct = Struct(
-            "Flight",
+            "CorrectedFlight",
             instants=len(grid.s),
             width=width,
             nodes=grid.nodes,
             blocks=len(blocks),
             motors=motors,
-            law=Struct.of_numbers(self.gains),
+            options=Struct.of_numbers(self.options),
             sigma=sigma,
             acceleration=acceleration,
-            motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
+            motions=np.zeros((self.options.memory, 2 + 3 * (CONDITIONS + width) * n)),
             room=None,  # allocated below
             **dict.fromkeys(FILTER_ARRAYS),  # see begin()
             **self._kernel_input.members,
             **_of_limits(blocks, constraints.block_first),
-            **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
+            **_of_plan(rewriting, views, grid, self.options.gap_nodes),
             **self._prepared[grid.nodes],
             **self._called,
         )
@@ -216,7 +216,7 @@ class Update:
             miss=self._kernel_input.miss(result),
             worst=self._called["worst"].copy(),
             torque_peak=self._called["torque_peak"].copy(),
-            share=result.share,
+            share=result.fraction,
         )
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:

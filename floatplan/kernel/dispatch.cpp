@@ -59,22 +59,22 @@ EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolat
     return CHOSEN(measure_batch(*robot, interpolations, constraints, *peaks));
 }
 
-EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight,
+EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, CorrectedFlight *flight,
                                    Index instructions) {
     return CHOSEN(flight_room(*robot, *constraints, *flight));
 }
 
-EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
+EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, CorrectedFlight *flight, Index step,
                              Index instructions) {
     CHOSEN(update_flight(*robot, *constraints, *flight, step));
 }
 
-EXPORT Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight,
+EXPORT Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, CorrectedFlight *flight,
                                             Index instructions) {
     return CHOSEN(flight_room_in_space(*robot, *constraints, *flight));
 }
 
-EXPORT void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight, Index step,
+EXPORT void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, CorrectedFlight *flight, Index step,
                                       Index instructions) {
     CHOSEN(update_flight_in_space(*robot, *constraints, *flight, step));
 }

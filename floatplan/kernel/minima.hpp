@@ -22,7 +22,7 @@ static inline void chebyshev_sums(const double *series, Index terms, Index count
 }
 
 // Rows of a flight in the plane at any instants of a motion that is given as a series.
-struct PlanarRows {
+struct PlanarRowValues {
     using At = Motion;
     const Robot &robot;
     const Constraints &constraints;
@@ -49,7 +49,7 @@ struct PlanarRows {
             store(m.time + k, at * all(series->duration));
         }
         swing_joints(robot.joints, m, series->centre, series->amplitude);
-        turn(robot, m, series->momentum);
+        compute_base_rate(robot, m, series->momentum);
         if (constraints.needs_moments) move_bodies(robot, m);
         if (constraints.needs_places) place(robot, constraints, m, 0, 0);
     }

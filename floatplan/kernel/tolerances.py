@@ -92,7 +92,7 @@ class Exchange:
 
     back_off: float = 2e-7  # [-] of a row's scale: the search keeps so far inside, to hold between instants too
     reach: float = 1.1  # [-] of a row's scale: rows above have no derivatives, unless a step reaches them
-    given: float = 1e-9  # [-] of the flight: nearer to its ends than that, nothing moves that is not given
+    near_end: float = 1e-9  # [-] of the flight: nearer to its ends than that, a row cannot change
     inside_enough: float = 0.5  # [-] of back_off: no row may be nearer to its limit between the nodes
     tight: float = 2e-6  # [-] violation, ten times back_off: below it there may be no room to be inside
     watched: float = 0.005  # [-] of a row's scale: local minima below this become instants of the next round
@@ -143,7 +143,7 @@ class Exchange:
 
 
 @dataclass(frozen=True)
-class CorrectionGains:
+class CorrectionOptions:
     """Corrections in flight, and the filter that estimates the robot's state."""
 
     gap_nodes: int = 5  # [-] of the quadrature between measurements
@@ -191,7 +191,7 @@ def near_recorded(exchange: Exchange) -> Exchange:
     return replace(exchange, momentum_curvature=1e-4, between_left=0.1, begins_with_active=1)
 
 
-CORRECTION_GAINS = CorrectionGains()
-CORRECTION_GAINS_IN_SPACE = CorrectionGains(
+CORRECTION_OPTIONS = CorrectionOptions()
+CORRECTION_OPTIONS_IN_SPACE = CorrectionOptions(
     evaluations_far=12,  # some of three numbers are hard to change: with 6 a Go2's half twist landed 0.9 deg off
 )

@@ -118,7 +118,7 @@ def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program
         for number in range(STARTS // len(rises)):
             branch = rng.choice([-1, 0, 0, 1] if number else [0], len(degrees))
             program = Program(problem, degrees, branch)
-            yield program, SPREAD * number * rng.normal(size=program.size)
+            yield program, rng.normal(scale=SPREAD * number, size=program.size)
 
 
 def solve(program: Program, x: Array) -> Solution:

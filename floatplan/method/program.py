@@ -11,7 +11,7 @@ from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import planar_flight
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import SinePolynomials, basis, powers_map
-from floatplan.problem.parts import Circle, HalfPlane
+from floatplan.problem.parts import Circle, HalfPlane, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.tables import OBJECTIVE_TABLE
 
@@ -35,7 +35,7 @@ class Motions:
         z = self.polynomials.nominal_coefficients
         z_by_x = np.eye(z.size)[:, self.polynomials.free_indices]
         self.h_by_x = np.pad(self.momenta.axes, ((0, 0), (z_by_x.shape[1], 0)))
-        self.size = self.h_by_x.shape[1]
+        self.size: int = self.h_by_x.shape[1]
         self.z_by_x = np.pad(z_by_x, ((0, 0), (0, self.momenta.axes.shape[1]))).reshape(*z.shape, self.size)
 
     def momentum(self, x: Array) -> Array:
@@ -159,23 +159,24 @@ class Program:
         for obstacle in self.problem.obstacles:
             distances, by_u = self.distances(obstacle, s * self.problem.flight.duration, u)
             rows.append(((distances - obstacle.margin) / LENGTH_SCALE, by_u / LENGTH_SCALE))
-        values, by_u = zip(*rows, strict=True)
-        return np.concatenate(values, axis=1), np.concatenate(by_u, axis=1)
+        of_all, of_all_by_u = zip(*rows, strict=True)
+        return np.concatenate(of_all, axis=1), np.concatenate(of_all_by_u, axis=1)
 
-    def distances(self, obstacle: Circle | HalfPlane, t: Array, u: Array) -> tuple[Array, Array]:
+    def distances(self, obstacle: Obstacle, t: Array, u: Array) -> tuple[Array, Array]:
         """Distances (19) of capsules, m, at times t (N,) s: of the nearest points (22), which small changes leave.
 
         The path of the centre of mass is (2), (3), (6); a half-plane is as near as a capsule's ends.
         """
         shapes = planar_flight(self.problem).link_shapes
         ends, by_u = self.dynamics.points(u, np.concatenate(shapes.weights))
-        anchor = obstacle.point if isinstance(obstacle, HalfPlane) else obstacle.center
-        com = self.problem.path.positions(t) - np.outer(t, obstacle.velocity) - anchor
+        com = self.problem.path.positions(t) - np.outer(t, obstacle.velocity)
         ends = ends + com @ [[1], [1j]]
         if isinstance(obstacle, HalfPlane):
+            ends = ends - complex(*obstacle.point)
             down = complex(*obstacle.normal).conjugate() / abs(complex(*obstacle.normal))
             return (down * ends).real - np.tile(shapes.radius, 2), (down * by_u).real
-        start, end = np.split(ends, 2, axis=1)
+        assert isinstance(obstacle, Circle), "others are refused"
+        start, end = np.split(ends - complex(*obstacle.center), 2, axis=1)
         start_by_u, end_by_u = np.split(by_u, 2, axis=1)
         along = end - start
         share = np.clip(-(along.conj() * start).real / np.maximum(np.abs(along) ** 2, np.finfo(float).tiny), 0, 1)

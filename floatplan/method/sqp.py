@@ -17,7 +17,6 @@ MOST_STEPS = 150
 LONGEST_STEP = 0.5  # [rad] root mean square of p, of each variable
 SHORTEST_STEP = 1e-7  # [rad] where none longer lowers the merit, the search ends
 LEAST_CURVATURE = 1e-12  # [-] of the Hessian's largest
-MOST_QP_STEPS = 60  # of ProxQP, which stalls at 1e-6 or so where rows depend on one another: good enough for a step
 
 
 class Solution(NamedTuple):
@@ -92,7 +91,7 @@ def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> t
     gradient = np.append(W.T @ here.gradient / penalty, 1.0)
     qp = proxqp.dense.QP(m + 1, 0, len(rows))
     qp.settings.eps_abs = 1e-10
-    qp.settings.max_iter = MOST_QP_STEPS
+    qp.settings.max_iter = 60  # where rows depend on one another it stalls at 1e-6 or so: good enough for a step
     qp.init(np.diag(np.append(np.ones(m), 0.0)), gradient, None, None, rows, low, high)
     qp.solve()
     multipliers = np.zeros(len(here.rows))

@@ -139,6 +139,8 @@ class SinePolynomials:
         Which entries of a flattened z (n, width) the joints have; the others stay zero.
     fixed_boundary : (n, g)
         The conditions (13) that are not free.
+    nominal_coefficients : (n, width)
+        Free coefficients of the nominal, Hermite motion: zeros.
     """
 
     centre: Array
@@ -151,6 +153,7 @@ class SinePolynomials:
     width: int = field(init=False)
     free_indices: IntArray = field(init=False)
     fixed_boundary: Array = field(init=False)
+    nominal_coefficients: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Derive what every motion of the class needs."""
@@ -161,6 +164,7 @@ class SinePolynomials:
             width=width,
             free_indices=np.flatnonzero(np.arange(width) < np.array(self.free)[:, None]),
             fixed_boundary=self.boundary[:, basis(form).fixed] if self.free_ends else self.boundary,
+            nominal_coefficients=read_only(np.zeros((len(self.free), width))),
         )
 
     @classmethod
@@ -181,11 +185,6 @@ class SinePolynomials:
             )
             conditions += [p, duration * rate, duration**2 * curvature]
         return cls(centre, amplitude, duration, np.array(conditions).T, tuple(free))
-
-    @property
-    def nominal_coefficients(self) -> Array:
-        """Free coefficients (n, width) of the nominal, Hermite motion: zeros."""
-        return np.zeros((len(self.free), self.width))
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""

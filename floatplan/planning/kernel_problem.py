@@ -290,7 +290,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
         size=variables.size,
         axes=momentum.axes.shape[1],
         columns=series.shape[2],
-        given=len(fixed),
+        fixed_columns=len(fixed),
         terms=series.shape[1],
         duration=polynomials.duration,
         orientation=orientation,
