@@ -87,7 +87,7 @@ def side_phases(
     for feet, (guess, count), fixed in zip(groups, usual, bounds, strict=True):
         low, high = fixed or (0.6 * guess * unit, 1.8 * guess * unit)
         duration = min(max(guess * unit, low), high)
-        # Fast rotations need nodes: one more for each 18 degrees beyond a whole turn.
+        # Fast rotations need nodes: one more for each 18 degrees beyond 360.
         count += max(0, round((rotation - 2 * math.pi) / math.radians(18.0)))
         phases.append(SpatialPhase(side, feet, duration, (low, high), count))
     return phases
