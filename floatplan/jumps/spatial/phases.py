@@ -52,10 +52,14 @@ class SpatialPhase:
         return tuple(foot.name for foot in self.feet)
 
     @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that stand."""
+        return tuple(dict.fromkeys(foot.frame for foot in self.feet))
+
+    @property
     def name(self) -> str:
-        """Side and feet, for a person."""
-        frames = dict.fromkeys(foot.frame for foot in self.feet)
-        return f"{self.side} on {' and '.join(frames)}" if frames else self.side
+        """Side and frames, for a person."""
+        return f"{self.side} on {' and '.join(self.frames)}" if self.frames else self.side
 
 
 def side_phases(
