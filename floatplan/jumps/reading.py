@@ -123,7 +123,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     if is_spatial != (robot.base == "free-flyer"):
         raise InputError(f"does not fit the format {content['format']!r}", element="robot.base")
     sides: dict[str, list[Any]] = {"takeoff": [], "landing": []}
-    read_stance = _read_spatial_stance if is_spatial else _read_stance
+    read_stance = read_spatial_stance if is_spatial else _read_stance
     for index, table_of_stance in enumerate(content["stances"]):
         stance = read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
         sides[table_of_stance["side"]].append(stance)
@@ -173,7 +173,8 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
     return Stance(robot, float(gravity), tuple(contacts), complex(*content["place"]), grid)
 
 
-def _read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> SpatialStance:
+def read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> SpatialStance:
+    """Return what a file holds of a stance in space; InputError names what is wrong with it."""
     feet = []
     for index, table_of_foot in enumerate(content["contacts"]):
         frame = table_of_foot["frame"]

@@ -5,7 +5,9 @@ import pytest
 
 import floatplan as fp
 from floatplan.jumps.model import casadi
+from floatplan.jumps.reading import read_spatial_stance
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
+from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.pendulum import Line, Pendulum
 from floatplan.jumps.spatial.pieces import Assembly, Piece
@@ -92,21 +94,40 @@ def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
         assert abs(moment @ line.direction) < 1e-10 * np.abs(moment).max()
 
 
-def test_a_sole_stands_on_three_points():
-    """Of a G1: heel and toes on the ground; where its base moves, the leg brings all three back to where they were."""
+BENT = np.array([-0.5, 0.0, 0.0, 1.0, -0.5, 0.0])  # a G1's left leg, rad
+
+
+@pytest.fixture(scope="module")
+def g1():
     joints = [
         f"left_{name}_joint" for name in ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
     ]
-    g1 = fp.Robot.from_urdf(
-        "example-robot-data:g1_description/urdf/g1_29dof_rev_1_0.urdf", base="free-flyer", joints=joints
-    )
+    urdf = "example-robot-data:g1_description/urdf/g1_29dof_rev_1_0.urdf"
+    return fp.Robot.from_urdf(urdf, base="free-flyer", joints=joints)
+
+
+@pytest.fixture(scope="module")
+def feet(g1):
     level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
-    bent = np.array([-0.5, 0.0, 0.0, 1.0, -0.5, 0.0])
-    feet = feet_at(g1, "left_ankle_roll_link", level, bent, "contacts")
+    return feet_at(g1, "left_ankle_roll_link", level, BENT, "contacts")
+
+
+def test_files_hold_points_of_soles(g1, feet):
+    arrays = {name: np.zeros((BASE + 6, 2)).tolist() for name in ("y", "v", "a")}
+    content = {"axes": "zyx", "friction": 0.6, "times": [0.0, 1.0], "shares": np.zeros((9, 2)).tolist(), **arrays}
+    content["contacts"] = [contact_table(foot) for foot in feet]
+    assert read_spatial_stance(content, g1, 9.81, "stances[0]").contacts == feet
+    del content["contacts"][1]["point"]
+    with pytest.raises(fp.InputError, match="by suffix and point, or by neither"):
+        read_spatial_stance(content, g1, 9.81, "stances[0]")
+
+
+def test_a_sole_stands_on_three_points(g1, feet):
+    """Heel and toes on the ground; where the base moves, the leg brings all three back to where they were."""
     assert [foot.suffix for foot in feet] == [".heel", ".left_toe", ".right_toe"]
     mechanics = Mechanics(g1, "zyx", 9.81, feet)
     motion = np.zeros((3, BASE + 6, 1))
-    motion[0, BASE:, 0] = bent
+    motion[0, BASE:, 0] = BENT
     names = [foot.name for foot in feet]
     places = mechanics.feet(motion, names)[0][0, 0]
     assert np.ptp(places[:, 2]) < 1e-12

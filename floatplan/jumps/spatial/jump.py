@@ -29,14 +29,14 @@ class SpatialJump(SpatialJumpMotion, Jump):
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""
         return {
-            "contacts": [_contact_table(foot) for foot in stance.contacts],
+            "contacts": [contact_table(foot) for foot in stance.contacts],
             "axes": stance.axes,
             "friction": stance.friction,
             **{name: getattr(stance.grid, name) for name in ARRAYS_IN_SPACE},
         }
 
 
-def _contact_table(foot: Foot) -> dict[str, Any]:
+def contact_table(foot: Foot) -> dict[str, Any]:
     """What the file holds of a foot's point."""
     table: dict[str, Any] = {"frame": foot.frame, "depth": foot.depth}
     if foot.suffix:

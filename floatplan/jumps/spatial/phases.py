@@ -31,10 +31,14 @@ class SpatialPhase(TimedPhase):
         return tuple(foot.name for foot in self.feet)
 
     @property
+    def frames(self) -> tuple[str, ...]:
+        """Names of the frames that stand."""
+        return tuple(dict.fromkeys(foot.frame for foot in self.feet))
+
+    @property
     def name(self) -> str:
-        """Side and feet, for a person."""
-        frames = dict.fromkeys(foot.frame for foot in self.feet)
-        return f"{self.side} on {' and '.join(frames)}" if frames else self.side
+        """Side and frames, for a person."""
+        return f"{self.side} on {' and '.join(self.frames)}" if self.frames else self.side
 
 
 def side_phases(
@@ -64,7 +68,7 @@ def side_phases(
     }[side, len(groups)]
     phases = []
     for feet, (guess, count), fixed in zip(groups, durations, bounds, strict=True):
-        # Fast rotations need nodes: one more for each 18 degrees beyond a whole turn.
+        # Fast rotations need nodes: one more for each 18 degrees beyond 360.
         count += max(0, round((rotation - 2 * math.pi) / math.radians(18.0)))
         usual = Usual(guess, 0.6, 1.8, count)
         phases.append(SpatialPhase(side, feet, *usual.duration(unit, fixed), usual.intervals))
