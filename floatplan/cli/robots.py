@@ -194,7 +194,7 @@ def init(
     ] = None,
     stunt: Annotated[
         str | None,
-        option("NAME", "A jump in space: roll, roll-left, half-twist, backflip, turn, half-turn, side, diagonal."),
+        option("NAME", "A jump in space, such as roll or side; a wrong name lists them all."),
     ] = None,
     degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
@@ -213,25 +213,15 @@ def init(
     is fixed, or nothing is written: where the search has no such jump, the exit code is 1, and the message says
     what is in the way, and without which option there is one.
 
-    With --stunt it is a jump in space of a robot whose feet are points. Its file is checked, not planned, which takes
-    from seconds to minutes: floatplan jump FILE.toml does.
+    With --stunt it is a jump in space of a robot whose feet are points; it is resolved, and planned by floatplan jump.
     """
     from floatplan.cli import option_values
-    from floatplan.cli.results import check_folder
     from floatplan.initial.flight import requested_flight
     from floatplan.initial.options import InitOptions
     from floatplan.initial.text import problem_file_text
     from floatplan.robot.chosen import blamed
 
-    path = Path(f"{Path(robot).stem}.toml") if output is None else output
-    if path.suffix != ".toml":
-        raise InputError("a problem file ends in .toml", source=path, element="--output")
-    if path.exists() and not force:
-        raise InputError(
-            "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
-        )
-    check_folder(path.parent)
-
+    path = _new_problem_file(robot, output, force)
     robot_choices = option_values.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
     options = InitOptions(
@@ -261,6 +251,21 @@ def init(
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)
+
+
+def _new_problem_file(robot: str, output: Path | None, force: bool) -> Path:
+    """Where a problem file goes; refused where it may not."""
+    from floatplan.cli.results import check_folder
+
+    path = Path(f"{Path(robot).stem}.toml") if output is None else output
+    if path.suffix != ".toml":
+        raise InputError("a problem file ends in .toml", source=path, element="--output")
+    if path.exists() and not force:
+        raise InputError(
+            "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
+        )
+    check_folder(path.parent)
+    return path
 
 
 def _write_stunt(

@@ -284,8 +284,6 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     written = [Row(path.stem, escaped(str(path))) for path in files]
     path = shlex.quote(str(files[0]))
     following = f"show {path} --scene    # the jump in 3-D"
-    if jump.robot.base == "free-flyer":
-        following = f"export {path} --format npz    # the whole jump; its report plays the flight"
     return Group(
         Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump.tone]}"),
         _table(PHASES, phase_lines(jump)),

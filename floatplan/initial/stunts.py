@@ -42,20 +42,20 @@ class Stunt:
     displacement: tuple[float, float] | None = None
 
 
-LEVEL = "level throughout"
-TURN = "turn about z, .."
-FLIP = "flip about y, tilt about z, twist about x"
 STUNTS = {
     "roll": Stunt("rolls once about its long axis, over its right legs,", "xyz", "roll about x, ..", (360, 0, 0)),
     "roll-left": Stunt("rolls once about its long axis, over its left legs,", "xyz", "roll about x, ..", (-360, 0, 0)),
     "half-twist": Stunt(
-        "flips backwards by a half and twists by a half, so that it looks back,", "yzx", FLIP, (-180, 0, 180)
+        does="flips backwards by a half and twists by a half, so that it looks back,",
+        axes="yzx",
+        meaning="flip about y, tilt about z, twist about x",
+        angles=(-180, 0, 180),
     ),
     "backflip": Stunt("flips backwards once", "yxz", "flip about y, tilt about x, twist about z", (-360, 0, 0)),
-    "turn": Stunt("jumps and turns to its left by a quarter", "zyx", TURN, (90, 0, 0)),
-    "half-turn": Stunt("jumps and turns round to its left", "zyx", TURN, (180, 0, 0)),
-    "side": Stunt("jumps to its left", "zyx", LEVEL, displacement=(0.0, 1.2)),
-    "diagonal": Stunt("jumps forwards and to its left", "zyx", LEVEL, displacement=(0.85, 0.85)),
+    "turn": Stunt("jumps and yaws to its left by a quarter", "zyx", "yaw about z, ..", (90, 0, 0)),
+    "half-turn": Stunt("jumps and yaws to its left by a half", "zyx", "yaw about z, ..", (180, 0, 0)),
+    "side": Stunt("jumps to its left", "zyx", "level throughout", displacement=(0.0, 1.2)),
+    "diagonal": Stunt("jumps forwards and to its left", "zyx", "level throughout", displacement=(0.85, 0.85)),
 }
 
 
@@ -83,7 +83,7 @@ def stunt_file_text(source: str, name: str, robot_options: Mapping[str, Any], pa
         raise InputError(reason, element=next(iter(planar)), advice="leave it out, or --stunt")
     chosen = chosen_robot(source, robot_options)
     if not chosen.feet:
-        raise InputError("no feet were found that it could stand on", source=source, element="stunt")
+        raise InputError("no foot was recognised on which it could stand", source=source, element="stunt")
     options = {key: value for key, value in chosen.choices.items() if key in ("reference", "balance_inertias")}
     options |= robot_options
     robot = Robot.from_urdf(source, base="free-flyer", **options)

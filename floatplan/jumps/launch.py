@@ -117,6 +117,10 @@ def launch(
     """
     casadi()
     plan = as_plan(plan)
+    if plan.robot.base == "free-flyer":
+        reason = "stances that reach a flight in space are searched for only with it, as one jump"
+        advice = "give its problem a table [jump], and plan the whole jump: floatplan jump"
+        raise InputError(reason, source=plan.robot.source, element="robot.base", advice=advice)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump
     if request is None:  # flights know frames and no feet
         request = JumpRequest(feet="points")

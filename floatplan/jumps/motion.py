@@ -333,7 +333,7 @@ def joined(times: Array, robot: Robot, pieces: Sequence[tuple[IntArray, JumpStat
     model = robot.model
     arrays = {name: np.empty((len(times), model.nv)) for name in ("velocities", "accelerations", "torques")}
     arrays["positions"] = np.empty((len(times), model.nq))
-    dimension = 3 if robot.in_plane is None else 2
+    dimension = 3 if robot.base == "free-flyer" else 2
     forces = {name: np.zeros((len(times), dimension)) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in pieces:

@@ -28,10 +28,12 @@ class PlanarBase:
     ----------
     size : B
     rotations : how many numbers rotate it
+    astray : angle from the planned orientation, rad, beyond which a robot does not stand in it
     """
 
     size = BASE_COORDINATES
     rotations = 1
+    astray = 0.5
 
     def joined(self, q: Array, v: Array) -> Array:
         """Return the state (2, B + J) of a configuration and its velocity."""
@@ -83,6 +85,7 @@ class SpatialBase:
 
     size = 7
     rotations = 3
+    astray = np.pi / 2  # feet that slid may have yawed it
     quaternion = slice(3, 7)
     angular = slice(4, 7)
 
@@ -125,7 +128,7 @@ class SpatialBase:
         return required(problem.final.attitude).quaternion
 
     def apart(self, one: Any, other: Any) -> float:
-        """Return the angle between two quaternions of one motion, rad: a whole turn in between changes the sign."""
+        """Return the angle between two quaternions of one motion, rad: 360 degrees in between change the sign."""
         return float(2 * np.arccos(np.clip(one @ other, -1.0, 1.0)))
 
     def continuous(self, positions: Array) -> Array:

@@ -16,6 +16,7 @@ from floatplan.jumps.check import LIGHT
 from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import point_in_joint
+from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.standing import feet_links
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
@@ -25,8 +26,7 @@ from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
 from floatplan.simulation.reduced_model import ReducedModel
 
-LINK = "link "  # before the name of its shape, since a foot may be called as its link
-NUMBER = " #"  # after it, before the number of the shape
+LINK = "link "  # before the name of its shape, since a foot may be called as its link; a number is after it
 SMALLEST = 5e-3  # [m] radius of a foot's sphere
 STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
 
@@ -56,6 +56,7 @@ class ContactRobot:
         self.forces = np.zeros((0, 3))
         self.points = np.zeros((0, 3))
         self.slips = np.zeros(0)
+        self.is_spatial = isinstance(jump, SpatialJumpMotion)
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
         self.ground = jump.ground
@@ -69,7 +70,7 @@ class ContactRobot:
 
     def state(self) -> tuple[Array, Array]:
         """Positions and velocities of all coordinates of ``robot.model``, in its plane or in space."""
-        if self.robot.in_plane is None:
+        if self.is_spatial:
             q, v = self.mujoco_robot.reduced_state(self.data.qpos, self.data.qvel)
             sign = 1.0 if self.orientation @ q[3:7] > 0 else -1.0  # as the one before
             q[3:7] *= sign
@@ -83,7 +84,7 @@ class ContactRobot:
 
     def accelerations(self) -> Array:
         """Accelerations of the same coordinates; in space of the base as Pinocchio has them, in the base's axes."""
-        if self.robot.in_plane is None:
+        if self.is_spatial:
             _, v = self.mujoco_robot.reduced_state(self.data.qpos, self.data.qvel)
             _, a = self.mujoco_robot.reduced_state(self.data.qpos, self.data.qacc)
             a[:3] -= np.cross(v[3:6], v[:3])
@@ -124,7 +125,7 @@ class ContactRobot:
     def links(self) -> tuple[str, ...]:
         """Names of links other than feet that touched the ground."""
         geoms = [geom for geom in self.touched if geom not in self.foot_of]
-        names = {self.model.geom(geom).name.removeprefix(LINK).rpartition(NUMBER)[0] for geom in geoms}
+        names = {self.model.geom(geom).name.removeprefix(LINK).rpartition(" ")[0] for geom in geoms}
         return tuple(sorted(names))
 
     def stands(self, base: Array, orientation: Any) -> bool:
@@ -138,8 +139,7 @@ class ContactRobot:
         height_now = self.data.qpos[:3] @ up - self.ground
         height_planned = base[:3] @ up - self.ground
         tipped = 0.5  # [rad] of the base: one that is further off does not stand
-        astray = tipped if self.robot.in_plane else pi / 2  # [rad] in space feet that slid may have turned it
-        has_turned = self.base.apart(self.orientation, orientation) < astray
+        has_turned = self.base.apart(self.orientation, orientation) < self.base.astray
         is_level = (up_now * up_planned).sum() > np.cos(tipped)
         is_high = height_now > 0.6 * height_planned
         return bool(has_turned and is_level and is_high)
@@ -192,9 +192,9 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     for name, (number, centre, radius) in _feet(jump).items():
         body = mujoco_spec.bodies[number]
         body.add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **touching)
-    hulls = _solid_hulls(jump) if robot.in_plane is None else _prisms(jump)
+    hulls = _solid_hulls(jump) if isinstance(jump, SpatialJumpMotion) else _prisms(jump)
     for count, (link, number, corners) in enumerate(hulls):
-        shape = f"{LINK}{link}{NUMBER}{count}"
+        shape = f"{LINK}{link} {count}"
         spec.add_mesh(name=shape, uservert=corners.ravel())
         mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
     return mujoco_spec
@@ -203,7 +203,7 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
 def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     """The joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
     robot = jump.problem.robot
-    if robot.in_plane is None:
+    if isinstance(jump, SpatialJumpMotion):
         return _feet_in_space(jump)
     y = jump.before[0].grid.y[:, 0]
     upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(y[0], y[1:]))

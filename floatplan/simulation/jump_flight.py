@@ -17,6 +17,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
+from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact_model import ContactRobot
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
@@ -149,7 +150,7 @@ class JumpControl:
                 torques=torques,
                 points=dict(zip(robot.feet, points.swapaxes(0, 1), strict=True)),
             )
-        simulated = SimulatedSpatialJump if self.robot.in_plane is None else SimulatedJump
+        simulated = SimulatedSpatialJump if isinstance(jump, SpatialJumpMotion) else SimulatedJump
         return simulated(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
 
 

@@ -12,9 +12,9 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Certificate
 from floatplan.tables import JOINT_LIMITS, LimitRow
-from floatplan.view.jumps import efforts, footing
+from floatplan.view.jumps import efforts, flies_in_space, footing
 from floatplan.view.outlines import robot_size
-from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
+from floatplan.view.sampled import SampledPlan, attitude_axes, limits_in_use
 from floatplan.view.style import PALETTE, palette
 
 INTERVAL = "h without turning back"  # name of the interval (9)

@@ -13,13 +13,17 @@ from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.motion.dynamics import FlightState
+from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view.solids import CAMERA
 from floatplan.view.style import PALETTE, round_below
 
-CORNERS = 33  # [-] of a cone's rim, the last on the first
+
+def flies_in_space(motion: Trajectory) -> bool:
+    """Whether a robot moves in space."""
+    return motion.robot.in_plane is None
 
 
 @runtime_checkable
@@ -75,21 +79,21 @@ class Footing:
 
     @property
     def axes(self) -> dict[str, Array]:
-        """Axes (3,) of the world along which components of forces are told, by the letters of their names."""
-        if self.jump.robot.in_plane is None:
+        """Axes (3,) of the world along which components of forces are listed, by the letters of their names."""
+        if flies_in_space(self.jump):
             return dict(zip("xyz", np.eye(3), strict=True))
         plane = self.jump.robot.plane
         return {"x": plane.horizontal, "z": plane.vertical}
 
     @cached_property
     def cone_in_world(self) -> Array:
-        """Corners (``CORNERS`` + 1, 3) of a friction cone in pictures, m: its rim, and the tip, which is at 0.
+        """Corners (k, 3) of a friction cone in pictures, m: its rim, and the tip, which is at 0.
 
         It is as long as 0.3 of the greatest height of the centre of mass.
         """
         side = np.array([self.jump.request.friction, 1.0])
         radius, height = 0.3 * self.jump.height * side / np.linalg.norm(side)
-        angles = 2 * np.pi * np.arange(CORNERS) / (CORNERS - 1)
+        angles = np.linspace(0.0, 2 * np.pi, 33)  # of the rim's corners, the last on the first
         axes = self.axes
         across = np.cross(axes["z"], axes["x"])
         rim = np.outer(np.cos(angles), axes["x"]) + np.outer(np.sin(angles), across)
@@ -102,7 +106,7 @@ class Footing:
 
     def seen(self, points: Array) -> ComplexArray:
         """Positions (...) in pictures of points (..., 3), m: in a plane horizontal + i vertical, else by the camera."""
-        if self.jump.robot.in_plane is None:
+        if flies_in_space(self.jump):
             return CAMERA(points)
         plane = self.jump.robot.plane
         return np.asarray(points @ plane.horizontal + 1j * (points @ plane.vertical))

@@ -24,8 +24,7 @@ from floatplan.problem.spatial_obstacles import HalfSpace, SpatialObstacle
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
-from floatplan.view.jumps import moments
-from floatplan.view.sampled import flies_in_space
+from floatplan.view.jumps import flies_in_space, moments
 from floatplan.view.solids import CAMERA, face_normals, obstacle_corners, rendered_solids
 from floatplan.view.style import round_below
 

@@ -17,7 +17,7 @@ from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.attitude import required
 from floatplan.problem.problem import Problem
 from floatplan.tables import JOINT_LIMITS
-from floatplan.view.jumps import add_columns, jump_columns
+from floatplan.view.jumps import add_columns, flies_in_space, jump_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,14 +80,6 @@ def _columns_in_plane(plan: Trajectory, state: FlightState) -> dict[str, Array]:
     return columns
 
 
-def flies_in_space(plan: Trajectory) -> bool:
-    """Whether a robot flies in space."""
-    return plan.robot.in_plane is None
-
-
-ROTATIONS = {"x": "roll", "y": "pitch", "z": "yaw"}  # of what stands with x forwards and z up
-
-
 def attitude_axes(problem: Problem) -> tuple[str, tuple[str, ...]]:
     """Axes of the base's angles, those of the goal or the start, and names of the rotations about them.
 
@@ -96,8 +88,10 @@ def attitude_axes(problem: Problem) -> tuple[str, tuple[str, ...]]:
     for state in (problem.final, problem.initial):
         if state.attitude is not None and state.attitude.axes is not None:
             axes = state.attitude.axes
-            names = ("somersault", "tilt", "twist")
-            return axes, names if problem.jump is None else tuple(ROTATIONS[axis] for axis in axes)
+            if problem.jump is None:
+                return axes, ("somersault", "tilt", "twist")
+            names = {"x": "roll", "y": "pitch", "z": "yaw"}  # of what stands with x forwards and z up
+            return axes, tuple(names[axis] for axis in axes)
     return "zyx", ("yaw", "pitch", "roll")
 
 

@@ -90,5 +90,5 @@ def test_the_command(floatplan: Command) -> None:
 
 
 def test_robots_without_such_feet_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no feet were found"):
+    with pytest.raises(InputError, match="no foot was recognised"):
         stunt_file_text("example-robot-data:ur_description/urdf/ur5_robot.urdf", "roll", {}, tmp_path / "jump.toml")

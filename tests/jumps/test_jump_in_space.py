@@ -85,8 +85,13 @@ def test_it_is_handed_on(roll, tmp_path):
     sample = roll.sample(100.0)
     assert sample.q.shape == (len(sample.times), roll.robot.nq)
     assert roll.export("npz", tmp_path / "jump.npz").exists()
-    with pytest.raises(fp.InputError, match="not yet for flights in space"):
-        fp.replay_jump(roll, flights=1)
+
+
+def test_what_is_for_jumps_in_a_plane_says_so(roll):
+    with pytest.raises(fp.InputError, match="searched for only with it"):
+        fp.launch(roll.flight)
+    with pytest.raises(fp.InputError, match="near: is for jumps in a plane"):
+        fp.jump(roll.problem, near=roll)
 
 
 @pytest.mark.parametrize(

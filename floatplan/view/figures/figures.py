@@ -22,7 +22,8 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
-from floatplan.view.sampled import SampledPlan, flies_in_space
+from floatplan.view.jumps import flies_in_space
+from floatplan.view.sampled import SampledPlan
 from floatplan.view.style import COLUMN, METADATA, PALETTE, faded, legend_above, new_figure, rendered, styled
 
 SAMPLES = 241  # [-] of a curve

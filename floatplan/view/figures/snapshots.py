@@ -32,7 +32,6 @@ from floatplan.view.style import COLUMN, PALETTE, faded, legend_above, new_figur
 FLATTEST = 0.45  # [-] height of a picture over its width, at least
 TALLEST = 1.35  # [-] and at most: a picture fills neither a thin strip nor a page
 DOT: dict[str, Any] = {"marker": "o", "linestyle": "none", "color": PALETTE.ink, "markeredgecolor": "white", "mew": 0.4}
-SHADOW = "#d6d3cb"
 ARROW = {"arrowstyle": "-|>,head_width=0.13,head_length=0.28", "linewidth": 1.2, "shrinkA": 0, "shrinkB": 0}
 
 
@@ -128,7 +127,7 @@ def draw_shadow(axes: Axes, placed: outlines.Postures, index: int, *, zorder: fl
     """Draw the shadow that a robot in space casts straight down on the ground, where there is one."""
     if placed.shadows is not None:
         hulls = [outlines.pairs(convex_hull(corners) + shift) for corners in placed.shadows[index]]
-        look: dict[str, Any] = {"facecolors": [SHADOW], "edgecolors": [SHADOW], "linewidths": 0.4}
+        look: dict[str, Any] = {"facecolors": [PALETTE.shadow], "edgecolors": [PALETTE.shadow], "linewidths": 0.4}
         axes.add_collection(PolyCollection(hulls, zorder=zorder, **look), autolim=False)
 
 

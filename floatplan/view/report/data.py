@@ -29,8 +29,8 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, largest
-from floatplan.view.jumps import CheckedJump, footing
-from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space
+from floatplan.view.jumps import CheckedJump, flies_in_space, footing
+from floatplan.view.sampled import SampledPlan, attitude_axes
 from floatplan.view.solids import obstacle_corners, obstacle_solid, rendered_solids
 from floatplan.view.style import PALETTE, palette
 
@@ -358,7 +358,7 @@ def request_rows(problem: Problem, request: JumpRequest) -> list[Row]:
         is_guess = name in of_flight and of_flight[name] not in request.fixed
         if name not in chosen_by_search and not is_guess:
             rows.append(Row(name, text))
-    if problem.robot.in_plane is None:
+    if problem.robot.base == "free-flyer":
         rows.append(Row("turns", _turns_in_words(problem)))
     else:
         start_turns = round(problem.initial.orientation / (2 * np.pi))
@@ -416,7 +416,7 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
     space the height of the ground on which the robot casts its ``shadow``.
     """
     standing = footing(jump)
-    in_space = flies_in_space(jump)
+    is_spatial = flies_in_space(jump)
     frames = []
     for index, (name, contact) in enumerate(standing.contacts.items()):
         entry: dict[str, Any] = {"name": name, "role": "stands", "colour": standing.colours[name]}
@@ -431,8 +431,8 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
     return {
         "frames": frames,
         "flown": jump.flight_span,
-        "cone": rounded(standing.cone_in_world if in_space else outlines.pairs(standing.cone)),
+        "cone": rounded(standing.cone_in_world if is_spatial else outlines.pairs(standing.cone)),
         "scale": standing.scale,
         "metres_per_newton": standing.metres_per_newton,
-        "shadow": jump.ground if in_space else None,
+        "shadow": jump.ground if is_spatial else None,
     }

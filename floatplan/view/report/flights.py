@@ -24,11 +24,11 @@ from floatplan.problem.attitude import required
 from floatplan.simulation.results import ClosedLoop, JumpLandings, JumpReplay
 from floatplan.simulation.spatial_motion import angle_between
 from floatplan.view.figures.animation import animate
+from floatplan.view.jumps import flies_in_space
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import COLUMN, PALETTE, legend_above, new_figure, palette, picture
 
 WITH, WITHOUT = PALETTE.hues[:2]  # corrections
-LANDING_TITLES = ("", "with corrections", "without")
 LANDING_TITLES = ("", "with corrections", "without")
 
 Cells = Sequence[str]
@@ -117,7 +117,7 @@ def landing_rows(flights: ClosedLoop) -> list[Cells]:
 def jump_rows(flights: JumpReplay) -> list[Cells]:
     """Return the same of flights of a jump; a single column where none was corrected."""
     columns = []
-    angle = "attitude" if flights.motion.robot.in_plane is None else "pitch"
+    angle = "attitude" if flies_in_space(flights.motion) else "pitch"
     for landings in _series(flights):
         links = ", ".join(f"{link} {count}" for link, count in landings.links.most_common(3))
         cells = {

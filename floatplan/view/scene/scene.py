@@ -33,8 +33,7 @@ from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
-from floatplan.view.jumps import footing
-from floatplan.view.sampled import flies_in_space
+from floatplan.view.jumps import flies_in_space, footing
 from floatplan.view.scene import meshes
 from floatplan.view.solids import CAMERA, obstacle_solid, rendered_solids
 from floatplan.view.style import PALETTE, palette, rgb_bytes
