@@ -15,7 +15,6 @@ from drawn_twists import draw_twist, slowly
 from measuring import Counts, heading, table
 from scipy.spatial.transform import Rotation
 
-from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
 from floatplan.clips.fall import fit_fall
@@ -23,6 +22,7 @@ from floatplan.clips.judge import FlightJudgement
 from floatplan.clips.repair import ClipRepair, FlightRepair, repair_clip
 from floatplan.clips.repaired_flight import repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 
 GRAVITY = 9.81  # [m/s^2]
 NOISE = (0.1, 5e-4)  # [degree, m] in every frame

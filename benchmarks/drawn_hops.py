@@ -22,9 +22,9 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.clips.bodies import BodySolids, body_poses
 from floatplan.clips.clip import Clip, FileLayout
 from floatplan.clips.formats import continuous_signs
+from floatplan.motion.spatial.kinematics import BodySolids, body_poses
 
 Array = NDArray[np.float64]
 GRAVITY = 9.81  # [m/s^2]

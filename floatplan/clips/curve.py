@@ -7,8 +7,8 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from floatplan.arrays import Array
-from floatplan.clips.bodies import body_poses
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import body_poses
 from floatplan.robot.robot import Robot
 
 

@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.clips.bodies import BodySolids, body_poses, in_body, on_body
 from floatplan.clips.curve import ClipCurve
 from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import BodySolids, body_poses, in_body, on_body
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.clips.bodies import body_poses, centre_of_mass, free_dynamics
 from floatplan.clips.clip import Clip
 from floatplan.clips.fall import Fall, fit_fall
 from floatplan.clips.flights import FOOT_CLEARANCE, STILL, ClipFlight
 from floatplan.clips.turning import LEAST_FRAMES, JointFit, TurnFit, nearest_turning
 from floatplan.motion.spatial.dynamics import SpatialDynamics
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass, free_dynamics
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER as BASE

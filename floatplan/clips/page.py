@@ -18,10 +18,6 @@ from floatplan.clips.judge import STANCE_SPAN, FlightJudgement
 from floatplan.files import write_atomically
 from floatplan.view.report.report import asset, filled, policy
 
-TITLES = (
-    *("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "torque", "rate", "force to add, N"),
-    "feet slide, mm",
-)
 MOST_FLIGHTS = 60  # [-] that have charts, the unphysical ones first; tables list all
 
 
@@ -106,7 +102,8 @@ def clip_words(check: ClipCheck) -> str:
 def flights_table(check: ClipCheck) -> str:
     """A table of a clip's flights; nothing where it has none."""
     rows = [_table_row(judged) for judged in check.flights]
-    return html_table("", rows, TITLES) if rows else ""
+    titles = ("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "torque", "rate")
+    return html_table("", rows, (*titles, "force to add, N", "feet slide, mm")) if rows else ""
 
 
 def _table_row(judged: FlightJudgement) -> list[str]:

@@ -11,7 +11,6 @@ import numpy as np
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
-from floatplan.clips.bodies import centre_of_mass
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
 from floatplan.clips.formats import continuous_signs
@@ -19,6 +18,7 @@ from floatplan.clips.page import clip_words, flights_table, percent
 from floatplan.clips.repair import ClipRepair, FlightRepair
 from floatplan.clips.stance_forces import StanceFigures
 from floatplan.files import json_value, write_atomically
+from floatplan.motion.spatial.kinematics import centre_of_mass
 from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import robot_in_space, rounded
@@ -30,7 +30,7 @@ STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the 
 LONGEST = 40.0  # [s] that is played
 TITLES = (
     *("flight, s", "done", "duration, s", "joints, deg rms", "base, deg", "torque", "rate", "feet off, mm"),
-    *("least force of the ground, weights", "friction", "pressure outside, mm"),
+    *("ground, weights", "friction", "pressure off, mm"),
 )
 
 
@@ -111,11 +111,11 @@ def _sentences(repair: ClipRepair) -> list[str]:
             flight = flight_repair.flight
             sentences.append(f"{flight.begin:.2f} to {flight.end:.2f} s is not repairable: {repaired.reason}.")
     stances = [flight.stance for flight in repair.flights if flight.stance is not None]
-    pulling = sum(stance.vertical_least < 0 for stance in stances)
-    if pulling:
+    sticking = sum(stance.vertical_least < 0 for stance in stances)
+    if sticking:
         sentences.append(
-            f"Stances are bent, not planned: beside {pulling} of {len(stances)} repaired flights the ground would have "
-            "to pull."
+            f"Stances are bent, not planned: next to {sticking} of {len(stances)} repaired flights the ground would "
+            "have to be adhesive."
         )
     return sentences
 

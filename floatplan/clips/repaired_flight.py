@@ -16,12 +16,12 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
-from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import LEAST_DURATION, SAMPLING, ClipFlight
 from floatplan.clips.judge import FlightJudgement, largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import plan as plan_flight
@@ -92,7 +92,7 @@ def repair_flight(
     Parameters
     ----------
     judged : FlightJudgement
-        The flight, and what was said of it.
+        The flight and its verdict.
     choice : "retime", "raise", a share between them, or "auto": the first of both that keeps the robot's limits, else
         the nearer one
     degree : of the polynomials (12); by the flight's duration where left out
@@ -155,7 +155,7 @@ def _expected_share(judged: FlightJudgement, duration: float) -> float:
 
 def _is_limited(share: float) -> bool:
     """Whether a motion that takes such a share of a limit is to be planned within the limits."""
-    hopeless = 20.0  # [-] of a limit: above, none is found, and that takes seconds
+    hopeless = 20.0  # [-] of a limit: above, there is no plan, and the search takes seconds
     return 1.0 < share <= hopeless
 
 

@@ -61,7 +61,7 @@ class RepairedMotion:
             self._seams += self._seams_of(number, factors[number], configurations, velocities)
 
     def _seams_of(self, number: int, pace: float, configurations: Array, velocities: Array) -> list[Seam]:
-        """Where the stances before and after a flight meet it; the plan's ends are given, (2, 7 + J) and (2, 6 + J)."""
+        """Where the stances before and after a flight meet the ends (2, 7 + J), (2, 6 + J) of its plan."""
         clip = self._clip
         flights = clip.flights
         flight = flights[number]

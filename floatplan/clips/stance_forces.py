@@ -8,10 +8,10 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.clips.bodies import body_poses, centre_of_mass
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import FOOT_CLEARANCE
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 from floatplan.motion.spatial.rotations import of_quaternions
 
 STEPS = 2  # [-] instants to either side, of differences: nearer ones tell of the frames' noise

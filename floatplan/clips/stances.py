@@ -14,9 +14,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
-from floatplan.clips.bodies import FIRST_JOINT, Limb, body_poses, in_body, on_body
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import BASE_BODY
+from floatplan.motion.spatial.kinematics import Limb, body_poses, in_body, on_body
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
@@ -110,10 +110,10 @@ def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array, loose
             attitudes=attitudes[near],
             positions=configurations[near, 7:],
             local=in_body(targets, body, points[:, foot])[near],
-            place=points[near, foot],
+            target=points[near, foot],
             attitude=targets.rotations[near, body],
         )
-        columns = 7 + np.array(leg.moved) - FIRST_JOINT
+        columns = np.array([clip.robot.model.idx_qs[joint] for joint in leg.moved])
         change = shares[near, foot, None] * (angles - configurations[near[:, None], columns])
         bent[near[:, None], columns] += change
     return bent

@@ -218,7 +218,7 @@ class _TurningModel:
     def step(self, turning: Turning, residuals: Array) -> Array:
         """The change (6,) of takeoff attitude, rad, and momentum by which the residuals should vanish.
 
-        A turn zeta of the world at takeoff turns it by ``(1 + D [h]x) zeta`` later, where D is the derivative by h.
+        A rotation zeta of the world at takeoff makes it ``(1 + D [h]x) zeta`` later, where D is the derivative by h.
         """
         by_momentum = turning.turns_by_momentum(self.s)
         by_attitude = np.eye(3) + by_momentum @ cross_matrix(turning.angular_momentum[None])[0]

@@ -141,7 +141,7 @@ static inline Vector bend_once(const SpatialTree &tree, const LimbTargets &targe
     }
     const Vector weight = all(targets.turn_weight);
     const Threes point = frame.place + frame.turned * k.load3(targets.local);
-    const Moving miss = {k.load3(targets.place) - point,
+    const Moving miss = {k.load3(targets.target) - point,
                          weight * small_turn(k.load9(targets.attitude) * transposed(frame.turned))};
     Vector normal[6][6], right[6] = {miss.linear.x,  miss.linear.y,  miss.linear.z,
                                      miss.angular.x, miss.angular.y, miss.angular.z};

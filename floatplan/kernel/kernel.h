@@ -318,7 +318,7 @@ typedef struct {
     Index instants, links, sweeps;
     const Index *chain, *moves;              // (links): joints from the base outwards, and whether each is moved
     const double *base, *attitudes;          // (instants, 3), (.., 3, 3)
-    const double *local, *place, *attitude;  // (instants, 3): the point in its body, where it is to be; (.., 3, 3)
+    const double *local, *target, *attitude;  // (instants, 3): the point in its body, where it is to be; (.., 3, 3)
     double turn_weight, damping, settled;    // [m/rad], [m^2], [rad]
     double *positions;                       // (instants, links): where it begins, then the result
 } LimbTargets;

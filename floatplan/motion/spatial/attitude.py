@@ -138,14 +138,10 @@ class Turning:
         )
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
 
-    @cached_property
-    def mobility(self) -> Array:
-        """M (K, 3, 3) of (S2) at the stages, 1/(kg m^2)."""
-        return np.asarray(self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2))
-
     def turns_by_momentum(self, instants: Array) -> Array:
-        """Derivative (L, 3, 3) by h of the small turn of the world at instants (L,) of [0, 1], 1/(kg m^2/s)."""
+        """Derivative (L, 3, 3) by h of the small rotation of the world at instants (L,) of [0, 1], 1/(kg m^2/s)."""
         cell, integrals = self.cells.place(instants)
+        mobility = self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2)  # M of (S2)
         turns = np.empty((len(instants), 3, 3))
         _ask(
             "turns",
@@ -158,7 +154,7 @@ class Turning:
             instants=len(instants),
             cell=integers(cell),
             reached=doubles(integrals),
-            drifts=doubles(self.mobility),
+            drifts=doubles(mobility),
             turns=turns,
         )
         return turns
@@ -169,7 +165,8 @@ class Turning:
         It is ``onward sum_j W_j M_j``, backwards through the cells, where W_j carries g of (S2) to landing.
         """
         transitions, weights = self.carried
-        mobility = self.mobility.reshape(weights.shape)
+        mobility = self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2)  # M of (S2)
+        mobility = mobility.reshape(weights.shape)
         slope = np.zeros((3, 3))
         for cell in range(len(weights) - 1, -1, -1):
             slope += onward @ (weights[cell] @ mobility[cell]).sum(axis=0)

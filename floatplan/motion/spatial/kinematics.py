@@ -19,9 +19,7 @@ from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import SpatialDynamics
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
-
-NO_SOLIDS: dict[str, Any] = dict.fromkeys(layout("PlacedSolids").arrays)
-FIRST_JOINT = 2  # of the model: joint 0 is the world, 1 the base
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
 
 
 @lru_cache(maxsize=16)
@@ -120,15 +118,15 @@ class BodySolids:
         directions : (D, 2) horizontal unit vectors
         """
         reach = np.empty((len(poses.places), len(directions)))
-        given = {"directions": len(directions), "direction": doubles(directions), "levels": doubles(levels)}
-        _run("reach", self._placed(poses, reach=reach, **given))
+        members = {"directions": len(directions), "direction": doubles(directions), "levels": doubles(levels)}
+        _run("reach", self._placed(poses, reach=reach, **members))
         return reach
 
     def _placed(self, poses: BodyPoses, **members: Any) -> Struct:
         """The kernel's struct, with what is to be computed."""
         places = {"places": doubles(poses.places), "rotations": doubles(poses.rotations)}
         count, bodies, _ = poses.places.shape
-        shapes = NO_SOLIDS | self._shapes
+        shapes = dict.fromkeys(layout("PlacedSolids").arrays) | self._shapes
         return Struct("PlacedSolids", **(shapes | places | members), instants=count, bodies=bodies)
 
     @cached_property
@@ -161,22 +159,9 @@ def on_body(poses: BodyPoses, body: int, local: Array) -> Array:
     return np.asarray(poses.places[:, body] + np.einsum("kab,kb->ka", poses.rotations[:, body], local))
 
 
-@dataclass(frozen=True)
-class BendSettings:
-    """How a limb is bent: damped steps of Gauss and Newton."""
-
-    sweeps: int = 8  # [-] at most; they converge in fewer
-    turn_weight: float = 0.01  # [m/rad] of the attitude relative to the position: with few joints the position wins
-    damping: float = 1e-7  # [m^2] of the squared change of joints
-    settled: float = 1e-8  # [rad] the next step changes nothing
-
-
-BEND = BendSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """The joints from the base to a body, some of which move that body alone.
+    """The joints from the base to a body, some of which move no other body of interest.
 
     Attributes
     ----------
@@ -190,7 +175,7 @@ class Limb:
     moved: tuple[int, ...]
 
     def bent(
-        self, base_positions: Array, attitudes: Array, positions: Array, local: Array, place: Array, attitude: Array
+        self, base_positions: Array, attitudes: Array, positions: Array, local: Array, target: Array, attitude: Array
     ) -> Array:
         """Positions (K, m) of the moved joints with which a point of the last body is where it is to be.
 
@@ -202,26 +187,26 @@ class Limb:
         attitudes : (K, 3, 3), of the base
         positions : (K, J) rad, where the joints begin
         local : (K, 3) m, the point in the body's frame
-        place : (K, 3) m, where it is to be in the world
+        target : (K, 3) m, where it is to be in the world
         attitude : (K, 3, 3), that of the body
         """
-        columns = np.array(self.chain) - FIRST_JOINT
+        columns = np.array([self.robot.model.idx_vs[joint] for joint in self.chain]) - BASE
         result = doubles(positions[:, columns])
         targets = Struct(
             "LimbTargets",
             instants=len(positions),
             links=len(columns),
-            sweeps=BEND.sweeps,
+            sweeps=8,  # steps of Gauss and Newton: they converge in fewer
             chain=integers(columns),
             moves=integers([joint in self.moved for joint in self.chain]),
             base=doubles(base_positions),
             attitudes=doubles(attitudes),
             local=doubles(local),
-            place=doubles(place),
+            target=doubles(target),
             attitude=doubles(attitude),
-            turn_weight=BEND.turn_weight,
-            damping=BEND.damping,
-            settled=BEND.settled,
+            turn_weight=0.01,  # [m/rad] with fewer than six joints the position wins
+            damping=1e-7,  # [m^2]
+            settled=1e-8,  # [rad] the next step changes nothing
             positions=result,
         )
         _run("bend", free_dynamics(self.robot).tree, targets)

@@ -12,9 +12,17 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.clips.bodies import BodySolids, Limb, body_poses, centre_of_mass, free_dynamics, in_body, on_body
 from floatplan.motion.spatial.attitude import cells, turn
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import (
+    BodySolids,
+    Limb,
+    body_poses,
+    centre_of_mass,
+    free_dynamics,
+    in_body,
+    on_body,
+)
 from floatplan.motion.spatial.rotations import logarithm
 
 COUNT = 21  # [-] instants: no multiple of what the kernel computes at once
@@ -85,15 +93,15 @@ def test_a_leg_is_bent_to_where_its_foot_is_to_be(robot: fp.Robot) -> None:
     targets = still + 0.2 * rng.normal(size=still.shape)
     bases = np.zeros((COUNT, 3))
     attitudes = Rotation.random(COUNT, random_state=4).as_matrix()
-    wanted = body_poses(robot, bases, attitudes, targets)
-    place = BodySolids(([solid for solid in robot.solids if solid.body == 3],)).lowest(wanted)[:, 0]
-    local = in_body(wanted, 3, place)
-    bent = leg.bent(bases, attitudes, still, local, place, wanted.rotations[:, 3])
+    goal = body_poses(robot, bases, attitudes, targets)
+    place = BodySolids(([solid for solid in robot.solids if solid.body == 3],)).lowest(goal)[:, 0]
+    local = in_body(goal, 3, place)
+    bent = leg.bent(bases, attitudes, still, local, place, goal.rotations[:, 3])
     np.testing.assert_allclose(bent, targets[:, :2], atol=1e-7)
-    held = Limb(robot, (2, 3), (3,)).bent(bases, attitudes, still, local, place, wanted.rotations[:, 3])
-    assert held.shape == (COUNT, 1)
+    bent_knee = Limb(robot, (2, 3), (3,)).bent(bases, attitudes, still, local, place, goal.rotations[:, 3])
+    assert bent_knee.shape == (COUNT, 1)
     moved = still.copy()
-    moved[:, 1] = held[:, 0]
+    moved[:, 1] = bent_knee[:, 0]
     now = on_body(body_poses(robot, bases, attitudes, moved), 3, local)
     before = on_body(body_poses(robot, bases, attitudes, still), 3, local)
     assert (np.linalg.norm(now - place, axis=1) <= np.linalg.norm(before - place, axis=1) + 1e-9).all()
