@@ -96,7 +96,7 @@ def world(robot: fp.Robot, clip: Clip, reduced: ReducedModel, sample: Sample) ->
     floor = {"type": geoms.mjGEOM_PLANE, "size": [0, 0, 1], "contype": 1, "friction": [FRICTION, 0, 0]}
     spec.worldbody.add_geom(name="floor", **floor)
     touching = {"contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
-    for foot, (body, solids) in enumerate(zip(clip.scene.foot_bodies, clip.scene.foot_solids, strict=True)):
+    for foot, (body, solids) in enumerate(zip(clip.scene.foot_bodies, clip.scene.foot_solids.groups, strict=True)):
         for number, solid in enumerate(solids):
             name = f"foot {foot}, {number}"
             radius = float(np.linalg.norm(solid.axes, axis=0).max())

@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.fall import fit_fall
+from floatplan.clips.judge import FlightJudgement
 from floatplan.clips.repair import ClipRepair, FlightRepair, repair_clip
 from floatplan.clips.repaired_flight import repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 
 GRAVITY = 9.81  # [m/s^2]
 NOISE = (0.1, 5e-4)  # [degree, m] in every frame
@@ -123,7 +124,7 @@ def measures(case: Spoiled, new: Clip, told: ClipRepair) -> Iterator[tuple[str, 
         for instant in (begin, begin + plan.duration):
             before, after = motion.configurations(instant + np.array([-NEAR, NEAR]))
             yield "jump of q at a seam", float(np.abs(before - after).max())
-        yield "one plan, CPU s", plan_seconds(case.clip, each)
+        yield "one plan, CPU s", plan_seconds(case.clip, told.before.flights[number])
 
 
 def fall_of_frames(clip: Clip, begin: float, end: float) -> float:
@@ -153,10 +154,10 @@ def momentum_spread(clip: Clip, each: FlightRepair) -> float:
     return float(np.abs(h - h.mean(axis=0)).max() / np.abs(h).max())
 
 
-def plan_seconds(clip: Clip, each: FlightRepair) -> float:
+def plan_seconds(clip: Clip, judged: FlightJudgement) -> float:
     """Processor time, s, of planning one flight again, with whatever is prepared once for a clip."""
     begin = time.process_time()
-    repair_flight(clip, each.flight)
+    repair_flight(clip, judged)
     return time.process_time() - begin
 
 

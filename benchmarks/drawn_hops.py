@@ -23,9 +23,8 @@ from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.clips.clip import Clip, FileLayout
-from floatplan.clips.curve import body_poses
-from floatplan.clips.flights import lowest_point
 from floatplan.clips.formats import continuous_signs
+from floatplan.motion.spatial.kinematics import BodySolids, body_poses
 
 Array = NDArray[np.float64]
 GRAVITY = 9.81  # [m/s^2]
@@ -156,8 +155,8 @@ class Body:
                     joints[column] = angle
         feet = {self.model.frames[frame].parentJoint for frame in self.frames}
         poses = body_poses(self.robot, np.zeros((1, 3)), np.eye(3)[None], joints[None])
-        solids = [solid for solid in self.robot.solids if solid.body in feet]
-        lowest = min(lowest_point(poses, [solid for solid in solids if solid.body == body])[0, 2] for body in feet)
+        solids = BodySolids(([solid for solid in self.robot.solids if solid.body in feet],))
+        lowest = float(solids.lowest(poses)[0, 0, 2])
         configuration = np.concatenate(([0.0, 0.0, -lowest, 0.0, 0.0, 0.0, 1.0], joints))
         pin.framesForwardKinematics(self.model, self.data, configuration)
         self.sole = float(np.mean([self.data.oMf[frame].translation[2] for frame in self.frames]))

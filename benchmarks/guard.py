@@ -21,7 +21,7 @@ from measuring import PROBLEMS, Counts, heading, table
 from space_sections import CLASSES
 
 import floatplan as fp
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.studies.file import load_study_file
 
 FROZEN = Path(__file__).with_name("guard.npz")
@@ -40,6 +40,8 @@ class Answers:
 
     Attributes
     ----------
+    problem : (N,) of str
+        Names: a file and a seed, or the number in its set.
     status : (N,) of str
     momentum : (N, 3) kg m^2/s; in a plane the first alone
     objective : (N,)
@@ -47,17 +49,23 @@ class Answers:
     seconds : of the processor, for all of them
     """
 
+    problem: npt.NDArray[np.str_]
     status: npt.NDArray[np.str_]
     momentum: Array
     objective: Array
     digest: npt.NDArray[np.uint64]
     seconds: float
 
-    def first(self, count: int) -> Answers:
-        """Those to the first problems; their time is a share of all."""
-        share = min(count, len(self.status)) / len(self.status)
-        of_count = self.status[:count], self.momentum[:count], self.objective[:count], self.digest[:count]
-        return Answers(*of_count, seconds=share * self.seconds)
+    def of(self, rows: IntArray) -> Answers:
+        """Those to some of the problems; their time is a share of all."""
+        return Answers(
+            problem=self.problem[rows],
+            status=self.status[rows],
+            momentum=self.momentum[rows],
+            objective=self.objective[rows],
+            digest=self.digest[rows],
+            seconds=self.seconds * len(rows) / len(self.problem),
+        )
 
 
 def _digest(coefficients: Array) -> int:
@@ -66,12 +74,13 @@ def _digest(coefficients: Array) -> int:
     return int.from_bytes(hashlib.sha256(known.tobytes()).digest()[:8], "big")
 
 
-def _of_plans(plans: Sequence[fp.Plan], seconds: float) -> Answers:
+def _of_plans(problems: Sequence[str], plans: Sequence[fp.Plan], seconds: float) -> Answers:
     momentum = np.zeros((len(plans), 3))
     for row, plan in zip(momentum, plans, strict=True):
         of_plan = np.atleast_1d(plan.angular_momentum)
         row[: len(of_plan)] = of_plan
     return Answers(
+        problem=np.array(problems),
         status=np.array([plan.status for plan in plans]),
         momentum=momentum,
         objective=np.array([plan.objective_value for plan in plans], dtype=np.float64),
@@ -80,14 +89,17 @@ def _of_plans(plans: Sequence[fp.Plan], seconds: float) -> Answers:
     )
 
 
-def _planned(problems: Iterator[tuple[fp.Problem, int]]) -> Answers:
-    """Plan problems one by one, each with its seed."""
-    plans, seconds = list[fp.Plan](), 0.0
-    for problem, seed in problems:
+def _planned(problems: Iterator[tuple[str, fp.Problem, int]]) -> Answers:
+    """Plan problems one by one, each by its name and with its seed."""
+    names = list[str]()
+    plans = list[fp.Plan]()
+    seconds = 0.0
+    for name, problem, seed in problems:
         began = time.process_time()
         plans.append(fp.plan(problem, seed=seed))
         seconds += time.process_time() - began
-    return _of_plans(plans, seconds)
+        names.append(name)
+    return _of_plans(names, plans, seconds)
 
 
 def _of_batch(flights: fp.Family) -> Answers:
@@ -97,7 +109,14 @@ def _of_batch(flights: fp.Family) -> Answers:
     momentum = np.zeros((len(flights), 3))
     momentum[:, 0] = plans.angular_momentum
     digests = np.array([_digest(row) for row in plans.coefficients], dtype=np.uint64)
-    return Answers(plans.status, momentum, plans.objective, digests, seconds)
+    return Answers(
+        problem=np.arange(len(flights)).astype(str),
+        status=plans.status,
+        momentum=momentum,
+        objective=plans.objective,
+        digest=digests,
+        seconds=seconds,
+    )
 
 
 def problem_files() -> list[Path]:
@@ -106,8 +125,13 @@ def problem_files() -> list[Path]:
 
 
 def _files(count: int) -> Answers:
-    asked = ((fp.load_problem(path), seed) for path in problem_files() for seed in SEEDS)
-    return _planned(islice(asked, count))
+    files = ((_name(path), fp.load_problem(path), seed) for path in problem_files() for seed in SEEDS)
+    return _planned((f"{name}, seed {seed}", problem, seed) for name, problem, seed in islice(files, count))
+
+
+def _name(path: Path) -> str:
+    """Name of a problem file, by its folder."""
+    return path.relative_to(PROBLEMS).with_suffix("").as_posix()
 
 
 def _study(name: str) -> Callable[[int], Answers]:
@@ -126,13 +150,17 @@ def _plain(joints: int) -> Callable[[int], Answers]:
 
 
 def _space(draw: Callable[[int], Iterator[fp.Problem]]) -> Callable[[int], Answers]:
-    return lambda count: _planned((problem, 0) for problem in draw(min(count, IN_SPACE)))
+    def answers(count: int) -> Answers:
+        return _planned((str(number), problem, 0) for number, problem in enumerate(draw(min(count, IN_SPACE))))
+
+    return answers
 
 
 def _jumps(count: int) -> Answers:
     """Whole jumps, as their flights are planned; what is not found has no coefficients."""
     found, seconds = list[fp.Jump](), 0.0
-    for path in islice(sorted((PROBLEMS / "jumps").glob("*.toml")), max(count // PLANS_FOR_A_JUMP, 1)):
+    paths = sorted((PROBLEMS / "jumps").glob("*.toml"))[: max(count // PLANS_FOR_A_JUMP, 1)]
+    for path in paths:
         began = time.process_time()
         found.append(fp.jump(path, starts=1))
         seconds += time.process_time() - began
@@ -140,6 +168,7 @@ def _jumps(count: int) -> Answers:
     momentum = np.zeros((len(found), 3))
     momentum[:, 0] = [flight.angular_momentum if flight else np.nan for flight in flights]
     return Answers(
+        problem=np.array([_name(path) for path in paths]),
         status=np.array([jump.status if jump.ok else "not_found" for jump in found]),
         momentum=momentum,
         objective=np.array([flight.objective_value if flight else np.nan for flight in flights]),
@@ -169,7 +198,10 @@ def freeze() -> None:
 
 
 def guard(counts: Counts) -> None:
-    """How far answers are those that were frozen; the times beside them are of another run, maybe another machine."""
+    """How far answers are those that were frozen; the times beside them are of another run, maybe another machine.
+
+    Problems are compared by their names; those that were not there when it was frozen are counted.
+    """
     heading(f"guard: answers against {FROZEN.name}; objectives are the same to {SAME:g}")
     rows = list[list[object]]()
     with np.load(FROZEN) as frozen:
@@ -177,8 +209,23 @@ def guard(counts: Counts) -> None:
             keys = Answers.__dataclass_fields__
             before = Answers(**{key: frozen[f"{name}/{key}"] for key in keys})
             now = answers(counts.guarded)
-            rows.append([name, *_compared(before.first(len(now.status)), now)])
-    header = ["", "of", "status differs", "lost", "won", "bits differ", "worse", "better", "most worse", "s", "s then"]
+            _, of_before, of_now = np.intersect1d(before.problem, now.problem, return_indices=True)
+            new = len(now.problem) - len(of_now)
+            rows.append([name, new, *_compared(before.of(of_before), now.of(of_now))])
+    header = [
+        "",
+        "not frozen",
+        "of",
+        "status differs",
+        "lost",
+        "won",
+        "bits differ",
+        "worse",
+        "better",
+        "most worse",
+        "s",
+        "s then",
+    ]
     table(header, rows)
 
 

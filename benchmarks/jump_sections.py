@@ -22,6 +22,7 @@ from floatplan.jumps.setup import jump_setup
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")
 PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
+GAINS_IN_SPACE = (40.0, 0.7)  # with more damping the shanks, of 0.003 kg m^2, ring where no rotor is on them
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -91,6 +92,35 @@ def contact(counts: Counts) -> None:
         ["feet", "armature kg m^2", "stand", "on feet alone", "error at touchdown deg", "other links that touched"],
         rows,
     )
+
+
+def contact_in_space(counts: Counts) -> None:
+    """Jumps in space in MuJoCo with contact, without corrections in flight and with them at 250 Hz."""
+    paths = sorted((PROBLEMS / "jumps" / "space").glob("*.toml"))[: counts.stunts]
+    about = f"{counts.landings} flights of each jump, friction {GRIP}, {PERTURBED}, armature=0.005"
+    heading(f"contact in space: {about}")
+    rows = []
+    for path in paths:
+        found = fp.jump(path)
+        if not found.ok:
+            rows.append([path.stem, "not found", *[0] * 5])
+            continue
+        flown = fp.replay_jump(
+            found,
+            250.0,
+            perturb=f"{PERTURBED},armature=0.005",
+            flights=counts.landings,
+            friction=GRIP,
+            gains=GAINS_IN_SPACE,
+            budget=None,
+        )
+        assert flown.corrected is not None
+        for name, landings in (("no", flown.uncorrected), ("yes", flown.corrected)):
+            landed = [int(landings.stands.sum()), int(landings.clean.sum())]
+            turned = [float(np.rad2deg(landings.pitch_rms)), float(np.rad2deg(landings.pitch_worst))]
+            rows.append([path.stem, name, *landed, *turned, float(1e3 * np.median(landings.slid))])
+    header = ["jump", "corrected", "stand", "on feet alone", "attitude at touchdown deg", "at most", "slid mm"]
+    table(header, rows)
 
 
 def jump_section(counts: Counts) -> None:

@@ -52,6 +52,7 @@ class Counts:
     hops: int = 50
     takeoffs: int = 50
     landings: int = 20
+    stunts: int = 100  # jumps in space that are simulated: all of them
     in_space: int = 100
     peers_in_space: int = 1
     proofs: int = 40  # of each class
@@ -82,6 +83,7 @@ QUICK = Counts(
     hops=3,
     takeoffs=6,
     landings=5,
+    stunts=1,
     in_space=6,
     peers_in_space=0,
     proofs=4,

@@ -182,33 +182,33 @@ def links_to_keep_apart(drawn: Drawn, guess: SpatialSegments) -> fp.SelfClearanc
 
 def obstructed(count: int) -> Iterator[fp.Problem]:
     """Problems of all fliers in turns, past one to three obstacles, or about links that keep apart; h is that drawn."""
-    made, seed = 0, -1
-    while made < count:
-        seed += 1
-        rng = np.random.default_rng([17, seed])
-        try:
-            drawn = draw(rng, fliers()[seed % len(fliers())])
-        except fp.InputError:  # it leads half a turn away, by which way is then left open
-            continue
-        guess = fp.plan(drawn.problem)
-        if not guess.ok:
-            continue
-        segments = guess.whole.segments(drawn.times)
-        assert isinstance(segments, SpatialSegments), "it flies in space"
-        wanted = seed // len(fliers()) % 4
-        if wanted == 0:
-            pair = links_to_keep_apart(drawn, segments)
-            if pair is None:
-                continue
-            problem = replace(drawn.problem, self_clearances=(pair,))
-        else:
-            between = (obstacle_between(rng, drawn, segments) for _ in range(wanted))
-            obstacles = [obstacle for obstacle in between if obstacle is not None]
-            if len(obstacles) < wanted:
-                continue
-            problem = replace(drawn.problem, obstacles=tuple(obstacles))
-        made += 1
-        yield replace(problem, name=f"obstructed_{seed}")
+    numbered = (obstructed_problem(seed) for seed in itertools.count())
+    return itertools.islice((problem for problem in numbered if problem is not None), count)
+
+
+def obstructed_problem(seed: int) -> fp.Problem | None:
+    """One of these; None where the motion that is drawn by its seed makes none."""
+    rng = np.random.default_rng([17, seed])
+    try:
+        drawn = draw(rng, fliers()[seed % len(fliers())])
+    except fp.InputError:  # it leads half a turn away, by which way is then left open
+        return None
+    guess = fp.plan(drawn.problem)
+    if not guess.ok:
+        return None
+    segments = guess.whole.segments(drawn.times)
+    assert isinstance(segments, SpatialSegments), "it flies in space"
+    name = f"obstructed_{seed}"
+    count = seed // len(fliers()) % 4
+    if count == 0:
+        pair = links_to_keep_apart(drawn, segments)
+        return None if pair is None else replace(drawn.problem, self_clearances=(pair,), name=name)
+    obstacles = []
+    for _ in range(count):
+        obstacle = obstacle_between(rng, drawn, segments)
+        if obstacle is not None:
+            obstacles.append(obstacle)
+    return None if len(obstacles) < count else replace(drawn.problem, obstacles=tuple(obstacles), name=name)
 
 
 def least_seen(plan: fp.Plan, instants: int) -> float:

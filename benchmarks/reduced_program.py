@@ -245,7 +245,7 @@ def objective(problem: Problem, flight: Any, variables: DecisionVariables, sampl
 
 def steerable(s: Array) -> BoolArray:
     """Which instants (K,) of [0, 1] are far enough from the ends of the flight for anything to be changed."""
-    return np.asarray((s > EXCHANGE.given) & (s < 1 - EXCHANGE.given))
+    return np.asarray((s > EXCHANGE.near_end) & (s < 1 - EXCHANGE.near_end))
 
 
 def watching(nodes: Sampling, constraints: tuple[Constraint, ...], extra: Array) -> Sampling:

@@ -20,7 +20,7 @@ from peers_compiled import CompiledSqp, can_compile
 from peers_pinocchio import PinocchioSlsqp
 
 import floatplan as fp
-from floatplan.kernel.tolerances import QUADRATURE_ERROR
+from floatplan.kernel.tolerances import FINE
 from floatplan.motion.quadrature import NODE_COUNTS
 from floatplan.motion.sine_polynomial import powers_map
 
@@ -35,7 +35,7 @@ def final_nodes(plan: fp.Plan) -> int:
     powers = powers_map(polynomials.form, polynomials.duration)
     z: Any = np.linalg.lstsq(powers, b.T, rcond=None)[0].T[:, -polynomials.width :]
     x = program.variables.variables(z, plan.angular_momentum)
-    return NODE_COUNTS[program.trajectory(x).flown.level_needed(QUADRATURE_ERROR)]
+    return NODE_COUNTS[program.trajectory(x).flown.level_needed(FINE.quadrature_error)]
 
 
 def slsqp(problem: fp.Problem, nodes: int = NODES, how: type[Slsqp] = Slsqp) -> Answer:

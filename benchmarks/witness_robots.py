@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
-from floatplan.robot.planar.choice import LARGEST_TILT
+from floatplan.tables import LARGEST_TILT
 
 PLANES = ("xy", "xz", "yz")
 SHAPES = ("box", "cylinder", "sphere", "capsule", "mesh")

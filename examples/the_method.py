@@ -27,7 +27,7 @@ def show(title: str, plan: fp.Plan) -> None:
 # Example A: into a new configuration. First the momentum that rates of base and joints make, (4).
 problem = fp.load_problem(PROBLEMS / "new_configuration.toml")
 joints = len(problem.robot.joints)
-D = Dynamics(problem.robot).momentum_map(problem.initial.positions)
+(D,) = Dynamics(problem.robot).momentum_map(problem.initial.positions[None])
 print(f"(4)    at the start, D = {D.round(4)} kg m^2")
 
 # The h of (10) is the middle of (9). The paper says 0.13 kg m^2/s, and so does the file.

@@ -21,7 +21,7 @@ from floatplan.arrays import read_only
 from floatplan.errors import InputError, refuse, single
 from floatplan.tables import LEAST, RANGES, Range
 
-LARGEST_SEED = 2**63 - 1
+LARGEST_SEED = 2**63 - 1  # [-] the largest 64-bit integer
 MOST_NUMBERS = 8  # [-] of a list in a line
 LINE = 160  # [-] characters of one
 Name = TypeVar("Name")

@@ -1,5 +1,6 @@
 """Names for the array types that pass between the rooms, and the one place where arrays become read-only."""
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, TypeAlias, TypeVar
 
@@ -31,3 +32,8 @@ def distinct(values: npt.NDArray[N]) -> npt.NDArray[N]:
     """Return the values (N,) that differ, rising: as numpy.unique, which loads numpy.ma for it."""
     rising = np.sort(values)
     return rising[np.append(True, rising[1:] != rising[:-1])] if len(rising) else rising
+
+
+def indices_of(item: object, items: Sequence[object]) -> list[int]:
+    """Return where an item is among others."""
+    return [index for index, other in enumerate(items) if other == item]

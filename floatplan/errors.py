@@ -12,10 +12,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from types import ModuleType
 
-CLONE = Path(__file__).resolve().parents[1]  # where pyproject.toml is, unless floatplan was installed as a wheel
+PACKAGE = Path(__file__).resolve().parent
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ class ProblemError(InputError):
     """
 
     def __init__(self, errors: Sequence[InputError]) -> None:
-        self.errors: tuple[InputError, ...] = tuple(one for error in errors for one in single(error))
+        self.errors = flattened(errors)
         super().__init__("several things are wrong")
 
     def __str__(self) -> str:
@@ -143,9 +144,14 @@ def single(error: InputError) -> tuple[InputError, ...]:
     return errors
 
 
+def flattened(errors: Iterable[InputError]) -> tuple[InputError, ...]:
+    """Return errors, those that others contain instead of these."""
+    return tuple(chain.from_iterable(map(single, errors)))
+
+
 def refuse(errors: Sequence[InputError]) -> None:
     """Raise what is wrong, if anything is: one error as it is, several as one, without repetition."""
-    different = list({str(one): one for error in errors for one in single(error)}.values())
+    different = list({str(error): error for error in flattened(errors)}.values())
     if different:
         raise ProblemError(different) if len(different) > 1 else different[0]
 
@@ -197,8 +203,8 @@ def import_optional(module: str, *, name: str, element: str, extra: str) -> Modu
 
 def install_advice(extra: str) -> str:
     """The command that installs an extra where floatplan runs from: a clone, or an environment of its user."""
-    if (CLONE / "pyproject.toml").is_file():
-        requirement = f"-e {shlex.quote(f'{near(CLONE)}[{extra}]')}"
+    if (PACKAGE.parent / "pyproject.toml").is_file():  # unless floatplan was installed as a wheel
+        requirement = f"-e {shlex.quote(f'{near(PACKAGE.parent)}[{extra}]')}"
     else:
         requirement = f"'floatplan[{extra}]'"
     return f"install it: {shlex.quote(near(Path(sys.executable)))} -m pip install {requirement}"

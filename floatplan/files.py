@@ -182,9 +182,12 @@ def check_depth(content: Any, kinds: Any = Mapping | list | tuple) -> None:
     """
     level: list[Any] = [(content,)]
     for _ in range(DEEPEST + 1):
-        inner = (item.values() if isinstance(item, Mapping) else item for item in level)
-        level_items = {id(entry): entry for item in inner for entry in item if isinstance(entry, kinds)}
-        level = list(level_items.values())
+        inner: dict[int, Any] = {}  # each object once, however often it is there
+        for item in level:
+            for entry in item.values() if isinstance(item, Mapping) else item:
+                if isinstance(entry, kinds):
+                    inner[id(entry)] = entry
+        level = list(inner.values())
         if not level:
             return
     raise _too_deep()
@@ -238,7 +241,7 @@ def json_value(value: Any) -> Any:
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [json_value(item) for item in value]
+        return list(map(json_value, value))
     if isinstance(value, Mapping):
         return {str(key): json_value(item) for key, item in value.items()}
     return None if isinstance(value, float) and not math.isfinite(value) else value

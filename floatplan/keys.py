@@ -301,11 +301,15 @@ def _written(value: Any) -> Any:
     if isinstance(value, Keyed):
         return table_of(value)
     if isinstance(value, Mapping):  # what it leaves out has no limit
-        return {name: _written(entry) for name, entry in value.items() if entry != math.inf}
+        written = {}
+        for name, entry in value.items():
+            if entry != math.inf:
+                written[name] = _written(entry)
+        return written
     if hasattr(value, "tolist"):
         value = value.tolist()
     if isinstance(value, list | tuple):
-        return [_written(entry) for entry in value]
+        return list(map(_written, value))
     return "none" if value == math.inf else value
 
 

@@ -23,7 +23,14 @@ RANGE = 1e-12  # [rad] of joint ranges
 STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined
 A_TURN_OFF = 1.0  # [rad] from the requested angles: less is what the search corrects, more are other rotations
 
-FLIGHT_EVENTS = {"start": "takeoff", "goal": "landing"}  # the event there, and the word for rates of a still frame
+# The event at an end of the flight, and the word for rates of a still frame.
+FLIGHT_EVENTS: dict[str, Literal["takeoff", "landing"]] = {"start": "takeoff", "goal": "landing"}
+
+GRAVITY = 9.81  # [m/s^2] unless a problem says another
+LARGEST_TILT = 1e-3  # [rad] between an axis and the normal that it is taken for: "1.5708" for pi/2 is 4e-6 off
+INDEPENDENT = 1e-3  # [-] sine of the angle between axes, or volume that three unit vectors span: below it, they are one
+FREE_TYPES = ("floating", "planar")  # of a URDF's joints: those with more than one degree of freedom
+JOINT_VALUES = ("positions", "velocities", "accelerations")  # what a state says of the joints
 
 Base: TypeAlias = Literal["planar", "free-flyer"]  # how a robot's base moves
 Unit: TypeAlias = Literal["rad", "deg"]  # of angles
@@ -134,7 +141,7 @@ def _within(largest: float, unit: str) -> Range:
     return Range(-largest, largest, unit)
 
 
-MOST_OBSTACLES = 200  # of a problem, and as many pairs of links to keep apart
+MOST_OBSTACLES = 200  # [-] of a problem, and as many pairs of links to keep apart
 # What every number of a problem or plan file may be, by key: beyond it nobody means what is written, and doubles
 # overflow. URDF files have their own bounds, floatplan.robot.urdf.tree.
 RANGES: dict[str, Range] = {

@@ -28,7 +28,10 @@ from floatplan.view.style import new_figure, styled
 ROOT = Path(__file__).resolve().parents[1]
 WIDTH = 7.6  # [in]
 PROBLEMS, JUMPS, SPACE = (ROOT / "problems" / name for name in ("gallery", "jumps", "space"))
-PICTURE, STRIPS, IN_SPACE = (ROOT / "docs" / "images" / f"{name}.png" for name in ("gallery", "jumps", "space"))
+IMAGES = ROOT / "docs" / "images"
+PICTURE, STRIPS, IN_SPACE, SPACE_STRIPS = (
+    IMAGES / f"{name}.png" for name in ("gallery", "jumps", "space", "jumps_in_space")
+)
 TITLES = {
     "double_pendulum": "double pendulum",
     "solo": "Solo, somersault",
@@ -177,6 +180,13 @@ class JumpEntry:
         return self.jump.problem.final.orientation - self.jump.problem.initial.orientation
 
     @property
+    def title(self) -> str:
+        """The robot's name, in space with what it does."""
+        if self.jump.problem.robot.base == "free-flyer":
+            return f"{title_of(self.name.partition('_')[0])}, {self.stunt}"
+        return title_of(self.name)
+
+    @property
     def stunt(self) -> str:
         """What it does, in a word; in space the name of its file tells."""
         robot = self.jump.problem.robot
@@ -191,9 +201,8 @@ class JumpEntry:
         jump, figures = self.jump, self.jump.check.figures
         assert jump.flight is not None
         proved = jump.flight.certificate is not None and jump.flight.certificate.proved
-        title = self.name.partition("_")[0] if jump.problem.robot.base == "free-flyer" else self.name
         return [
-            title_of(title),
+            self.title.partition(",")[0],
             self.stunt,
             f"{jump.duration:.2f}",
             f"{jump.flight.duration:.2f}",
@@ -221,9 +230,11 @@ def main() -> None:
                 save(strips([jump for jump in jumps if jump.turn]), STRIPS)
     if arguments.kind in ("all", "jumps-in-space"):
         folder = JUMPS / "space"
-        print(
-            table(JUMP_COLUMNS, [jumped(folder / f"{name}.toml").row() for name in arguments.names or names_in(folder)])
-        )
+        stunts = [jumped(folder / f"{name}.toml") for name in arguments.names or names_in(folder)]
+        print(table(JUMP_COLUMNS, [entry.row() for entry in stunts]))
+        if not arguments.no_picture:
+            with styled():
+                save(strips([entry for entry in stunts if entry.name.startswith("go2")]), SPACE_STRIPS)
     if arguments.kind in ("all", "space"):
         entries = [planned(SPACE / f"{name}.toml") for name in arguments.names or SPACE_TITLES]
         print(table(SPACE_COLUMNS, [entry.row_in_space() for entry in entries]))
@@ -280,7 +291,7 @@ def launch_of(plan: fp.Plan) -> str:
 
 def strips(entries: Sequence[JumpEntry]) -> Image.Image:
     """Moments of jumps, a strip for each."""
-    drawn = [moments(entry.jump, flying=3, title=title_of(entry.name)) for entry in entries]
+    drawn = [moments(entry.jump, flying=3, title=entry.title) for entry in entries]
     return sheet([[rendered(each, SHEET_DPI) for each in drawn]])
 
 

@@ -20,8 +20,8 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.clips.curve import centre_of_mass
 from floatplan.files import write_atomically
+from floatplan.motion.spatial.kinematics import centre_of_mass
 from floatplan.view.charts import charts
 from floatplan.view.figures.figures import draw_panel, figures, sample
 from floatplan.view.figures.snapshots import (

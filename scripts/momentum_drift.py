@@ -20,6 +20,7 @@ from floatplan.jumps.reading import load_jump
 from floatplan.simulation import contact_model, jump_flight
 from floatplan.simulation.gains import first_gains
 from floatplan.simulation.jump_flight import PERIOD
+from floatplan.simulation.mujoco_model import STEP
 from floatplan.simulation.perturbation import given_perturbation
 
 INTEGRATORS = ("IMPLICITFAST", "IMPLICIT", "RK4", "EULER")
@@ -57,7 +58,7 @@ def main() -> None:
     assert jump.flight is not None  # as load_jump saw
     begin, duration = jump.takeoff_time, jump.flight.duration
     inertia = np.abs(jump.flight.angular_momentum) / np.abs(jump.flight.problem.final.orientation) * duration
-    for step in (contact_model.STEP, contact_model.STEP / 4):
+    for step in (STEP, STEP / 4):
         for integrator in INTEGRATORS:
             rows = [row for row in flown(jump, integrator, step) if begin + WHEN < row[0] < begin + duration]
             in_air = [momentum for _, momentum, touches in rows if not touches]

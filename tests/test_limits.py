@@ -42,7 +42,7 @@ SIZES = {  # as numbers where the program names no constant
     "steps of a replay in MuJoCo": integration.MOST_STEPS,
     "periods (1 ms) of a flight in closed loop": closed_loop.MOST_PERIODS,
     "flights in closed loop": closed_loop.MOST_FLIGHTS,
-    "corrections a second": f"{closed_loop.MOST_RATE:.0f}",
+    "corrections a second": f"{1 / closed_loop.PERIOD:.0f}",
     "places of links in an export to MCAP or of a reference motion: instants times links": table.MOST_PLACES,
     "evaluations of the dynamics in a replay": integration.MOST_EVALUATIONS,
     "bandwidth of a replay's feedback": f"{gains.FASTEST:.0f} rad/s",
@@ -87,7 +87,7 @@ def test_sizes(page):
         f"above {reading.LARGEST:g}",
         f"above {reading.LARGEST_RESULT:g}",
         f"below {tree.LARGEST:g}",
-        f"at least {check.SMALLEST_MASS:g} kg",
+        f"at least {tables.RANGES['mass'].low:g} kg",
         *(f"`.{kind}`" for kind in collisions.MESH_KINDS),
     ],
 )

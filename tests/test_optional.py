@@ -24,7 +24,7 @@ def refusal(monkeypatch):
 
 def test_from_a_clone_the_command_installs_the_clone(monkeypatch, tmp_path):
     (tmp_path / "pyproject.toml").touch()
-    monkeypatch.setattr(errors, "CLONE", tmp_path)
+    monkeypatch.setattr(errors, "PACKAGE", tmp_path / "floatplan")
     monkeypatch.setattr(sys, "executable", str(tmp_path / ".venv" / "bin" / "python"))
     monkeypatch.chdir(tmp_path)
     start = 'scene: viser is not installed: it comes with the extra "view"; install it: '
@@ -39,6 +39,6 @@ def test_from_a_clone_the_command_installs_the_clone(monkeypatch, tmp_path):
 
 
 def test_from_a_wheel_it_installs_the_package(monkeypatch, tmp_path):
-    monkeypatch.setattr(errors, "CLONE", tmp_path)
+    monkeypatch.setattr(errors, "PACKAGE", tmp_path / "floatplan")
     monkeypatch.chdir(tmp_path)
     assert refusal(monkeypatch).endswith(f"install it: {shlex.quote(sys.executable)} -m pip install 'floatplan[view]'")

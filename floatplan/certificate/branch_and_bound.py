@@ -25,7 +25,8 @@ from floatplan.plans.verdicts import Finding, Kind, Subject
 
 SAME = 1e-12  # [-] two numbers in the file that say the same
 RECORDED_PEAK = 2e-3  # [-] recorded torque and velocity peaks, which were sampled on a grid
-RECORDED_CLEARANCE = 2e-4  # [m]
+RECORDED_CLEARANCE = 2e-4  # [m] the same of a recorded clearance
+ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
 
 
 @cache

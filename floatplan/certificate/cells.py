@@ -10,10 +10,11 @@ from typing import Any
 import flint
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, products, stack, up
 
-ORDER = 16  # coefficients of each model
+FIRST_CELLS = 24  # [-] of a flight, before any is halved
+ORDER = 16  # [-] coefficients of each model
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +36,12 @@ class TimeCells:
 
     def __len__(self) -> int:
         return len(self.low)
+
+    @property
+    def are_divisible(self) -> BoolArray:
+        """Whether there is a double between both ends (cells,)."""
+        middle = 0.5 * (self.low + self.high)
+        return np.asarray((self.low < middle) & (middle < self.high))
 
     def time(self, cell: int, u: float) -> float:
         """Instant in a cell, rounded; the ends are themselves."""
@@ -101,7 +108,9 @@ class Vectors:
 
 def join_vectors(vectors: Sequence[Vectors], counts: Sequence[int]) -> Vectors:
     """Join along the last axis; a single item that stands for all is repeated to its count."""
-    broadcast = [v if v.x.e.shape[-1] == count else v[:, [0] * count] for v, count in zip(vectors, counts, strict=True)]
+    broadcast = []
+    for v, count in zip(vectors, counts, strict=True):
+        broadcast.append(v if v.x.e.shape[-1] == count else v[:, [0] * count])
     return Vectors(stack([v.x for v in broadcast]), stack([v.y for v in broadcast]))
 
 

@@ -49,7 +49,7 @@ from floatplan.robot.urdf.packages import robot_content
 from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
 
-BUDGET = 4096  # cells of time
+BUDGET = 4096  # [-] cells of time
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
 
 

@@ -9,15 +9,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, IntArray, indices_of
 from floatplan.certificate.branch_and_bound import RECORDED_CLEARANCE, Goal, Items, Minimum, at_least, at_most, smallest
 from floatplan.certificate.cells import TimeCells
 from floatplan.certificate.enclosure import Balls, Taylor
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject, Verdict
 from floatplan.tables import CLEARANCE
-
-CLEARANCE_GAP = 2e-6  # [m] how sharply a clearance is bounded
 
 
 class Distances(Protocol):
@@ -64,7 +62,9 @@ def existing_cells(cells: TimeCells, obstacle: Mapping[str, Any]) -> IntArray:
 
 def shapes_of_pair(links: Sequence[str], pair: Mapping[str, Any]) -> tuple[list[int], list[int]]:
     """Indices of the shapes of two links that are to keep apart, among shapes that belong to ``links``."""
-    first, second = ([i for i, link in enumerate(links) if link == name] for name in pair["links"])
+    name, other_name = pair["links"]
+    first = indices_of(name, links)
+    second = indices_of(other_name, links)
     if not first or not second:
         raise ValueError(f"self_clearance: one of the links {pair['links']} has no shape")
     return first, second
@@ -74,7 +74,8 @@ def least_distance(
     kind: Kind, subject: Subject, distances: Distances, items: Items, margin: float, cells: TimeCells
 ) -> tuple[Finding, Minimum]:
     """The verdict on the least of some distances, which should be a margin, m, at least; and that distance."""
-    goal = Goal(np.array([CLEARANCE_GAP]), np.array([margin - CLEARANCE]))
+    gap = 2e-6  # [m] how sharply a clearance is bounded
+    goal = Goal(np.array([gap]), np.array([margin - CLEARANCE]))
     groups = np.zeros(int(items.member.max(initial=-1)) + 1, dtype=np.int64)
     (least,) = smallest(items, groups, distances.below, distances.at_point, goal, cells)
     return at_least(kind, subject, least.bound, least.attained, margin, CLEARANCE, least.instant), least
@@ -89,7 +90,7 @@ def clearance_findings(
     shapes that were planned with, and nothing is known of clearances.
     """
     findings: list[Finding] = []
-    clearance = None
+    clearance = None  # [m] to obstacles
     obstacles = record.problem.get("obstacles") or []
     if obstacles:
         minima = []

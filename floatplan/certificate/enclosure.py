@@ -26,7 +26,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 
-ROUND = 2.0**-52
+ROUND = 2.0**-52  # [-] twice the unit roundoff of doubles
 PRECISION = 128  # [bits] of Arb
 
 
@@ -48,7 +48,7 @@ class Balls:
     def from_arb(cls, values: Iterable[Any], shape: tuple[int, ...]) -> Balls:
         """Round Arb's balls to doubles; the radius takes in the rounding."""
         balls = list(values)
-        mid = np.array([float(ball) for ball in balls], dtype=np.float64).reshape(shape)
+        mid = np.array(list(map(float, balls)), dtype=np.float64).reshape(shape)
         rad = np.array([float(ball.rad()) for ball in balls], dtype=np.float64).reshape(shape)
         return cls(mid, up(rad + ROUND * np.abs(mid)))
 

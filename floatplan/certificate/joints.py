@@ -25,7 +25,7 @@ def joint_motion(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, 
 
 def _polynomials(record: PlanRecord, cells: TimeCells) -> tuple[Taylor, Taylor, Taylor]:
     """p, p' and p'' of (12) on the cells, recentred in Arb."""
-    polynomials = [flint.arb_poly(row) for row in record.coefficients.tolist()]
+    polynomials = list(map(flint.arb_poly, record.coefficients.tolist()))
     length = record.coefficients.shape[1]
     balls = recentred(polynomials, cells, length)
     c = balls.mid

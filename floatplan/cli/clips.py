@@ -139,19 +139,25 @@ def clip_repair(
 
 def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, output: Path | None) -> NoReturn:
     """Write one flight as a problem file, with the recorded motion that it is to be near inside it."""
-    from floatplan.clips.repaired_flight import flight_problem  # here: it loads the planner
+    from floatplan.clips.judge import judge_flight
+    from floatplan.clips.repaired_flight import (  # here: it loads the planner
+        SHORTEST,
+        flight_problem,
+        repaired_duration,
+    )
 
     if not 0 <= number < len(clip.flights):
         reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
         raise InputError(reason, element="--problem")
     requested = _choice(choice)
-    made = flight_problem(clip, clip.flights[number], "retime" if requested == "auto" else requested, degree)
-    if made is None:
+    judged = judge_flight(clip, clip.flights[number])
+    duration = repaired_duration(clip, judged, "retime" if requested == "auto" else requested)
+    if duration < SHORTEST:
         raise InputError(
             "the centre of mass does not rise in this flight", element="--problem", advice="give --choice raise"
         )
     target = output or clip.path.with_name(f"{clip.path.stem}_flight{number}.toml")
-    common.print_path(fp.save_problem(made, target))
+    common.print_path(fp.save_problem(flight_problem(clip, judged.flight, duration, degree), target))
     raise typer.Exit(ExitCode.DONE)
 
 
@@ -170,7 +176,7 @@ def _numbers(words: str | None) -> tuple[int, ...] | None:
     if words is None:
         return None
     try:
-        return tuple(int(word) for word in words.split(","))
+        return tuple(map(int, words.split(",")))
     except ValueError:
         raise InputError(f"{words!r} are not numbers of flights", element="--flights", advice="such as 0,3") from None
 

@@ -186,8 +186,7 @@ def jump(
             planned = planned.with_certificate(fp.certify(planned.flight))
     files = write_jump(planned, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and planned.flight is not None:
-        shown = planned if problem.robot.base == "planar" else planned.flight  # of a jump in space its flight alone
-        files.append(shown.show(directory / ResultFile.REPORT, browse=False))
+        files.append(planned.show(directory / ResultFile.REPORT, browse=False))
     words = (planned, files, time.perf_counter() - start_time, common.program())
     proved = planned.flight is not None and planned.flight.certificate is not None and planned.flight.certificate.proved
     ok = planned.ok and proved

@@ -19,7 +19,7 @@ from typer.core import TyperCommand, TyperGroup
 
 import floatplan as fp
 from floatplan.cli import ExitCode
-from floatplan.errors import FloatplanError, InputError, escaped, near, printable
+from floatplan.errors import PACKAGE, FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
 from floatplan.tables import describe_objectives
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
 
 
-PACKAGE = Path(__file__).resolve().parents[1]
 KINDS = ("urdf", "problems")
 
 Parameters = ParamSpec("Parameters")
@@ -157,8 +156,11 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     def run(**words: Any) -> None:
         arguments: dict[str, Any] = {}
         for table, rows in tables.items():
-            typed = {name: words.pop(name) for name in rows}
-            arguments[table] = {name: value for name, value in typed.items() if value is not None}
+            arguments[table] = {}
+            for name in rows:
+                value = words.pop(name)
+                if value is not None:
+                    arguments[table][name] = value
         command(**words, **arguments)
 
     run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]

@@ -148,7 +148,7 @@ def _fly_once(
     plan: fp.Plan, saved_to: str | None, json_output: bool, *, step: float | None, **options: Any
 ) -> NoReturn:
     """Fly a plan, save the replay into the file ``saved_to`` where there is one, and print."""
-    from floatplan.simulation.replay import STEP
+    from floatplan.simulation.mujoco_model import STEP
 
     with progress("flying"):
         replay = fp.replay(plan, step=STEP if step is None else step, **options)

@@ -219,7 +219,7 @@ def _number(option: str, text: str) -> float:
 
 def _numbers_or_word(text: str, kind: Callable[[str], Any]) -> Any:
     try:
-        return _one_or_many([kind(item) for item in _parts(text)])
+        return _one_or_many(list(map(kind, _parts(text))))
     except ValueError:
         return text
 

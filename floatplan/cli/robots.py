@@ -19,6 +19,7 @@ from floatplan.errors import InputError, escaped, install_advice
 from floatplan.files import json_value, write_atomically
 
 if TYPE_CHECKING:
+    from floatplan.initial.options import InitOptions
     from floatplan.motion.flight import Reachable
 
 LISTED = "-"  # stands for no file
@@ -137,7 +138,7 @@ def robot_facts(robot: fp.Robot) -> dict[str, Any]:
         "friction": dict(robot.friction),
         "rotor_file": None if robot.rotor_file is None else str(robot.rotor_file),
         "balance_inertias": robot.balance_inertias,
-        "payload": [asdict(payload) for payload in robot.payload],
+        "payload": list(map(asdict, robot.payload)),
         "coupled": {follower: asdict(coupling) for follower, coupling in robot.coupled.items()},
         **(_facts_in_plane(robot) if robot.in_plane else {"base": robot.base, "frames": sorted(robot.frame_names)}),
         "wheels": explain_wheels(robot),
@@ -191,6 +192,10 @@ def init(
     posture: Annotated[
         str | None, option("J=A,..", "Positions of joints before the jump; those left out are chosen.")
     ] = None,
+    stunt: Annotated[
+        str | None,
+        option("NAME", "A jump in space, such as roll or side; a wrong name lists them all."),
+    ] = None,
     degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
     force: Annotated[bool, flag("Overwrite the file.", "--force")] = False,
@@ -207,23 +212,16 @@ def init(
     What is left open is chosen: one rotation, backwards where it takes off from the rear, or none. What is requested
     is fixed, or nothing is written: where the search has no such jump, the exit code is 1, and the message says
     what is in the way, and without which option there is one.
+
+    With --stunt it is a jump in space of a robot whose feet are points; it is resolved, and planned by floatplan jump.
     """
     from floatplan.cli import option_values
-    from floatplan.cli.results import check_folder
     from floatplan.initial.flight import requested_flight
     from floatplan.initial.options import InitOptions
     from floatplan.initial.text import problem_file_text
     from floatplan.robot.chosen import blamed
 
-    path = Path(f"{Path(robot).stem}.toml") if output is None else output
-    if path.suffix != ".toml":
-        raise InputError("a problem file ends in .toml", source=path, element="--output")
-    if path.exists() and not force:
-        raise InputError(
-            "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
-        )
-    check_folder(path.parent)
-
+    path = _new_problem_file(robot, output, force)
     robot_choices = option_values.robot_choices(choices, degrees)
     words = {name: _typed(name, value) for name, value in choices.items()}
     options = InitOptions(
@@ -237,6 +235,9 @@ def init(
         posture=option_values.posture("--posture", posture, degrees),
         angles="deg" if degrees else "rad",
     )
+    if stunt is not None:
+        _write_stunt(robot, stunt, robot_choices, options, path, quiet)
+        return
     with progress("init", quiet, tell=True) as bar, blamed(robot_choices, option_values.SOURCE, "--"):
         chosen, flight = requested_flight(
             robot, options, robot_choices, words, seed, lambda line: bar.say(escaped(line))
@@ -250,6 +251,41 @@ def init(
         for reason in flight.reasons:
             typer.echo(reason, err=True)
         typer.echo(f"next: floatplan {'plan' if flight.jump is None else 'jump'} {path}", err=True)
+
+
+def _new_problem_file(robot: str, output: Path | None, force: bool) -> Path:
+    """Where a problem file goes; refused where it may not."""
+    from floatplan.cli.results import check_folder
+
+    path = Path(f"{Path(robot).stem}.toml") if output is None else output
+    if path.suffix != ".toml":
+        raise InputError("a problem file ends in .toml", source=path, element="--output")
+    if path.exists() and not force:
+        raise InputError(
+            "is there already", source=path, advice="give --force to overwrite it, or another name with -o"
+        )
+    check_folder(path.parent)
+    return path
+
+
+def _write_stunt(
+    robot: str, stunt: str, robot_choices: Mapping[str, Any], options: InitOptions, path: Path, quiet: bool
+) -> None:
+    """Write the problem file of a jump in space; errors name the option."""
+    from floatplan.cli.option_values import SOURCE
+    from floatplan.initial.stunts import stunt_file_text
+    from floatplan.robot.chosen import blamed
+
+    if options.typed:
+        name = next(iter(options.typed)).replace("_", "-")
+        reason = "says what jumps in a plane do, and --stunt asks for one in space"
+        raise InputError(reason, element=f"--{name}", advice="leave one of the two out")
+    with blamed({**robot_choices, "stunt": stunt}, SOURCE, "--"):
+        text = stunt_file_text(robot, stunt, robot_choices, path)
+    write_atomically(path, text)
+    if not quiet:
+        typer.echo(f"{path}: {text.splitlines()[0].removeprefix('# ')}", err=True)
+        typer.echo(f"next: floatplan jump {path}", err=True)
 
 
 def _typed(name: str, value: str | bool) -> str:

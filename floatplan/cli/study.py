@@ -116,7 +116,7 @@ def _tell(done: fp.Study, start_time: float, json_output: bool, quiet: bool) -> 
                 "folder": str(done.folder),
                 "rows": len(done),
                 "statuses": done.statuses,
-                "files": [str(path) for path in done.files],
+                "files": list(map(str, done.files)),
                 "seconds": time.perf_counter() - start_time,
             }
         )

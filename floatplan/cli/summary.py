@@ -194,7 +194,8 @@ def certificate_summary(certificate: fp.Certificate) -> RenderableType:
     rows: list[list[str | Text]] = [[*row] for row in cells[: SHOWN.findings]]
     for row, (_, word, *_) in zip(rows, cells, strict=False):
         row[1] = Text(word, colours[word])
-    return Group(verdict, _table(titles, rows), *_more(len(cells) - SHOWN.findings))
+    reasons = [f"goal.orientation: {reason}" for reason in certificate.reasons]
+    return Group(verdict, *reasons, _table(titles, rows), *_more(len(cells) - SHOWN.findings))
 
 
 def replay_summary(replay: fp.Replay) -> RenderableType:
@@ -283,8 +284,6 @@ def jump_summary(jump: fp.Jump, files: Sequence[Path], seconds: float, program: 
     written = [Row(path.stem, escaped(str(path))) for path in files]
     path = shlex.quote(str(files[0]))
     following = f"show {path} --scene    # the jump in 3-D"
-    if jump.robot.base == "free-flyer":
-        following = f"export {path} --format npz    # the whole jump; its report plays the flight"
     return Group(
         Text(f"{name}: jump found {took} ({jump.verdict})", f"bold {COLOURS[jump.tone]}"),
         _table(PHASES, phase_lines(jump)),
@@ -307,7 +306,7 @@ def clip_summary(check: fp.ClipCheck, page: Path | None = None) -> RenderableTyp
         flight = judged.flight
         when = f"{flight.begin:.2f}..{flight.end:.2f} s"
         rotation = "too few frames" if judged.rotation is None else f"{math.degrees(judged.rotation.rms):.2f}"
-        shares = [_clip_share(share) for share in (judged.torque_share, judged.rate_share)]
+        shares = list(map(_clip_share, (judged.torque_share, judged.rate_share)))
         fall = (
             f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if math.isfinite(judged.fall.interval) else "open"
         )
@@ -342,7 +341,7 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
         if repaired is None:
             continue
         when = f"{flight.begin:.2f} to {flight.end:.2f} s"
-        shares = [_clip_share(share) for share in (repaired.rate_share, repaired.torque_share)]
+        shares = list(map(_clip_share, (repaired.rate_share, repaired.torque_share)))
         changes = np.degrees([repaired.joints_rms, repaired.joints_largest, repaired.base_largest])
         degrees = [f"{value:.2f}" for value in changes]
         word = Text(str(repaired.choice), "green") if repaired.repairable else Text("left", "red")

@@ -11,8 +11,9 @@ import numpy as np
 
 from floatplan.arguments import made, positive
 from floatplan.clips.clip import Clip
-from floatplan.clips.judge import GRAVITY, FlightJudgement, judge_flight
+from floatplan.clips.judge import FlightJudgement, judge_flight
 from floatplan.pool import one_thread
+from floatplan.tables import GRAVITY
 
 LEVELS_APART = 0.3  # [m] from the lowest to the highest ground of a clip, above which it is remarked
 

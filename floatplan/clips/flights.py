@@ -12,15 +12,16 @@ from itertools import pairwise
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.clips.curve import ClipCurve, body_poses
+from floatplan.clips.curve import ClipCurve
 from floatplan.errors import InputError
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import BodySolids, body_poses, in_body, on_body
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
+LEAST_DURATION = 0.1  # [s] of a flight: a shorter one is noise of the frames
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
-DOWN = np.array([0.0, 0.0, -1.0])
 BASE_BODY = 1  # the model's joint that carries the base
 
 
@@ -89,7 +90,7 @@ class Scene:
         Joints of the model that carry the feet.
     foot_names : (F,)
         A link of each.
-    foot_solids : (F,)
+    foot_solids : BodySolids
         The shapes of each.
     foot_heights : (K, F) m
         Of each foot's lowest point, in the world.
@@ -107,7 +108,7 @@ class Scene:
     times: Array
     foot_bodies: tuple[int, ...]
     foot_names: tuple[str, ...]
-    foot_solids: tuple[Sequence[LinkSolid], ...]
+    foot_solids: BodySolids
     foot_heights: Array
     foot_velocities: Array
     other_heights: Array
@@ -152,7 +153,7 @@ class Scene:
             times=times,
             foot_bodies=tuple(feet_bodies),
             foot_names=tuple(by_body[body][0].link for body in feet_bodies),
-            foot_solids=tuple(by_body[body] for body in feet_bodies),
+            foot_solids=BodySolids(tuple(by_body[body] for body in feet_bodies)),
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
             other_heights=heights[:, others],
@@ -183,7 +184,7 @@ class Scene:
         for first, last in _stretches(self.in_the_air()):
             begin = float(self.times[first])
             end = float(self.times[last])
-            if end - begin < 0.1:  # [s] a shorter one is noise of the frames
+            if end - begin < LEAST_DURATION:
                 continue
             first_frame = int(np.ceil(begin * fps - 1e-9))
             last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
@@ -222,6 +223,8 @@ def _lowest_points(
     A velocity is that of the material point which is lowest, over the span of some instants to either side.
     """
     count = len(times)
+    bodies = list(by_body)
+    solids = BodySolids(tuple(by_body.values()))
     heights = np.empty((count, len(by_body)))
     velocities = np.empty((count, len(feet), 3))
     for begin in range(0, count, SAMPLING.chunk):
@@ -232,48 +235,18 @@ def _lowest_points(
         before = np.maximum(own - SAMPLING.speed_steps, 0)
         after = np.minimum(own + SAMPLING.speed_steps, count - 1)
         inside = _some(poses, own - first)
-        for column, (body, solids) in enumerate(by_body.items()):
-            lowest = lowest_point(inside, solids)
-            heights[own, column] = lowest[:, 2]
-            if body in feet:
-                local = in_body(inside, body, lowest)
-                moved = on_body(_some(poses, after - first), body, local)
-                moved -= on_body(_some(poses, before - first), body, local)
-                velocities[own, feet.index(body)] = moved / (times[after] - times[before])[:, None]
+        lowest = solids.lowest(inside)
+        heights[own] = lowest[..., 2]
+        for number, body in enumerate(feet):
+            local = in_body(inside, body, lowest[:, bodies.index(body)])
+            moved = on_body(_some(poses, after - first), body, local)
+            moved -= on_body(_some(poses, before - first), body, local)
+            velocities[own, number] = moved / (times[after] - times[before])[:, None]
     return heights, velocities
-
-
-def lowest_point(poses: BodyPoses, solids: Sequence[LinkSolid]) -> Array:
-    """Lowest point (K, 3) of the solids of one body, m, in the world."""
-    points = np.stack([_lowest_of_solid(poses, solid) for solid in solids], axis=1)
-    least = points[..., 2].argmin(axis=1)
-    return np.asarray(points[np.arange(len(points)), least])
-
-
-def _lowest_of_solid(poses: BodyPoses, solid: LinkSolid) -> Array:
-    """Lowest point (K, 3) of one solid: a corner of its hull, and from there that of the ellipsoid."""
-    rotations = poses.rotations[:, solid.body]
-    directions = DOWN @ rotations
-    corner = solid.points[(directions @ solid.points.T).argmax(axis=1)]
-    along_axes = directions @ solid.axes
-    length = np.linalg.norm(along_axes, axis=1, keepdims=True)
-    to_surface = (along_axes / np.where(length > 0, length, 1.0)) @ solid.axes.T
-    local = corner + to_surface
-    return np.asarray(poses.places[:, solid.body] + np.einsum("kab,kb->ka", rotations, local))
 
 
 def _some(poses: BodyPoses, instants: IntArray) -> BodyPoses:
     return BodyPoses(poses.places[instants], poses.rotations[instants])
-
-
-def in_body(poses: BodyPoses, body: int, points: Array) -> Array:
-    """Points (K, 3) of the world, one at each instant, in a body's frame, m."""
-    return np.asarray(np.einsum("kba,kb->ka", poses.rotations[:, body], points - poses.places[:, body]))
-
-
-def on_body(poses: BodyPoses, body: int, local: Array) -> Array:
-    """Places (K, 3) in the world, m, of points (K, 3) in a body's frame, one at each instant."""
-    return np.asarray(poses.places[:, body] + np.einsum("kab,kb->ka", poses.rotations[:, body], local))
 
 
 def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> list[int]:
@@ -291,14 +264,17 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    Its base is at the identity, as of an upright robot: in the air it may be upside down for most of a clip. A base
-    that ends a limb is a foot or a hand; it has its first attitude of the clip.
+    Where its base tilts much it is taken at the identity, as of an upright robot: in the air it may be upside down for
+    most of a clip. A base that ends a limb is a foot or a hand; it has its first attitude of the clip.
     """
-    times = np.linspace(0.0, curve.duration, 100)  # enough to compare limbs
-    upright = curve.attitudes(times[:1])[0] if _base_ends_a_limb(curve.robot) else np.eye(3)
-    attitudes = np.broadcast_to(upright, (len(times), 3, 3))
+    times = np.linspace(0.0, curve.duration, 50)  # enough to compare limbs
+    attitudes = curve.attitudes(times)
+    if _base_ends_a_limb(curve.robot):
+        attitudes[:] = attitudes[0]
+    else:
+        attitudes[attitudes[:, 2, 2] < np.cos(np.deg2rad(30.0))] = np.eye(3)  # [rad] more tilt than of a stance
     poses = body_poses(curve.robot, np.zeros((len(times), 3)), attitudes, curve.positions(times))
-    heights = np.stack([lowest_point(poses, solids)[:, 2] for solids in by_body.values()], axis=1)
+    heights = BodySolids(tuple(by_body.values())).lowest(poses)[..., 2]
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     often = np.percentile(over_lowest, 20.0, axis=0)  # [%] of the time
     return often, float(np.median(over_lowest.max(axis=1)))
@@ -371,9 +347,13 @@ def _level(times: Array, still_times: Array, still_heights: Array) -> Array:
     first = np.searchsorted(still_times, times - SAMPLING.ground_window)
     end = np.searchsorted(still_times, times + SAMPLING.ground_window)
     step = max(int(SAMPLING.ground_window * SAMPLING.rate / 30), 1)  # it hardly changes within a twentieth of a second
+    level_of: dict[tuple[int, int], float] = {}  # by the first and the end of those in the window
     for k in {*range(0, len(times), step), len(times) - 1}:
-        if end[k] > first[k]:
-            levels[k] = np.percentile(still_heights[first[k] : end[k]], percent)
+        window = int(first[k]), int(end[k])
+        if window[1] > window[0]:
+            if window not in level_of:
+                level_of[window] = float(np.percentile(still_heights[slice(*window)], percent))
+            levels[k] = level_of[window]
     finite = np.flatnonzero(np.isfinite(levels))
     nearest = finite[np.clip(np.searchsorted(finite, np.arange(len(times))), 0, len(finite) - 1)]
     return np.asarray(levels[nearest])

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
 from floatplan.clips.fall import Fall, fit_fall
 from floatplan.clips.flights import FOOT_CLEARANCE, STILL, ClipFlight
 from floatplan.clips.turning import LEAST_FRAMES, JointFit, TurnFit, nearest_turning
-from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics
+from floatplan.motion.spatial.dynamics import SpatialDynamics
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass, free_dynamics
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
+from floatplan.tables import GRAVITY
 
-GRAVITY = 9.81  # [m/s^2]
 STANCE_SPAN = 0.3  # [s] before and after a flight, of the stances whose feet are judged
-
-
-@lru_cache(maxsize=16)
-def free_dynamics(robot: Robot) -> SpatialDynamics:
-    """Momentum and torques by all joints that move, in the order of the model."""
-    count = len(robot.model_joints)
-    return SpatialDynamics(robot.model, np.zeros(count), np.eye(count))
 
 
 @dataclass(frozen=True, eq=False)

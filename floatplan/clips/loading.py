@@ -12,10 +12,10 @@ from floatplan.arguments import FINITE, many, optional, text
 from floatplan.arguments import path as as_path
 from floatplan.arrays import Array, read_only
 from floatplan.clips.clip import Clip, FileLayout
-from floatplan.clips.curve import body_poses
 from floatplan.clips.formats import Recording, check_rate, continuous_signs, read_recording
 from floatplan.errors import InputError, naming
 from floatplan.export.model_names import own_names
+from floatplan.motion.spatial.kinematics import body_poses
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.robot.robot import Robot

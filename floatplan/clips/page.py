@@ -75,7 +75,7 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     for check in checks:
         flights += [(check, judged) for judged in check.flights]
     flights.sort(key=lambda pair: pair[1].verdict != "unphysical")
-    parts = [clip_facts(check) for check in checks]
+    parts = [clip_words(check) + flights_table(check) for check in checks]
     parts += [_flight_section(check, judged) for check, judged in flights[:MOST_FLIGHTS]]
     if len(flights) > MOST_FLIGHTS:
         parts.append(f"<p>{len(flights) - MOST_FLIGHTS} more flights have no charts.</p>")
@@ -89,16 +89,21 @@ def write_page(checks: Sequence[ClipCheck], path: str | Path) -> Path:
     return write_atomically(path, filled(asset("page.html"), page))
 
 
-def clip_facts(check: ClipCheck) -> str:
-    """A line about a clip, what was assumed of it, and its table of flights."""
+def clip_words(check: ClipCheck) -> str:
+    """A line about a clip, and what was assumed of it."""
     clip = check.clip
     words = (
         f"{clip.path.name}: {clip.frames} frames at {clip.fps:g} Hz, {check.physical} of {len(check.flights)} physical"
     )
     remarks = "".join(f"<br>{html.escape(remark)}" for remark in check.remarks)
+    return f"<p><b>{html.escape(words)}</b>{remarks}</p>"
+
+
+def flights_table(check: ClipCheck) -> str:
+    """A table of a clip's flights; nothing where it has none."""
     rows = [_table_row(judged) for judged in check.flights]
-    titles = ("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "force to add, N", "feet slide, mm")
-    return f"<p><b>{html.escape(words)}</b>{remarks}</p>{html_table('', rows, titles) if rows else ''}"
+    titles = ("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "torque", "rate")
+    return html_table("", rows, (*titles, "force to add, N", "feet slide, mm")) if rows else ""
 
 
 def _table_row(judged: FlightJudgement) -> list[str]:
@@ -106,8 +111,21 @@ def _table_row(judged: FlightJudgement) -> list[str]:
     rotation = "" if judged.rotation is None else f"{np.rad2deg(judged.rotation.rms):.2f}"
     fall = f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if np.isfinite(judged.fall.interval) else ""
     force = f"{judged.wrench[0]:.0f}" if np.isfinite(judged.wrench[0]) else ""
-    sliding = f"{1e3 * judged.sliding:.0f}"
-    return [f"{flight.begin:.2f} to {flight.end:.2f}", judged.verdict, fall, rotation, force, sliding]
+    return [
+        f"{flight.begin:.2f} to {flight.end:.2f}",
+        judged.verdict,
+        fall,
+        rotation,
+        percent(judged.torque_share),
+        percent(judged.rate_share),
+        force,
+        f"{1e3 * judged.sliding:.0f}",
+    ]
+
+
+def percent(share: tuple[float, str] | None) -> str:
+    """A share of a limit for a table, with whose it is; nothing where there are no limits."""
+    return "" if share is None else f"{100 * share[0]:.0f} % ({share[1]})"
 
 
 def _flight_section(check: ClipCheck, judged: FlightJudgement) -> str:
@@ -152,7 +170,7 @@ def _turning_chart(judged: FlightJudgement) -> str:
     tolerance = np.rad2deg(judged.rotation.tolerance)
     lines = [
         Line(times, off, "frames", CHART.colours[1], dots=True),
-        Line(times[[0, -1]], np.array([tolerance, tolerance]), "most, rms", CHART.colours[2], dashed=True),
+        Line(times[[0, -1]], np.array([tolerance, tolerance]), "limit of their rms", CHART.colours[2], dashed=True),
     ]
     return _chart(title, lines, least=0.0)
 

@@ -13,16 +13,15 @@ from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import ClipFlight
 from floatplan.clips.formats import check_rate
-from floatplan.clips.judge import GRAVITY
 from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
-from floatplan.clips.repaired_motion import RepairedMotion, plan_configurations
+from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
 from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
-from floatplan.tables import Range
+from floatplan.tables import GRAVITY, Range
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
 FORCE_STEP = 0.01  # [s] between the instants at which they are
@@ -163,7 +162,7 @@ def repair_clip(
         check_rate(rate, "rate")
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
-    repaired = {number: repair_flight(clip, clip.flights[number], choice, degree, gravity) for number in chosen}
+    repaired = {number: repair_flight(clip, before.flights[number], choice, degree, gravity) for number in chosen}
     good = {number: flight for number, flight in repaired.items() if flight.repairable}
     plans = {number: flight.plan for number, flight in good.items() if flight.plan is not None}
     left = {number: FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights)}
@@ -193,26 +192,27 @@ def _flight_repair(
     flight = clip.flights[number]
     begin = motion.begins[number]
     ends = np.array([flight.begin, flight.end])
-    q = plan_configurations(plan, np.array([0.0, plan.duration]))
+    q = motion.ends[number]
     attitudes = clip.curve.attitudes(ends)
     base = float(np.linalg.norm(q[:, :3] - clip.curve.base_positions(ends), axis=1).max())
     turns = [angle_between(now, own) for now, own in zip(of_quaternions(q[:, 3:7]), attitudes, strict=True)]
-    misses = [0.0]
-    figures = []
-    for first, last in ((begin - STANCE_SPAN, begin), (begin + plan.duration, begin + plan.duration + STANCE_SPAN)):
-        times = np.arange(max(first, 0.0), min(last, motion.clock.duration), FORCE_STEP)
-        if len(times) <= 2 * STEPS:
-            continue
-        clip_times = motion.clock.to_clip(times)
-        configurations = motion.configurations(times)
-        misses.append(float(foot_misses(clip, clip_times, configurations).max()))
-        figures.append(stance_figures(clip, configurations, clip_times, FORCE_STEP, gravity))
+    end = begin + plan.duration
+    before = np.arange(max(begin - STANCE_SPAN, 0.0), begin, FORCE_STEP)
+    after = np.arange(end, min(end + STANCE_SPAN, motion.clock.duration), FORCE_STEP)
+    times = np.concatenate((before, after))
+    clip_times = motion.clock.to_clip(times)
+    configurations = motion.configurations(times)
+    figures = [
+        stance_figures(clip, configurations[stance], clip_times[stance], FORCE_STEP, gravity)
+        for stance in (slice(len(before)), slice(len(before), None))
+        if len(times[stance]) > 2 * STEPS
+    ]
     return FlightRepair(
         flight=flight,
         repaired=repaired,
         seam_base=base,
         seam_turn=max(turns),
-        seam_foot=max(misses),
+        seam_foot=float(foot_misses(clip, clip_times, configurations).max(initial=0.0)),
         stance=_worst(figures) if figures else None,
     )
 

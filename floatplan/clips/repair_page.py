@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -12,11 +13,12 @@ from floatplan.arguments import html_table
 from floatplan.arrays import Array
 from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import centre_of_mass
 from floatplan.clips.formats import continuous_signs
-from floatplan.clips.page import clip_facts
+from floatplan.clips.page import clip_words, flights_table, percent
 from floatplan.clips.repair import ClipRepair, FlightRepair
+from floatplan.clips.stance_forces import StanceFigures
 from floatplan.files import json_value, write_atomically
+from floatplan.motion.spatial.kinematics import centre_of_mass
 from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import robot_in_space, rounded
@@ -26,7 +28,10 @@ from floatplan.view.style import PALETTE
 
 STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
-TITLES = ("flight, s", "what", "duration, s", "joints, deg", "base, deg", "torque", "rate", "feet, mm", "why not")
+TITLES = (
+    *("flight, s", "done", "duration, s", "joints, deg rms", "base, deg", "torque", "rate", "feet off, mm"),
+    *("ground, weights", "friction", "pressure off, mm"),
+)
 
 
 def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> Path:
@@ -41,9 +46,10 @@ def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> P
     """
     clip = repair.before.clip
     after = check_clip(repaired, repair.before.gravity)
-    rows = [_row(flight) for flight in repair.flights]
-    parts = [html_table("", rows, TITLES) if rows else ""]
-    parts += [f"<h2>before</h2>{clip_facts(repair.before)}", f"<h2>after</h2>{clip_facts(after)}"]
+    parts = ["<h2>what was changed</h2>", html_table("", [_row(flight) for flight in repair.flights], TITLES)]
+    parts += [f"<p>{html.escape(sentence)}</p>" for sentence in _sentences(repair)]
+    parts += ["<h2>before</h2>", clip_words(repair.before), flights_table(repair.before)]
+    parts += ["<h2>after</h2>", flights_table(after)]
     pair = []
     for name, shown in (("before", clip), ("after", repaired)):
         begin, end = _played(shown, repair)
@@ -73,24 +79,45 @@ def _row(flight_repair: FlightRepair) -> list[str]:
     when = f"{flight.begin:.2f} to {flight.end:.2f}"
     repaired = flight_repair.repaired
     if repaired is None:
-        return [when, "left as it is"] + [""] * (len(TITLES) - 2)
+        return [when, "left as it is", *[""] * (len(TITLES) - 2)]
     changes = ["", ""]
     if repaired.plan is not None:
         changes = [f"{np.rad2deg(value):.2g}" for value in (repaired.joints_rms, repaired.base_largest)]
-    shares = [_percent(repaired.torque_share), _percent(repaired.rate_share)]
     return [
         when,
         str(repaired.choice) if repaired.repairable else "not repairable",
         f"{flight.duration:.3f} to {repaired.duration:.3f}",
         *changes,
-        *shares,
+        percent(repaired.torque_share),
+        percent(repaired.rate_share),
         f"{1e3 * flight_repair.seam_foot:.2f}",
-        repaired.reason,
+        *_stance_cells(flight_repair.stance),
     ]
 
 
-def _percent(share: tuple[float, str] | None) -> str:
-    return "" if share is None else f"{100 * share[0]:.0f} %"
+def _stance_cells(stance: StanceFigures | None) -> list[str]:
+    if stance is None:
+        return ["", "", ""]
+    friction = f"{stance.friction:.2f}" if np.isfinite(stance.friction) else "none would do"
+    return [f"{stance.vertical_least:.2f}", friction, f"{1e3 * stance.pressure_outside:.0f}"]
+
+
+def _sentences(repair: ClipRepair) -> list[str]:
+    """What a reader should know besides the numbers: why flights are not repaired, and what stances would take."""
+    sentences = []
+    for flight_repair in repair.flights:
+        repaired = flight_repair.repaired
+        if repaired is not None and not repaired.repairable:
+            flight = flight_repair.flight
+            sentences.append(f"{flight.begin:.2f} to {flight.end:.2f} s is not repairable: {repaired.reason}.")
+    stances = [flight.stance for flight in repair.flights if flight.stance is not None]
+    sticking = sum(stance.vertical_least < 0 for stance in stances)
+    if sticking:
+        sentences.append(
+            f"Stances are bent, not planned: next to {sticking} of {len(stances)} repaired flights the ground would "
+            "have to be adhesive."
+        )
+    return sentences
 
 
 def _played(clip: Clip, repair: ClipRepair) -> tuple[float, float]:

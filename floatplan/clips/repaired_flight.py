@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -17,12 +17,11 @@ from scipy.spatial.transform import Rotation
 from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
-from floatplan.clips.flights import ClipFlight
-from floatplan.clips.judge import largest_share
+from floatplan.clips.flights import LEAST_DURATION, SAMPLING, ClipFlight
+from floatplan.clips.judge import FlightJudgement, largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
-from floatplan.motion.spatial.dynamics import BASE
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, unwrapped_angles
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import plan as plan_flight
@@ -31,7 +30,9 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
-from floatplan.tables import Range
+from floatplan.robot.robot import Robot
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
+from floatplan.tables import GRAVITY, Range
 
 Choice: TypeAlias = Literal["retime", "raise", "auto"] | float
 SHARES = {
@@ -40,6 +41,8 @@ SHARES = {
 }  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
 CHOICE = one_of(*SHARES, "auto", or_number=number(Range(0.0, 1.0, "")))
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
+# [s] of a repaired flight: its clip is searched for flights at instants of its own, and may lose one at each end
+SHORTEST = LEAST_DURATION + 2.0 / SAMPLING.rate
 RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
 CHECKED = 101  # [-] instants at which the flight is compared with the clip
 
@@ -82,12 +85,14 @@ class RepairedFlight:
 
 
 def repair_flight(
-    clip: Clip, flight: ClipFlight, choice: Choice = "auto", degree: int | None = None, gravity: float = 9.81
+    clip: Clip, judged: FlightJudgement, choice: Choice = "auto", degree: int | None = None, gravity: float = GRAVITY
 ) -> RepairedFlight:
     """Plan a flight of a clip anew.
 
     Parameters
     ----------
+    judged : FlightJudgement
+        The flight and its verdict.
     choice : "retime", "raise", a share between them, or "auto": the first of both that keeps the robot's limits, else
         the nearer one
     degree : of the polynomials (12); by the flight's duration where left out
@@ -96,45 +101,73 @@ def repair_flight(
     shares: tuple[str | float, ...] = tuple(SHARES) if choice == "auto" else (choice,)
     tried: list[RepairedFlight] = []
     for share in shares:
-        repaired = _planned(clip, flight, share, degree, gravity)
+        repaired = _planned(clip, judged, share, degree, gravity)
         if repaired.repairable:
             return repaired
         tried.append(repaired)
     return min(tried, key=lambda repaired: (repaired.plan is None, _largest_share(repaired), repaired.joints_largest))
 
 
-def _largest_share(repaired: RepairedFlight) -> float:
-    shares = (repaired.rate_share, repaired.torque_share)
+def _largest_share(used: RepairedFlight | FlightJudgement) -> float:
+    shares = (used.rate_share, used.torque_share)
     return max((share[0] for share in shares if share is not None), default=0.0)
 
 
-def _planned(clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None, gravity: float) -> RepairedFlight:
-    """Plan with one choice; again within the limits where the nearest motion exceeds them."""
-    problem = flight_problem(clip, flight, choice, degree, gravity)
-    if problem is None:
-        return _none(flight, choice, "the centre of mass does not rise over its heights at takeoff and landing")
-    plan = plan_flight(problem)
+def _planned(
+    clip: Clip, judged: FlightJudgement, choice: str | float, degree: int | None, gravity: float
+) -> RepairedFlight:
+    """Plan with one choice: within the limits where the nearest motion exceeds them, or is expected to.
+
+    Where there is none within them, the nearest motion tells by how much.
+    """
+    flight = judged.flight
+    duration = repaired_duration(clip, judged, choice, gravity)
+    if duration < SHORTEST:
+        return _none(flight, choice, f"it falls over its own heights in {duration:.2g} s, too short for a flight")
+
+    def plan_within(near: Plan | None = None) -> Plan:
+        margin = 0.97  # [-] of the limits, which hold at nodes and are judged between them
+        problem = flight_problem(clip, flight, duration, degree, gravity, share_of_limits=margin)
+        return planned(problem, SearchOptions(), near=near).plan
+
+    expects_more = _is_limited(_expected_share(judged, duration))
+    if expects_more:
+        within = plan_within()
+        if within.ok:
+            return _judged(clip, flight, choice, within)
+    plan = plan_flight(flight_problem(clip, flight, duration, degree, gravity))
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     nearest = _judged(clip, flight, choice, plan)
-    # above 20 times a limit no flight within the limits is looked for: it takes seconds
-    if not 1.0 < _largest_share(nearest) <= 20.0:
+    if expects_more or not _is_limited(_largest_share(nearest)):
         return nearest
-    limits = _limits_within(problem, 0.97)  # with a margin of 3 %
-    within = planned(replace(problem, limits=limits), SearchOptions(), near=plan).plan
+    within = plan_within(near=plan)
     return _judged(clip, flight, choice, within) if within.ok else nearest
+
+
+def _expected_share(judged: FlightJudgement, duration: float) -> float:
+    """Largest share of a limit that a clip's motion takes in so many seconds: torques grow with the pace squared."""
+    pace = judged.flight.duration / duration
+    rate = 0.0 if judged.rate_share is None else judged.rate_share[0] * pace
+    torque = 0.0 if judged.torque_share is None else judged.torque_share[0] * pace**2
+    return max(rate, torque)
+
+
+def _is_limited(share: float) -> bool:
+    """Whether a motion that takes such a share of a limit is to be planned within the limits."""
+    hopeless = 20.0  # [-] of a limit: above, there is no plan, and the search takes seconds
+    return 1.0 < share <= hopeless
 
 
 def _none(flight: ClipFlight, choice: str | float, reason: str) -> RepairedFlight:
     return RepairedFlight(flight, None, choice, math.nan, math.nan, math.nan, None, None, reason)
 
 
-def _limits_within(problem: Problem, share: float) -> Limits:
-    """The limits of the robot's file, less a margin."""
-    robot = problem.robot
+def _limits_within(robot: Robot, share: float) -> dict[str, Any]:
+    """Keys of ``Limits``: a share of those of the robot's file."""
     rates = _finite_limits(robot.motors, share * robot.motor_velocity_limits)
     torques = _finite_limits(robot.motors, share * robot.motor_torque_limits)
-    return replace(problem.limits, velocity=rates or "none", torque=torques or "none")
+    return {"velocity": rates or "none", "torque": torques or "none"}
 
 
 def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
@@ -142,32 +175,56 @@ def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
     return {motor: limit for motor, limit in zip(motors, limits.tolist(), strict=True) if math.isfinite(limit)}
 
 
-def flight_problem(
-    clip: Clip, flight: ClipFlight, choice: str | float, degree: int | None = None, gravity: float = 9.81
-) -> Problem | None:
-    """The problem whose plan is a flight of a clip, nearest to it; None where the clip's flight does not rise.
+def repaired_duration(clip: Clip, judged: FlightJudgement, choice: str | float, gravity: float = GRAVITY) -> float:
+    """How long a flight of a clip takes when it is repaired, s: that of its fall over its own heights, or the clip's.
 
-    Its duration is that of the clip's flight by a share, else that of the fall over the clip's own heights.
+    A share is one between both. Where the centre of mass is on a parabola, that tells its heights: noise of the frames
+    at its ends and top would change the duration.
+    """
+    flight = judged.flight
+    times = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
+    if judged.fall.on_parabola and math.isfinite(judged.fall.interval):
+        heights = judged.fall.at(times)[:, 2]
+    else:
+        heights = centre_of_mass(clip.robot, clip.curve.poses(times))[:, 2]
+    share = SHARES[choice] if isinstance(choice, str) else choice
+    fall = fall_duration(float(heights[0]), float(heights.max()), float(heights[-1]), gravity)
+    return share * flight.duration + (1.0 - share) * fall
+
+
+def flight_problem(
+    clip: Clip,
+    flight: ClipFlight,
+    duration: float,
+    degree: int | None = None,
+    gravity: float = GRAVITY,
+    share_of_limits: float | None = None,
+) -> Problem:
+    """The problem whose plan is a flight of a clip, nearest to it.
+
+    Parameters
+    ----------
+    duration : s, of the plan
+    degree : of the polynomials (12); by the flight's duration where left out
+    gravity : m/s^2
+    share_of_limits : of rates and torques of the robot's file, within which it is to stay; without them if left out
     """
     robot = clip.robot
-    grid = gauss_legendre(NODES)
     ends = np.array([flight.begin, flight.end])
-    at = np.concatenate((ends, flight.begin + flight.duration * grid.nodes))
-    attitudes = clip.curve.attitudes(at)
-    bases = clip.curve.base_positions(at)
+    at = np.concatenate((ends, flight.begin + flight.duration * gauss_legendre(NODES).nodes))
+    bases = clip.curve.base_positions(ends)
     positions = clip.curve.positions(at)
-    com = centre_of_mass(robot, body_poses(robot, bases, attitudes, positions))
-    share = SHARES[choice] if isinstance(choice, str) else choice
-    fall = fall_duration(com[0, 2], float(com[:, 2].max()), com[1, 2], gravity)
-    if share < 1 and fall < 0.05:  # [s] no shorter flight is repaired
-        return None
-    duration = share * flight.duration + (1.0 - share) * fall
+    com = centre_of_mass(robot, clip.curve.poses(ends))
     columns = [robot.model_joints.index(joint) for joint in robot.joints]
     planned = positions[:, columns]
     low, high = _ranges(robot.position_limits, planned)
     # [s, -] longer flights need higher degrees
     chosen = degree or next(value for longest, value in ((0.35, 9), (0.7, 11), (math.inf, 13)) if duration <= longest)
     rates = _end_rates(planned, (low + high) / 2, (high - low) / 2, duration, chosen)
+    limits: dict[str, Any] = {"position": tuple(zip(low.tolist(), high.tolist(), strict=True))}
+    if share_of_limits is not None:
+        rates = np.clip(rates, -share_of_limits * robot.velocity_limits, share_of_limits * robot.velocity_limits)
+        limits |= _limits_within(robot, share_of_limits)
     goal_angles = _attitudes_of_ends(clip, flight)
     postures = []
     for end in (0, 1):
@@ -195,7 +252,7 @@ def flight_problem(
             gravity=gravity,
         ),
         motion=Motion(degree=chosen, objective="clip", clip=ClipReference(positions=reference.tolist())),
-        limits=Limits(position=tuple(zip(low.tolist(), high.tolist(), strict=True))),
+        limits=Limits(**limits),
         name=f"{clip.path.stem}_{flight.begin:.2f}",
     )
 
@@ -278,6 +335,11 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> 
             share, motor = largest_use
             if share > 1.0:
                 reasons.append(f"{motor} needs {100 * share:.0f} % of its {quantity}")
+    poses = body_poses(robot, motion.base_position, attitudes, motion.positions)
+    clearances = clip.scene.foot_solids.lowest(poses)[..., 2] - clip.ground.at(instants)[:, None]
+    if clearances.min() < -0.01:  # [m] more is not what feet press in
+        foot = clip.scene.foot_names[int(clearances.min(axis=0).argmin())]
+        reasons.append(f"{foot} would be {-1e3 * clearances.min():.0f} mm under the ground")
     if largest > math.radians(30.0):  # a flight with a larger change is another motion
         joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]
         reasons.append(f"{joint} would move {math.degrees(largest):.0f} degrees from the clip")

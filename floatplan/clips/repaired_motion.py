@@ -19,16 +19,14 @@ from floatplan.plans.plan import Plan
 STEP = 1e-4  # [s] of differences, by which velocities in stances are computed
 
 
-def plan_configurations(plan: Plan, times: Array) -> Array:
-    """Configurations (K, 7 + J) of a plan at times (K,), s, as clips have them."""
-    motion = plan.full_motion(times)
-    return np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
+def plan_motion(plan: Plan, times: Array) -> tuple[Array, Array]:
+    """Configurations (K, 7 + J) of a plan at times (K,), s, as clips have them, and velocities (K, 6 + J).
 
-
-def plan_velocities(plan: Plan, times: Array) -> Array:
-    """Velocities (K, 6 + J) of a plan at times (K,), s: of the base in its own axes, and of the joints."""
+    Those of the base are in its own axes.
+    """
     motion = plan.full_motion(times)
-    return np.concatenate((motion.base_twist, motion.velocities), axis=1)
+    configurations = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
+    return configurations, np.concatenate((motion.base_twist, motion.velocities), axis=1)
 
 
 class RepairedMotion:
@@ -38,6 +36,11 @@ class RepairedMotion:
     ----------
     clip : Clip
     plans : by the number of the flight
+
+    Attributes
+    ----------
+    begins : s, of each plan, by the number of its flight
+    ends : (2, 7 + J), configurations of each plan at takeoff and landing
     """
 
     def __init__(self, clip: Clip, plans: Mapping[int, Plan]) -> None:
@@ -50,31 +53,35 @@ class RepairedMotion:
         self.clock = Clock.of(clip.duration, flights, factors)
         begins = self.clock.to_new(np.array([flight.begin for flight in flights]))
         self.begins = {number: float(begins[number]) for number in plans}
+        self.ends: dict[int, Array] = {}
         self._seams: list[Seam] = []
-        for number in plans:
-            self._seams += self._seams_of(number, factors[number])
+        for number, plan in plans.items():
+            configurations, velocities = plan_motion(plan, np.array([0.0, plan.duration]))
+            self.ends[number] = configurations
+            self._seams += self._seams_of(number, factors[number], configurations, velocities)
 
-    def _seams_of(self, number: int, pace: float) -> list[Seam]:
-        """Where the stances before and after a flight meet it."""
+    def _seams_of(self, number: int, pace: float, configurations: Array, velocities: Array) -> list[Seam]:
+        """Where the stances before and after a flight meet the ends (2, 7 + J), (2, 6 + J) of its plan."""
         clip = self._clip
         flights = clip.flights
         flight = flights[number]
-        plan = self._plans[number]
         before = flights[number - 1].end if number else 0.0
         after = flights[number + 1].begin if number + 1 < len(flights) else clip.duration
+        ends = np.array([flight.begin, flight.end])
+        attitudes = of_quaternions(configurations[:, 3:7])
+        clearances = clip.scene.foot_clearances(ends)
+        linear, angular, joints = clip.curve.velocities(ends)
         seams = []
-        for at, local, sign, free in (
-            (flight.begin, 0.0, -1.0, flight.begin - before),
-            (flight.end, plan.duration, 1.0, after - flight.end),
-        ):
-            own = plan_velocities(plan, np.array([local]))[0]
-            attitude = of_quaternions(plan_configurations(plan, np.array([local]))[:, 3:7])[0]
-            of_clip = clip.curve.velocities(np.array([at]))
-            change = velocity_difference(own, (of_clip[0][0], of_clip[1][0], of_clip[2][0]), pace, attitude)
-            instant = self.begins[number] + local
-            clearances = clip.scene.foot_clearances(np.array([at]))[0]
-            span = min(RAMP, 0.5 * free)
-            seams.append(Seam(instant=instant, sign=sign, span=span, clearances=clearances, change=change))
+        for end, (sign, free) in enumerate(((-1.0, flight.begin - before), (1.0, after - flight.end))):
+            of_clip = (linear[end], angular[end], joints[end])
+            seam = Seam(
+                instant=self.begins[number] + end * self._plans[number].duration,
+                sign=sign,
+                span=min(RAMP, 0.5 * free),
+                clearances=clearances[end],
+                change=velocity_difference(velocities[end], of_clip, pace, attitudes[end]),
+            )
+            seams.append(seam)
         return seams
 
     def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
@@ -87,21 +94,25 @@ class RepairedMotion:
 
     def configurations(self, times: Array) -> Array:
         """Configurations (K, 7 + J) at times (K,), s."""
-        clip_times = self.clock.to_clip(times)
         configurations = np.empty((len(times), self._clip.robot.model.nq))
         stands = np.ones(len(times), np.bool_)
         for plan, inside, local in self._in_flight(times):
-            configurations[inside] = plan_configurations(plan, local)
+            configurations[inside], _ = plan_motion(plan, local)
             stands &= ~inside
-        configurations[stands] = stance_configurations(self._clip, clip_times[stands], times[stands], self._seams)
+        at = times[stands]
+        configurations[stands] = stance_configurations(self._clip, self.clock.to_clip(at), at, self._seams)
         return configurations
 
-    def velocities(self, times: Array) -> Array:
-        """Velocities (K, 6 + J) of Pinocchio's model at times (K,): of plans their own, in stances by differences."""
+    def motion(self, times: Array) -> tuple[Array, Array]:
+        """Configurations (K, 7 + J) at times (K,), s, and velocities (K, 6 + J) of Pinocchio's model.
+
+        Velocities of plans are their own, those of stances are from differences.
+        """
+        configurations = np.empty((len(times), self._clip.robot.model.nq))
         velocities = np.empty((len(times), self._clip.robot.model.nv))
         stands = np.ones(len(times), np.bool_)
         for plan, inside, local in self._in_flight(times):
-            velocities[inside] = plan_velocities(plan, local)
+            configurations[inside], velocities[inside] = plan_motion(plan, local)
             stands &= ~inside
         at = times[stands]
         early = np.clip(at - STEP, 0.0, self.clock.duration)
@@ -111,14 +122,15 @@ class RepairedMotion:
         turned = Rotation.from_quat(before[:, 3:7]).inv() * Rotation.from_quat(after[:, 3:7])
         linear = Rotation.from_quat(middle[:, 3:7]).apply((after[:, :3] - before[:, :3]) / passed, inverse=True)
         joints = (after[:, 7:] - before[:, 7:]) / passed
+        configurations[stands] = middle
         velocities[stands] = np.concatenate((linear, turned.as_rotvec() / passed, joints), axis=1)
-        return velocities
+        return configurations, velocities
 
     def clip(self, rate: float) -> Clip:
         """The same as a clip of so many frames a second."""
         clip = self._clip
         times = np.arange(int(np.floor(self.clock.duration * rate + 1e-6)) + 1) / rate
-        q = self.configurations(times)
+        q, v = self.motion(times)
         contacts = None
         if clip.contacts is not None:
             frame = np.rint(self.clock.to_clip(times) * clip.fps).astype(np.int64)
@@ -130,5 +142,5 @@ class RepairedMotion:
             base_quaternion=read_only(continuous_signs(q[:, 3:7])),
             positions=read_only(q[:, 7:]),
             contacts=contacts,
-            velocities=read_only(self.velocities(times)),
+            velocities=read_only(v),
         )

@@ -9,9 +9,9 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, centre_of_mass
-from floatplan.clips.flights import DOWN, FOOT_CLEARANCE, lowest_point
+from floatplan.clips.flights import FOOT_CLEARANCE
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 from floatplan.motion.spatial.rotations import of_quaternions
 
 STEPS = 2  # [-] instants to either side, of differences: nearer ones tell of the frames' noise
@@ -54,7 +54,8 @@ def stance_figures(clip: Clip, configurations: Array, clip_times: Array, step: f
     inner = slice(STEPS, -STEPS)
     span = STEPS * step
     acceleration = (com[2 * STEPS :] - 2.0 * com[inner] + com[: -2 * STEPS]) / span**2
-    force = acceleration / gravity - DOWN  # in shares of the weight
+    up = np.array([0.0, 0.0, 1.0])
+    force = acceleration / gravity + up  # in shares of the weight
     across = np.linalg.norm(force[:, :2], axis=1)
     friction = np.where(force[:, 2] > 0, across / np.maximum(force[:, 2], 1e-9), np.inf)
     momentum = _angular_momentum(clip, configurations, step)
@@ -90,22 +91,11 @@ def _reach(clip: Clip, poses: BodyPoses, clip_times: Array) -> tuple[Array, Arra
     Minus infinity where none is on the ground.
     """
     scene = clip.scene
-    clearances = scene.foot_clearances(clip_times)
-    reach = np.full((len(clip_times), len(DIRECTIONS)), -np.inf)
-    ground = np.full(len(clip_times), np.inf)
-    for foot, (body, solids) in enumerate(zip(scene.foot_bodies, scene.foot_solids, strict=True)):
-        lowest = lowest_point(poses, solids)[:, 2]
-        ground = np.minimum(ground, lowest)
-        for solid in solids:
-            points = poses.points(body, solid.points)
-            # a ball is round about its middle: below that is its lowest point
-            below_points = lowest_point(poses, [solid])[:, 2] - points[..., 2].min(axis=1)
-            heights = points[..., 2] + below_points[:, None]
-            # corners up to 0.01 m over a foot's lowest point are on the ground
-            on_ground = (heights < lowest[:, None] + 0.01) & (clearances[:, foot, None] < FOOT_CLEARANCE)
-            along = np.where(on_ground[..., None], points[..., :2] @ DIRECTIONS.T, -np.inf)
-            reach = np.maximum(reach, along.max(axis=1))
-    return reach, ground
+    lowest = scene.foot_solids.lowest(poses)[..., 2]
+    # points up to 0.01 m over a foot's lowest point are on the ground
+    stands = scene.foot_clearances(clip_times) < FOOT_CLEARANCE
+    levels = np.where(stands, lowest + 0.01, -np.inf)
+    return scene.foot_solids.reach(poses, levels, DIRECTIONS), lowest.min(axis=1)
 
 
 def _centre_of_pressure(com: Array, force: Array, moment: Array, ground: Array) -> Array:

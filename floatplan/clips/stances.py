@@ -7,7 +7,7 @@ the clip has them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,18 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
-from floatplan.clips.curve import body_poses, joint_axes
-from floatplan.clips.flights import in_body, lowest_point, on_body
-from floatplan.motion.spatial.bodies import BodyPoses
-from floatplan.motion.spatial.dynamics import BASE
+from floatplan.clips.flights import BASE_BODY
+from floatplan.motion.spatial.kinematics import Limb, body_poses, in_body, on_body
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import LinkSolid
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
 
 FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
 LOOSE = 0.05  # [m] over the ground, from where on they are not; less where a flight begins or ends lower
 LEAST_FADE = 1e-3  # [m] from the one to the other
-SOLE = 0.01  # [m/rad] that an attitude counts relative to a position: with fewer than six joints the position wins
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,75 +98,42 @@ def _with_feet_fixed(clip: Clip, configurations: Array, clip_times: Array, loose
     bent = configurations.copy()
     fade = np.clip((loose - scene.foot_clearances(clip_times)) / (loose - FIXED), 0.0, 1.0)
     shares = fade**2 * (3.0 - 2.0 * fade)  # with no rate at either end
-    chains = [_chain(clip.robot, body) for body in scene.foot_bodies]
-    for foot, chain in enumerate(chains):
-        others = set[int]().union(*chains[:foot], *chains[foot + 1 :])
-        leg = [joint for joint in chain if joint not in others]
+    targets = clip.curve.poses(clip_times)
+    points = scene.foot_solids.lowest(targets)
+    attitudes = of_quaternions(configurations[:, 3:7])
+    for foot, (body, leg) in enumerate(zip(scene.foot_bodies, _legs(clip.robot, scene.foot_bodies), strict=True)):
         near = np.flatnonzero(shares[:, foot] > 0)
-        if not (leg and len(near)):
+        if not (leg.moved and len(near)):
             continue
-        targets = clip.curve.poses(clip_times[near])
-        angles = _bent(clip.robot, configurations[near], chain, leg, targets, scene.foot_solids[foot])
-        # a joint's column in a configuration, whose base has 7 numbers, is 5 more than its number in the model
-        columns = 5 + np.array(leg)
-        change = shares[near, foot, None] * (angles - configurations[near][:, columns])
+        angles = leg.bent(
+            base_positions=configurations[near, :3],
+            attitudes=attitudes[near],
+            positions=configurations[near, 7:],
+            local=in_body(targets, body, points[:, foot])[near],
+            target=points[near, foot],
+            attitude=targets.rotations[near, body],
+        )
+        columns = np.array([clip.robot.model.idx_qs[joint] for joint in leg.moved])
+        change = shares[near, foot, None] * (angles - configurations[near[:, None], columns])
         bent[near[:, None], columns] += change
     return bent
 
 
-def _chain(robot: Robot, body: int) -> list[int]:
+def _legs(robot: Robot, feet: Sequence[int]) -> Iterator[Limb]:
+    """The leg of each foot, with those of its joints that move no other foot."""
+    chains = [_chain(robot, foot) for foot in feet]
+    for number, chain in enumerate(chains):
+        others = set[int]().union(*chains[:number], *chains[number + 1 :])
+        yield Limb(robot, chain, tuple(joint for joint in chain if joint not in others))
+
+
+def _chain(robot: Robot, body: int) -> tuple[int, ...]:
     """Joints from the base, which is not among them, to a body."""
     joints: list[int] = []
-    while body > 1:
+    while body > BASE_BODY:
         joints.insert(0, body)
         body = robot.model.parents[body]
-    return joints
-
-
-def _bent(
-    robot: Robot,
-    configurations: Array,
-    chain: Sequence[int],
-    leg: Sequence[int],
-    targets: BodyPoses,
-    solids: Sequence[LinkSolid],
-) -> Array:
-    """Positions (K, m) of the m joints of a leg that bring its foot to where it is to be.
-
-    Steps of Gauss and Newton, damped, of all K instants at once. The target is of the point of the foot that is lowest,
-    and its attitude as far as the leg has joints for that.
-
-    Parameters
-    ----------
-    configurations : (K, 7 + J)
-    chain : joints from the base to the foot
-    leg : those of them that move this foot only
-    targets : K poses of all bodies
-    solids : the foot's shapes
-    """
-    body = chain[-1]
-    target = lowest_point(targets, solids)
-    local = in_body(targets, body, target)
-    attitudes = of_quaternions(configurations[:, 3:7])
-    positions = configurations[:, 7:].copy()
-    columns = np.array(leg) - 2
-    axes = joint_axes(robot)[leg]
-    for _ in range(8):  # Gauss and Newton converge in fewer
-        poses = body_poses(robot, configurations[:, :3], attitudes, positions, chain)
-        point = on_body(poses, body, local)
-        rotation = logarithm(targets.rotations[:, body] @ np.swapaxes(poses.rotations[:, body], 1, 2))
-        miss = np.concatenate((target - point, SOLE * rotation), axis=1)
-        sliding = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, :3])
-        turning = np.einsum("kmab,mb->kma", poses.rotations[:, leg], axes[:, 3:])
-        arms = point[:, None] - poses.places[:, leg]
-        rates = np.concatenate((sliding + np.cross(turning, arms), SOLE * turning), axis=2)
-        # 1e-7 m^2 of the squared change of joints damp the step
-        normal = np.swapaxes(rates, 1, 2) @ rates + 1e-7 * np.eye(6)
-        step = np.einsum("kma,ka->km", rates, np.linalg.solve(normal, miss[..., None])[..., 0])
-        positions[:, columns] += step
-        if np.abs(step).max() < 1e-8:  # [rad] the next one changes nothing
-            break
-    return np.asarray(positions[:, columns])
+    return tuple(joints)
 
 
 def foot_misses(clip: Clip, clip_times: Array, configurations: Array) -> Array:
@@ -178,8 +142,9 @@ def foot_misses(clip: Clip, clip_times: Array, configurations: Array) -> Array:
     own = clip.curve.poses(clip_times)
     new = body_poses(clip.robot, configurations[:, :3], of_quaternions(configurations[:, 3:7]), configurations[:, 7:])
     misses = np.zeros((len(clip_times), len(scene.foot_bodies)))
-    for foot, (body, solids) in enumerate(zip(scene.foot_bodies, scene.foot_solids, strict=True)):
-        target = lowest_point(own, solids)
+    points = scene.foot_solids.lowest(own)
+    for foot, body in enumerate(scene.foot_bodies):
+        target = points[:, foot]
         misses[:, foot] = np.linalg.norm(on_body(new, body, in_body(own, body, target)) - target, axis=1)
     return np.where(scene.foot_clearances(clip_times) < FIXED, misses, 0.0)
 

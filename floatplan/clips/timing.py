@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -58,6 +59,14 @@ class Clock:
         passed = np.concatenate(([0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(times))))
         return cls(clip_times=times, new_times=passed, pace=pace)
 
+    @cached_property
+    def _new_of_clip(self) -> CubicSpline:
+        return CubicSpline(self.clip_times, self.new_times)
+
+    @cached_property
+    def _clip_of_new(self) -> CubicSpline:
+        return CubicSpline(self.new_times, self.clip_times)
+
     @property
     def duration(self) -> float:
         """Of the repaired clip, s."""
@@ -65,11 +74,11 @@ class Clock:
 
     def to_new(self, times: Array) -> Array:
         """Times of the repaired clip at times of the clip, s."""
-        return np.asarray(CubicSpline(self.clip_times, self.new_times)(times))
+        return np.asarray(self._new_of_clip(times))
 
     def to_clip(self, times: Array) -> Array:
         """Times of the clip at times of the repaired one, s."""
-        return np.asarray(np.clip(CubicSpline(self.new_times, self.clip_times)(times), 0.0, self.clip_times[-1]))
+        return np.asarray(np.clip(self._clip_of_new(times), 0.0, self.clip_times[-1]))
 
     def pace_at(self, clip_times: Array) -> Array:
         """How many seconds of the repaired clip pass in one of the clip, at times of the clip."""

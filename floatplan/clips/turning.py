@@ -16,7 +16,7 @@ from floatplan.arrays import Array
 from floatplan.clips.fall import NOISE_FACTOR, frame_noise
 from floatplan.motion.spatial.attitude import IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import SpatialDynamics
-from floatplan.motion.spatial.rotations import exponential, logarithm
+from floatplan.motion.spatial.rotations import cross_matrix, exponential, logarithm
 
 LEAST_FRAMES = 4  # [-] of a flight whose turning is fitted
 
@@ -29,12 +29,11 @@ class FitSettings:
     higher_degrees: tuple[int, ...] = (12, 15, 20, 25, 30)  # [-] of long flights, where there are frames for them
     frames_per_coefficient: float = 2.0  # [-] at least, of the higher degrees
     other_degrees: tuple[int, ...] = (-2, -1, 1, 2)  # [-] off the best, tried before a turning is called a fault
-    cells: int = 12  # [-] of the integration of the attitude
+    cells: int = 8  # [-] of the integration of the attitude
     stages: int = 6  # [-] of each cell
     iterations: int = 12  # [-] of Gauss and Newton, at most
     shortest_step: float = 1e-3  # [-] of Gauss and Newton: where no longer one is better, the fit ends
-    difference: float = 1e-6  # [rad, or kg m^2/s of the largest] of derivatives
-    converged: float = 1e-9  # [rad] a step that is smaller ends the fit
+    converged: float = 1e-6  # [rad] a step that is smaller ends the fit: what it tells is compared with 0.5 degree
 
 
 FIT = FitSettings()
@@ -159,7 +158,7 @@ def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attit
     try:
         turning, residuals = model.turning(start, momentum)
         for _ in range(FIT.iterations):
-            change = model.step(start, momentum, residuals)
+            change = model.step(turning, residuals)
             length = 1.0
             least = float((residuals**2).sum())
             while length > FIT.shortest_step:
@@ -216,16 +215,15 @@ class _TurningModel:
         turning = turn(self.grid, self.duration, self.inertia, self.relative, momentum, start)
         return turning, logarithm(self.attitudes @ np.swapaxes(turning.at(self.s), 1, 2))
 
-    def step(self, start: Array, momentum: Array, residuals: Array) -> Array:
-        """The change (6,) of takeoff attitude, rad, and momentum by which the residuals should vanish."""
-        scale = max(float(np.linalg.norm(momentum)), float(np.abs(self.inertia).max()))
-        columns = []
-        for axis in range(6):
-            step = np.zeros(6)
-            step[axis] = FIT.difference * (1.0 if axis < 3 else scale)
-            _, moved = self.turning(exponential(step[None, :3])[0] @ start, momentum + step[3:])
-            columns.append((moved - residuals).ravel() / step[axis])
-        change, *_ = np.linalg.lstsq(np.stack(columns, axis=1), -residuals.ravel(), rcond=None)
+    def step(self, turning: Turning, residuals: Array) -> Array:
+        """The change (6,) of takeoff attitude, rad, and momentum by which the residuals should vanish.
+
+        A rotation zeta of the world at takeoff makes it ``(1 + D [h]x) zeta`` later, where D is the derivative by h.
+        """
+        by_momentum = turning.turns_by_momentum(self.s)
+        by_attitude = np.eye(3) + by_momentum @ cross_matrix(turning.angular_momentum[None])[0]
+        slopes = np.concatenate((by_attitude, by_momentum), axis=2).reshape(-1, 6)
+        change, *_ = np.linalg.lstsq(slopes, residuals.ravel(), rcond=None)
         return np.asarray(change)
 
     def mean_momentum(self) -> Array:

@@ -19,8 +19,8 @@ from floatplan.errors import InputError, naming
 from floatplan.export.reference import body_motions
 from floatplan.export.table import archive
 from floatplan.files import write_atomically
-from floatplan.motion.spatial.dynamics import BASE
 from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.robot.urdf.base import FREE_FLYER as BASE
 
 
 def write_clip(clip: Clip, path: str | Path) -> Path:

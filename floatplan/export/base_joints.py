@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, indices_of
 from floatplan.errors import InputError
 from floatplan.robot.mjcf.compiled import CompiledMjcf
 
@@ -90,8 +90,7 @@ class BaseJoints:
         return [self.model.names["joint"][joint] for joint in self.numbers]
 
     def _of_type(self, name: str) -> list[int]:
-        number = self.model.constants[name]
-        return [index for index, joint in enumerate(self.numbers) if self.model.jnt_type[joint] == number]
+        return indices_of(self.model.constants[name], self.model.jnt_type[self.numbers].tolist())
 
     @cached_property
     def _hinges(self) -> list[int]:
@@ -115,7 +114,7 @@ class BaseJoints:
     def _angles(self, rotation: Rotation) -> Array:
         """Angles (N, hinges) of the hinges, rad, continuous in time; none where a ball joint has the orientation."""
         relative = self._at_zero.inv() * rotation
-        axes = [self._axis(index) for index in self._hinges]
+        axes = list(map(self._axis, self._hinges))
         if not axes:
             return np.zeros((len(rotation), 0))
         if len(axes) == 1:

@@ -181,7 +181,7 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
     times = sample_times(motion.duration, rate)
     whole = motion.at(times)
     names = motion.joints if motion.model is None else motion.model.joints
-    order = [motion.joints.index(name) for name in names]
+    order = list(map(motion.joints.index, names))
     of_joints = {
         "positions": whole.positions[:, order],
         "velocities": whole.velocities[:, order],
@@ -209,7 +209,8 @@ def mujoco_content(motion: Exported, rate: float) -> bytes:
         "gravity": motion.gravity,
     }
     controlled = _controlled(motion, times)
-    controlled |= {name: controlled[name][order] for name in ("kp", "kd") if name in controlled}
+    for name in controlled.keys() & {"kp", "kd"}:
+        controlled[name] = controlled[name][order]
     return archive(arrays | controlled)
 
 
@@ -262,7 +263,7 @@ def read_notes(path: Path) -> list[str]:
     """Return the notes of an exported file about the model that is to read it; none where its format has no notes."""
     try:
         with np.load(path, allow_pickle=False) as content:
-            return [str(note) for note in content["notes"]]
+            return list(map(str, content["notes"]))
     except (KeyError, ValueError, OSError, zipfile.BadZipFile):
         return []
 
@@ -301,7 +302,7 @@ def unitree_sdk_content(motion: Exported, rate: float) -> str:
         )
     times = sample_times(motion.duration, rate)
     whole = motion.at(times)
-    order = [motion.joints.index(name) for name in UNITREE_JOINTS]
+    order = list(map(motion.joints.index, UNITREE_JOINTS))
     columns = [("time", times)]
     blocks = {"q": whole.positions, "dq": whole.velocities, "tau": whole.motor_torques}
     if motion.gains is not None:

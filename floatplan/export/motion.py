@@ -71,7 +71,7 @@ class Exported:
             about["angular_momentum"] = " ".join(map(repr, momenta))
         about["gravity"] = " ".join(repr(float(value) + 0.0) for value in self.gravity)
         if motion.phases:
-            about["phases"] = json.dumps([vars(phase) for phase in motion.phases])
+            about["phases"] = json.dumps(list(map(vars, motion.phases)))
         return about
 
     def sample(self, times: Array) -> MotionSample:

@@ -130,7 +130,7 @@ def _frames(motion: Exported, rate: float, bodies: tuple[str, ...] = ()) -> dict
     v = flyer.velocities(whole)
     q[:, :3] = q[:, :3] @ rotation_to_world.matrix().T
     q[:, 3:7] = (Rotation.from_quat(rotation_to_world.coeffs()) * Rotation.from_quat(q[:, 3:7])).as_quat()
-    order = [motion.joints.index(name) for name in motion.names.joints]
+    order = list(map(motion.joints.index, motion.names.joints))
     arrays = {
         "dof_positions": whole.positions[:, order],
         "dof_velocities": whole.velocities[:, order],

@@ -174,7 +174,7 @@ class Plausibility:
 
 def _differences(one: Iterable[float], other: Iterable[float]) -> list[float]:
     """Magnitudes of differences; of lists, which are quicker than arrays of a few numbers."""
-    return [abs(value) for value in map(sub, one, other)]
+    return list(map(abs, map(sub, one, other)))
 
 
 class _Chain:
@@ -226,7 +226,11 @@ class Recovery:
 
     def believes(self, measured: Measurement) -> bool:
         """Add one that was not; return whether it is to be believed."""
-        own = next((chain for chain in self._chains if chain.takes(measured)), None)
+        own = None
+        for chain in self._chains:
+            if chain.takes(measured):
+                own = chain
+                break
         believed = [chain for chain in self._chains if chain.count >= PLAUSIBLE.chain]
         is_believed = own is not None and own.count >= PLAUSIBLE.chain
         self._chains = believed[-1:]

@@ -14,7 +14,6 @@ import numpy as np
 from floatplan.arrays import Array
 
 TURN = 2 * math.pi  # [rad]
-MOST_TURNS = 100  # [-] farther off than that an angle is no orientation
 
 
 class PlanarOrientations:
@@ -46,7 +45,7 @@ class PlanarOrientations:
         ``difference`` (1,) leads to it from a known one, and is changed with it; ``offset`` (1,) to the one expected.
         """
         turns = (difference[0] - offset[0]) / TURN
-        if not 0.5 < abs(turns) < MOST_TURNS:
+        if not 0.5 < abs(turns) < 100:  # an angle farther off is no orientation
             return orientation
         whole = TURN * round(turns)
         difference[0] -= whole

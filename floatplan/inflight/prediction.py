@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, indices_of
 from floatplan.errors import InputError
 from floatplan.inflight.planar import InPlane
 from floatplan.inflight.spatial import InSpace
@@ -117,9 +117,8 @@ def distance_rows(problem: Problem, links: Sequence[str]) -> list[LimitRows]:
             )
         between.append((obstacle, obstacle.margin, obstacle.window or ALWAYS))
     for pair in problem.self_clearances:
-        first = [index for index, link in enumerate(links) if link == pair.links[0]]
-        second = [index for index, link in enumerate(links) if link == pair.links[1]]
-        between.append(((first, second), pair.margin, ALWAYS))
+        first, second = pair.links
+        between.append(((indices_of(first, links), indices_of(second, links)), pair.margin, ALWAYS))
     rows = []
     for shapes_between, margin, window in between:
         block = DistanceRows(shapes_between, margin, LENGTH_SCALE)

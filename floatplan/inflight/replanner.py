@@ -23,7 +23,7 @@ from floatplan.inflight.prediction import Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.inflight.update import Prediction, Update
 from floatplan.inflight.warm_starts import WarmStarts
-from floatplan.kernel.tolerances import CORRECTION_GAINS
+from floatplan.kernel.tolerances import CORRECTION_OPTIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.plans.plan import Plan, as_plan
 from floatplan.pool import one_thread
@@ -31,7 +31,6 @@ from floatplan.pool import one_thread
 REACHED = 0.01  # [rad] of the goal: a landing within half a degree
 
 Status: TypeAlias = Literal["applied", "limited", "refused", "invalid"]
-EARLY = 0.1  # [-] of the time between corrections: one so much too early is made all the same
 LARGEST = 1e12  # [SI] sigma and acceleration
 FAR_OFF = "too far from what is expected"
 
@@ -263,7 +262,8 @@ class Replanner:
         if wrong:
             return self._unchanged("invalid", wrong)
         self._now = present
-        if present - self._corrected < (1 - EARLY) / self.rate:
+        # A correction that comes too early by a tenth of the time between two is made all the same.
+        if present - self._corrected < 0.9 / self.rate:
             return self._last
         return self._correct(present)
 
@@ -304,7 +304,7 @@ class Replanner:
             return self._unchanged("refused", "too late to correct anything")
         momentum = self._estimate.inertial.angular_momentum
         warm_start = self._warm_starts.at(now, self._along(momentum)) if first else None
-        evaluations = 8 if first else CORRECTION_GAINS.evaluations_near  # the first correction is the largest
+        evaluations = 8 if first else CORRECTION_OPTIONS.evaluations_near  # the first correction is the largest
         corrected = self._update.corrected(now, landing, evaluations, warm_start)
         self._landing = landing
         self._last = _correction(*_judged(corrected), corrected, landing, momentum)
@@ -348,7 +348,7 @@ def _judged(corrected: Prediction) -> tuple[Status, str]:
         return "refused", "any correction breaks a limit"
     if corrected.share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if min(corrected.worst.tolist(), default=0.0) < -CORRECTION_GAINS.kept:
+    if min(corrected.worst.tolist(), default=0.0) < -CORRECTION_OPTIONS.kept:
         return "limited", "a limit will be broken, as without the correction"
     if not corrected.missed <= REACHED:
         return "limited", f"it lands more than {REACHED:g} rad from the goal"

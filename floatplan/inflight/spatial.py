@@ -22,11 +22,6 @@ from floatplan.planning.kernel_input.space import SpatialRows, spatial_body, str
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Obstacle
 
-RESOLVED = 1e-8  # [rad] of the attitude at landing of the plan, by its cells: those of corrections are as wild
-SETTLED = 1e-7  # [-] of |h|: a last step of Newton's method that leaves rounding, since each squares what is left
-OF_ENDS = 8  # [-] instants in addition to the stages, which are many: takeoff and landing among them
-OF_OBSTACLES = 40  # [-] the same where there are obstacles
-
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
@@ -71,7 +66,8 @@ class InSpace:
             fewer = cells(round(share * of_plan.count), of_plan.stages)
             grids.append((share, CellGrid(fewer, fewer.s)))
         self.grids = tuple(grids)
-        self.instants = OF_OBSTACLES if obstacles else OF_ENDS
+        # In addition to the stages, which are many: takeoff and landing among them, and more where there are obstacles.
+        self.instants = 40 if obstacles else 8
         size = float(np.linalg.norm(plan.angular_momentum))
         self.direction = np.asarray(plan.angular_momentum) / size if size else np.zeros(3)
 
@@ -116,7 +112,8 @@ class SpatialKernelInput:
         links = len(selection) + 1
         no_axes = MomentumSet(np.zeros(3), np.empty((3, 0)))
         self.robot = spatial_body(flight, no_axes, rows.needs_rates)
-        self.robot.pointer.settled = SETTLED
+        # After a step of Newton's method of 1e-7 |h|, the next would be rounding: each squares what is left.
+        self.robot.pointer.settled = 1e-7
         only_in_plane = (
             *("mass", "inertia", "link_real", "link_imaginary", "real", "imaginary", "map"),
             *("by_mass_real", "by_mass_imaginary", "weights_real", "weights_imaginary"),
@@ -219,7 +216,8 @@ def _cells_of(plan: Plan, flight: SpatialFlight) -> Cells:
         momentum = np.asarray(plan.angular_momentum)
         start = np.array(flight.initial_attitude)
         landing = _turning(flight.dynamics, of_level, plan.duration, positions, velocities, momentum, start).ends[-1]
-        if before is not None and np.linalg.norm(rotation_vector(landing @ before.T)) < RESOLVED:
+        # By these cells the plan's attitude at landing is right to 1e-8 rad; motions of corrections are as wild.
+        if before is not None and np.linalg.norm(rotation_vector(landing @ before.T)) < 1e-8:
             return coarser
         before = landing
     return of_level

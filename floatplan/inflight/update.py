@@ -19,14 +19,13 @@ from floatplan.inflight.prediction import LimitRows, Views
 from floatplan.inflight.remaining_motion import RemainingMotion, Rewriting
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, enumeration, integers
-from floatplan.kernel.tolerances import CORRECTION_GAINS, CORRECTION_GAINS_IN_SPACE
+from floatplan.kernel.tolerances import CORRECTION_OPTIONS, CORRECTION_OPTIONS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.planning.kernel_input.rows import KernelRows
 
-ROUNDING = 1e-9  # [s] of instants at the ends of a window
 FILTER_ARRAYS = ("state", "covariance", "attitude", "surprises", "wander", "deviations")  # of the filter of an estimate
-STEPS = enumeration("Step").__members__
+Step = enumeration("Step")
 
 
 @dataclass(eq=False)
@@ -52,18 +51,18 @@ class Prediction:
 class Update:
     """Of one flight at a time: ``motions`` are those of the joints so far, the last one holds now.
 
-    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``gains`` say the rest.
+    A miss of ``sigma`` rad at the landing is worth a correction by ``acceleration`` rad/s^2; ``options`` say the rest.
     """
 
     def __init__(self, views: Views, rewriting: Rewriting, sigma: float, acceleration: float) -> None:
         self.views = views
         flying: Any = views.flying  # whose rows and input of the kernel are of one kind
-        self.gains = CORRECTION_GAINS if flying.orientations.size == 1 else CORRECTION_GAINS_IN_SPACE
-        self.motions: deque[RemainingMotion] = deque(maxlen=self.gains.memory)
+        self.options = CORRECTION_OPTIONS if flying.orientations.size == 1 else CORRECTION_OPTIONS_IN_SPACE
+        self.motions: deque[RemainingMotion] = deque(maxlen=self.options.memory)
         blocks = views.rows
         grid = views.instants
         constraints = flying.rows([rows.block for rows in blocks])
-        self._kernel_input: Any = flying.kernel_input(constraints, self.gains.gap_nodes)
+        self._kernel_input: Any = flying.kernel_input(constraints, self.options.gap_nodes)
         n = len(rewriting.first.centre)
         width = len(views.whitening)
         motors = self._kernel_input.members["turns"].shape[1] - n
@@ -74,21 +73,21 @@ class Update:
         self._prepared = {filled.nodes: self._of_instants(filled) for _, filled in views.grids}
         self._called = _called_arrays(constraints, n, len(grid.s), width, motors, flying.orientations.size)
         self._struct = Struct(
-            "Flight",
+            "CorrectedFlight",
             instants=len(grid.s),
             width=width,
             nodes=grid.nodes,
             blocks=len(blocks),
             motors=motors,
-            law=Struct.of_numbers(self.gains),
+            options=Struct.of_numbers(self.options),
             sigma=sigma,
             acceleration=acceleration,
-            motions=np.zeros((self.gains.memory, 2 + 3 * (CONDITIONS + width) * n)),
+            motions=np.zeros((self.options.memory, 2 + 3 * (CONDITIONS + width) * n)),
             room=None,  # allocated below
             **dict.fromkeys(FILTER_ARRAYS),  # see begin()
             **self._kernel_input.members,
             **_of_limits(blocks, constraints.block_first),
-            **_of_plan(rewriting, views, grid, self.gains.gap_nodes),
+            **_of_plan(rewriting, views, grid, self.options.gap_nodes),
             **self._prepared[grid.nodes],
             **self._called,
         )
@@ -115,7 +114,7 @@ class Update:
         self._struct.point_to(**{name: getattr(estimate.inertial, name) for name in FILTER_ARRAYS})
         flight.known = 0
         self._kernel_input.begin()
-        self._step(STEPS["adapt_masses"])
+        self._step(Step["adapt_masses"])
         self.estimate = estimate
         self.motions.clear()
         self.remember(self._first)
@@ -137,7 +136,7 @@ class Update:
         flight.now = now
         self._called["measured_positions"][:] = measured.positions
         self._called["measured_velocities"][:] = measured.velocities
-        self._step(STEPS["expect_state"])
+        self._step(Step["expect_state"])
         called = self._called
         orientation = self._kernel_input.expected_orientation(self.estimate.inertial.orientation)
         return Expected(
@@ -154,12 +153,12 @@ class Update:
         """Update the filter by a measurement that is plausible."""
         self._kernel_input.measure(measured.orientation)
         self._called["measured_rate"][:] = measured.orientation_rate
-        self._step(STEPS["learn_state"])
+        self._step(Step["learn_state"])
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
         """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the estimated h and masses."""
         self._called["asked"][:] = positions, velocities, accelerations
-        self._step(STEPS["find_torques"])
+        self._step(Step["find_torques"])
         return self._called["torques"].copy()
 
     @property
@@ -175,7 +174,7 @@ class Update:
         flight.is_warm = warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
-        self._step(STEPS["correct_motion"])
+        self._step(Step["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
         return self._prediction(motion)
@@ -184,7 +183,7 @@ class Update:
         """Return the prediction of a motion as it is; the estimate is that when it begins."""
         self._evaluate_between(motion.begin, motion.end)
         self._called["coefficients"][:] = motion.coefficients
-        self._step(STEPS["predict_motion"])
+        self._step(Step["predict_motion"])
         return self._prediction(motion)
 
     @property
@@ -217,14 +216,14 @@ class Update:
             miss=self._kernel_input.miss(result),
             worst=self._called["worst"].copy(),
             torque_peak=self._called["torque_peak"].copy(),
-            share=result.share,
+            share=result.fraction,
         )
 
     def rewritten(self, now: float, landing: float) -> RemainingMotion:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
         self._flight.now = now
         self._flight.landing = landing
-        self._step(STEPS["rewrite_motion"])
+        self._step(Step["rewrite_motion"])
         return self._written(now, landing)
 
     def remember(self, motion: RemainingMotion) -> None:
@@ -233,7 +232,7 @@ class Update:
         self._flight.now = motion.begin
         self._flight.landing = motion.end
         self._called["coefficients"][:] = motion.coefficients
-        self._step(STEPS["remember_motion"])
+        self._step(Step["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._first
@@ -317,7 +316,8 @@ def _of_plan(rewriting: Rewriting, views: Views, grid: Any, gap_nodes: int) -> d
 
 def _of_limits(blocks: Sequence[LimitRows], first: list[int]) -> dict[str, Array | IntArray]:
     """The blocks of rows: where each begins, its aim, softness, and the window of its rows, s."""
-    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + ROUNDING * np.array([-1.0, 1.0])
+    rounding = 1e-9  # [s] of instants at the ends of a window
+    windows = np.array([rows.window for rows in blocks]).reshape(-1, 2) + rounding * np.array([-1.0, 1.0])
     return {
         "block_first": integers(first),
         "aim": doubles([rows.aim for rows in blocks]),

@@ -9,7 +9,7 @@ import numpy as np
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.remaining_motion import RemainingMotion
 from floatplan.inflight.update import Prediction
-from floatplan.kernel.tolerances import CORRECTION_GAINS
+from floatplan.kernel.tolerances import CORRECTION_OPTIONS
 from floatplan.motion.exact_polynomials import CONDITIONS
 
 
@@ -45,7 +45,7 @@ class WarmStarts:
             least = shortest * abs(step)
             while abs(step) >= least > 0 and abs(momentum + step - planned) <= farthest * (1 + 1e-9):
                 further = corrected(changed, momentum + step, evaluations)
-                if further.missed > CORRECTION_GAINS.far or (further.worst < -CORRECTION_GAINS.kept).any():
+                if further.missed > CORRECTION_OPTIONS.far or (further.worst < -CORRECTION_OPTIONS.kept).any():
                     step /= 2
                     continue
                 changed = further.motion

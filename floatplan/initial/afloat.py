@@ -29,7 +29,8 @@ WHEEL_RANGE = 10 * math.tau  # [rad] of a wheel, either way
 def limits_of(chosen: ChosenRobot) -> Limits:
     """Return the URDF's limits; where it has no velocities, what is fast; of wheels a range of many turns."""
     robot = chosen.robot
-    ranges = {name: (-WHEEL_RANGE, WHEEL_RANGE) for name in wheels(robot) if name in robot.joints}
+    driven = [name for name in wheels(robot) if name in robot.joints]
+    ranges = dict.fromkeys(driven, (-WHEEL_RANGE, WHEEL_RANGE))
     return Limits(
         position=ranges or "urdf",
         velocity="urdf" if np.isfinite(robot.motor_velocity_limits).any() else FAST,

@@ -14,7 +14,7 @@ from floatplan.arrays import Array
 from floatplan.errors import FloatplanError, InputError
 from floatplan.initial.afloat import limits_of, planned_afloat, problems_afloat, warnings_in_plane
 from floatplan.initial.feet import standing_height, upright
-from floatplan.initial.options import GRAVITY, InitOptions, wrong
+from floatplan.initial.options import InitOptions, wrong
 from floatplan.initial.robots import ChosenRobot, chosen_robot
 from floatplan.initial.separation import separated
 from floatplan.initial.shortcomings import shortcomings, with_largest_pitch_error
@@ -26,6 +26,7 @@ from floatplan.planning.planner import plan
 from floatplan.plans.plan import Plan
 from floatplan.problem.parts import Flight, JointState, Landing, Motion, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.tables import GRAVITY
 
 DIGITS = 6  # [-] of numbers of a jump in the problem file
 
@@ -63,8 +64,8 @@ def flight_of_jump(jump: Jump, flight: Plan) -> Problem:
     free = problem.flight
     request = replace(
         jump.request,
-        takeoff=replace(jump.request.takeoff, contacts=[_contacts(stance) for stance in jump.before]),
-        landing=replace(jump.request.landing, contacts=[_contacts(stance) for stance in jump.after]),
+        takeoff=replace(jump.request.takeoff, contacts=list(map(_contacts, jump.before))),
+        landing=replace(jump.request.landing, contacts=list(map(_contacts, jump.after))),
     )
     micrometres = 6  # digits of a height, m
     rounded = replace(

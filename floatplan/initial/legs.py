@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
@@ -161,8 +162,7 @@ class Leg:
             return []
         distances = np.abs(np.diff(positions_from_com(self.robot, spots, y)))
         least = NO_LENGTH * self._length(y)
-        distinct = [spot for spot, distance in zip(spots, distances, strict=False) if distance > least]
-        return [*distinct, spots[-1]]
+        return [*compress(spots, distances > least), spots[-1]]
 
     @cached_property
     def length(self) -> float:

@@ -14,9 +14,8 @@ from floatplan.initial.feet import position, standing_height, upright
 from floatplan.initial.robots import ChosenRobot
 from floatplan.jumps.setup import usual_groups
 from floatplan.problem.jump import Groups, JumpLanding, JumpRequest, JumpTakeoff, Standing
-from floatplan.tables import Unit
+from floatplan.tables import GRAVITY, Unit
 
-GRAVITY = 9.81  # [m/s^2]
 OPTIONS = {  # that may be to blame for a key of the problem, the likeliest first
     "jump.takeoff.from": ("posture", "reference"),
     "jump.takeoff": ("contacts", "takeoff", "posture"),

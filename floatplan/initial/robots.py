@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, compress
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,6 @@ from floatplan.initial.standing import Standing, posture_fault, standing
 from floatplan.problem.parts import Limits
 from floatplan.problem.resolution import position_limits
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
-from floatplan.robot.planar.choice import LETTERS
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.source import read_source
 from floatplan.robot.urdf.check import Changes, taken_urdf
@@ -128,8 +127,8 @@ class _FromFile:
             likely += [name for name in postures if name.startswith(word) and name not in likely]
         planes = ["xz", "yz", "xy"]  # where the file does not say which way is up
         if text.gravity_direction is not None:
-            vertical = LETTERS[int(np.abs(text.gravity_direction).argmax())]
-            planes = [f"{horizontal}{vertical}" for horizontal in LETTERS if horizontal != vertical]
+            vertical = "xyz"[int(np.abs(text.gravity_direction).argmax())]
+            planes = [f"{horizontal}{vertical}" for horizontal in "xyz" if horizontal != vertical]
         return cls(likely, [name for name in postures if name not in likely], planes)
 
 
@@ -282,7 +281,7 @@ def _loaded(source: str | Path, choices: dict[str, Any], foot: str | None) -> Ch
     robot = Robot.from_file(source, **choices)
     carried = robot.tree.mass @ (robot.tree.turns != 0)  # kg, of the bodies that each planned joint moves
     least = 0.01 * robot.mass  # joints that carry less, such as fingers, stay locked
-    heavy = [joint for joint, mass in zip(robot.joints, carried, strict=True) if mass >= least]
+    heavy = list(compress(robot.joints, carried >= least))
     if heavy and len(heavy) < len(robot.joints):
         choices = {**choices, "joints": heavy}
         robot = Robot.from_file(source, **choices)

@@ -255,7 +255,7 @@ class _Objective:
         self.knees = len(bends)
         hips = [Spot(leg.bodies[0], 0j) for leg in legs]
         groups = [*supports, *bends, hips, *self._others()]
-        self.ends = np.cumsum([len(group) for group in groups])[:-1]
+        self.ends = np.cumsum(list(map(len, groups)))[:-1]
         spots = list(chain.from_iterable(groups))
         self.radii = np.array([spot.radius for spot in spots])
         self.weights = np.split(spot_weights(robot, spots), 2, axis=1)[0]
@@ -263,13 +263,13 @@ class _Objective:
 
     def _others(self) -> list[list[Spot]]:
         """Corners of what does not stand, of each group of links that rotate as one."""
-        turns = [tuple(row) for row in self.robot.tree.turns.tolist()]
+        turns = list(map(tuple, self.robot.tree.turns.tolist()))
         feet = {turns[self.robot.frames[leg.foot].body] for leg in self.legs}
         groups: dict[tuple[float, ...], list[LinkCapsule]] = {}
         for shape in self.robot.hulls([leg.foot for leg in self.legs]):
             if turns[shape.body] not in feet:
                 groups.setdefault(turns[shape.body], []).append(shape)
-        return [corners(shapes) for shapes in groups.values()]
+        return list(map(corners, groups.values()))
 
     def of_free(self, free_positions: Array, free: Array) -> Array:
         """Terms (K,) for positions of free joints, with these indices, rad; the others are in the reference."""

@@ -35,9 +35,13 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
         _posture("start", problem.start, chosen.robot),
         _posture("goal", problem.goal, chosen.robot),
         _flight(flight),
-        ["[motion]", f"degree = {_value(problem.motion.degree)}", f"objective = {_value(problem.motion.objective)}"],
+        [
+            "[motion]",
+            f"degree = {toml_value(problem.motion.degree)}",
+            f"objective = {toml_value(problem.motion.objective)}",
+        ],
         _limits(flight),
-        *(_self_clearance(pair) for pair in problem.self_clearances),
+        *map(_self_clearance, problem.self_clearances),
         *([] if problem.jump is None else _jump(problem.jump, chosen)),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
@@ -46,26 +50,26 @@ def problem_file_text(chosen: ChosenRobot, flight: FirstFlight, path: Path) -> s
 def _title(robot: Robot, flight: FirstFlight, path: Path) -> list[str]:
     name = flight.problem.name
     degrees = math.degrees(flight.base_rotation)
-    reasons = _comment(" ".join(flight.reasons))
+    reasons = comment_lines(" ".join(flight.reasons))
     if flight.jump is None:
         summary = f"{name}, afloat without gravity, turns its base by {degrees:.3g} degrees with its joints."
-        return [*_comment(summary), *reasons]
+        return [*comment_lines(summary), *reasons]
     times = round(abs(degrees) / 360)
     direction = "backwards" if degrees * robot.plane.turn > 0 else "forwards"
     verb = "jumps"
     if degrees:
         verb = f"flips {direction}" if times == 1 else f"turns {direction} {times} times"
-    lines = _comment(f"{name} stands, {verb} and stands again: floatplan jump {path.name}")
+    lines = comment_lines(f"{name} stands, {verb} and stands again: floatplan jump {path.name}")
     check = flight.jump.check
     limits = [limit for limit in ("torque", "velocity") if limit not in check.unlimited]
     shares = [f"{check.figures[limit]:.0%} of the {limit} limits" for limit in limits]
     stances = f"they take {' and '.join(shares)}" if shares else "they hold"
-    lines += _comment(
+    lines += comment_lines(
         "Start and goal are those of its flight, which is proved: floatplan plan plans it alone. Its stances were"
         f" found too, and checked 2000 times a second: {stances}."
     )
     for warning in flight.warnings:
-        lines += _comment(f"Warning: {warning}")
+        lines += comment_lines(f"Warning: {warning}")
     return [*lines, *reasons]
 
 
@@ -73,34 +77,34 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     robot = chosen.robot
     lines = [
         "[robot]",
-        f"{robot.kind} = {_value(file_of(robot, path))}",
-        f"plane = {_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
+        f"{robot.kind} = {toml_value(file_of(robot, path))}",
+        f"plane = {toml_value(robot.plane.name)}            # of the motion: horizontal and vertical axis of the base",
     ]
     if chosen.stepping:
-        lines += _comment(f"It is the plane in which the legs step: {', '.join(chosen.stepping)} bend them.")
+        lines += comment_lines(f"It is the plane in which the legs step: {', '.join(chosen.stepping)} bend them.")
     choices = chosen.choices
     if "joints" in choices:
-        lines.append(f"joints = {_value(list(choices['joints']))}  # the others carry little and stay locked")
+        lines.append(f"joints = {toml_value(list(choices['joints']))}  # the others carry little and stay locked")
     if choices.get("coupled"):
         lines += _coupled(choices["coupled"], robot)
     if "reference" in choices:
-        lines.append(f"reference = {_value(choices['reference'])} # where the other joints are locked")
+        lines.append(f"reference = {toml_value(choices['reference'])} # where the other joints are locked")
     if choices.get("locked"):
         positions = {}
         for name in choices["locked"]:
             position = robot.locked[name]
-            positions[name] = _degrees(position) if robot.layout.tree.joint[name].turns else position
-        lines.append(f"locked = {_value(positions)}")
+            positions[name] = degrees_of(position) if robot.layout.tree.joint[name].turns else position
+        lines.append(f"locked = {toml_value(positions)}")
     if robot.balance_inertias:
         lines.append("balance_inertias = true  # of links whose inertia no body can have")
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     rotating = [name for name in robot.locked if name not in sliding]
     if rotating:
-        lines += _comment(f"Locked: {', '.join(rotating)}.")
+        lines += comment_lines(f"Locked: {', '.join(rotating)}.")
     if sliding:
-        lines += _comment(f"Held, because joints that slide are not planned: {', '.join(sliding)}.")
+        lines += comment_lines(f"Held, because joints that slide are not planned: {', '.join(sliding)}.")
     for sentence in explain_wheels(robot):
-        lines += _comment(f"{sentence[0].upper()}{sentence[1:]}.")
+        lines += comment_lines(f"{sentence[0].upper()}{sentence[1:]}.")
     return lines + _feet(chosen)
 
 
@@ -109,12 +113,12 @@ def _coupled(coupled: Any, robot: Robot) -> list[str]:
     couplings = {}
     follows = []
     for follower, coupling in robot.coupled.items():
-        couplings[follower] = asdict(coupling) | {"offset": _degrees(coupling.offset)}
+        couplings[follower] = asdict(coupling) | {"offset": degrees_of(coupling.offset)}
         follows.append(f"{follower} follows {coupling.leader}")
-    line = f"coupled = {_value(couplings)}"
+    line = f"coupled = {toml_value(couplings)}"
     if coupled == "mirror":
         line = 'coupled = "mirror"     # left and right move as one'
-    return [line, *_comment(f"{', '.join(follows)}.")]
+    return [line, *comment_lines(f"{', '.join(follows)}.")]
 
 
 def _feet(chosen: ChosenRobot) -> list[str]:
@@ -124,11 +128,11 @@ def _feet(chosen: ChosenRobot) -> list[str]:
     text = f"Feet: {', '.join(chosen.feet)}."
     if chosen.on_wheels:
         text += " They are wheels that their joints hold: those are locked, and the wheels roll with the legs."
-    lines = _comment(text)
+    lines = comment_lines(text)
     robot = chosen.robot
     points = [foot for foot in chosen.feet if not robot.stands_on_geometry(robot.frames[foot].link)]
     if points:
-        lines += _comment(f"Without collision geometry in the file they stand on points: {', '.join(points)}.")
+        lines += comment_lines(f"Without collision geometry in the file they stand on points: {', '.join(points)}.")
     return lines
 
 
@@ -149,7 +153,7 @@ def _joints(robot: Robot) -> list[str]:
         lines.append(f"# {'  '.join(cells).rstrip()}")
     for warning in robot.warnings:
         if warning.startswith(LIMITS):
-            lines += _comment(f"The file has {warning}.")
+            lines += comment_lines(f"The file has {warning}.")
     return lines
 
 
@@ -158,11 +162,13 @@ def _limit(limit: float) -> str:
 
 
 def _posture(table: str, posture: Posture, robot: Robot) -> list[str]:
-    lines = [f"[{table}]", f"orientation = {_degrees(posture.angle)}"]
+    lines = [f"[{table}]", f"orientation = {degrees_of(posture.angle)}"]
     for key in ("positions", "velocities", "accelerations"):
         angles = np.asarray(getattr(posture, key))
         if key == "positions" or angles.any():
-            lines.append(f"{key} = {_value(dict(zip(robot.joints, map(_degrees, angles.tolist()), strict=True)))}")
+            lines.append(
+                f"{key} = {toml_value(dict(zip(robot.joints, map(degrees_of, angles.tolist()), strict=True)))}"
+            )
     return lines
 
 
@@ -171,7 +177,7 @@ def _flight(flight: FirstFlight) -> list[str]:
     free = problem.flight
     landing = problem.landing
     duration = f"duration = {free.duration!r}  # s"
-    momentum = f"angular_momentum = {_value(free.angular_momentum)}"
+    momentum = f"angular_momentum = {toml_value(free.angular_momentum)}"
     if flight.jump is None:
         return ["[flight]", duration, momentum, "gravity = 0"]
     on_the_ground = problem.ground and (free.landing is None or free.landing.height is None)
@@ -181,8 +187,8 @@ def _flight(flight: FirstFlight) -> list[str]:
         duration,
         f"{momentum}  # kg m^2/s",
         f"horizontal_velocity = {free.horizontal_velocity!r}  # m/s",
-        f"takeoff = {{ frame = {_value(problem.takeoff.frame)} }}",
-        f"landing = {{ frame = {_value(landing.frame)}{height} }}",
+        f"takeoff = {{ frame = {toml_value(problem.takeoff.frame)} }}",
+        f"landing = {{ frame = {toml_value(landing.frame)}{height} }}",
     ]
 
 
@@ -194,18 +200,18 @@ def _jump(jump: JumpRequest, chosen: ChosenRobot) -> list[list[str]]:
         f"margin = {{ {margin} }}  # shares of the limits that stances may use",
     ]
     if jump.fixed:
-        general.append(f"fixed = {_value(list(jump.fixed))}")
+        general.append(f"fixed = {toml_value(list(jump.fixed))}")
     if jump.feet != "auto":
-        general.append(f"feet = {_value(jump.feet)}")
+        general.append(f"feet = {toml_value(jump.feet)}")
     if jump.pitch_error != USUAL_PITCH_ERROR:
         meaning = "degrees, by which it may be turned where it lands, with nothing but feet on the ground"
-        general.append(f"pitch_error = {_degrees(jump.pitch_error)}  # {meaning}")
+        general.append(f"pitch_error = {degrees_of(jump.pitch_error)}  # {meaning}")
     takeoff = [
         "[jump.takeoff]",
-        f"contacts = {_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs",
+        f"contacts = {toml_value(jump.takeoff.contacts)}  # what stands, phase by phase; and its pairs",
         *_standing(jump, chosen),
     ]
-    return [general, takeoff, ["[jump.landing]", f"contacts = {_value(jump.landing.contacts)}"]]
+    return [general, takeoff, ["[jump.landing]", f"contacts = {toml_value(jump.landing.contacts)}"]]
 
 
 def _standing(jump: JumpRequest, chosen: ChosenRobot) -> list[str]:
@@ -214,8 +220,8 @@ def _standing(jump: JumpRequest, chosen: ChosenRobot) -> list[str]:
         return []
     fault = chosen.stance.fault if chosen.stance else ""
     reason = f"It does not stand in its reference posture: {fault}. It stands as follows:" if fault else ""
-    angles = {joint: _degrees(position) for joint, position in jump.takeoff.from_.items()}
-    return [*_comment(reason), f"from = {_value(angles)}"]
+    angles = {joint: degrees_of(position) for joint, position in jump.takeoff.from_.items()}
+    return [*comment_lines(reason), f"from = {toml_value(angles)}"]
 
 
 def _limits(flight: FirstFlight) -> list[str]:
@@ -230,8 +236,8 @@ def _limits(flight: FirstFlight) -> list[str]:
         of_wheels = set(ranges) & set(wheels(robot))
         reasons = ["a wheel may turn on"] if of_wheels else []
         reasons += ["links do not overlap there"] if set(ranges) - of_wheels else []
-        written = {name: list(map(_degrees, ends)) for name, ends in ranges.items()}
-        lines.append(f"position = {_value(written)}  # degrees: {'; '.join(reasons)}")
+        written = {name: list(map(degrees_of, ends)) for name, ends in ranges.items()}
+        lines.append(f"position = {toml_value(written)}  # degrees: {'; '.join(reasons)}")
     fast = f"velocity = {round(math.degrees(FAST), 6):g}  # degrees/s: the file gives none"
     lines.append('velocity = "urdf"' if limits.velocity == "urdf" else fast)
     none = "# torque: the file gives none; a number is for all, N m"
@@ -246,12 +252,12 @@ def _self_clearance(pair: SelfClearance) -> list[str]:
     margin = float(f"{pair.margin:.{DIGITS}g}")
     return [
         "[[self_clearance]]  # else they overlap",
-        f"links = {_value(list(pair.links))}",
+        f"links = {toml_value(list(pair.links))}",
         f"margin = {margin:g}  # m",
     ]
 
 
-def _degrees(angle: float) -> float | int:
+def degrees_of(angle: float) -> float | int:
     """A round number of degrees where it is one, else all digits."""
     degrees = math.degrees(angle)
     rounded = float(f"{degrees:.{DIGITS}g}")
@@ -260,16 +266,17 @@ def _degrees(angle: float) -> float | int:
     return int(rounded) if rounded.is_integer() else rounded
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """A TOML value: texts are escaped as JSON's are, of which TOML's are a superset."""
     if isinstance(value, Mapping):
         entries = []
         for name, entry in value.items():
-            key = name if re.fullmatch("[A-Za-z0-9_-]+", name) else _value(name)
-            entries.append(f"{key} = {_value(entry)}")
+            key = name if re.fullmatch("[A-Za-z0-9_-]+", name) else toml_value(name)
+            entries.append(f"{key} = {toml_value(entry)}")
         return f"{{ {', '.join(entries)} }}"
     return json.dumps(value, ensure_ascii=False)
 
 
-def _comment(text: str) -> list[str]:
+def comment_lines(text: str) -> list[str]:
+    """Return a text as lines of a comment."""
     return [f"# {line}" for line in wrap(" ".join(text.split()), width=110, break_long_words=False)]

@@ -1,27 +1,26 @@
-"""Whether a jump holds between its nodes: its motion at 2 kHz.
+"""Whether a jump, in a plane or in space, holds between its nodes: its motion at 2 kHz.
 
 Forces, torques and the motion of feet are Pinocchio's; distances from the ground, from obstacles and between links are
-of the planar tree, which the program uses too.
+of the jump's geometry, of the shapes that its program uses too.
 """
 
 import itertools
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import contact_depths, contact_positions, is_ground, links_of, near_contact
+from floatplan.jumps.contacts import is_ground
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, JumpState, Stance, flight_state
-from floatplan.motion.planar.clearance import LinkShapes, pair_distances
+from floatplan.jumps.motion import AnyStance, JumpState, flight_state
+from floatplan.motion.dynamics import FlightState
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
 
 RATE = 2000.0  # [1/s]
@@ -122,10 +121,10 @@ class JumpCheck:
 
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
-    """Check the stances of a jump at 2 kHz, at instants of its own.
+    """Check the stances of a jump, in a plane or in space, at 2 kHz, at instants of its own.
 
     Forces, torques and the motion of feet are by Pinocchio, independently of the program that the jump comes from;
-    distances are by the planar tree, as in the program.
+    distances are by the shapes of its robot, as in the program.
     """
     with np.errstate(all="ignore"):  # what files may hold overflows: such figures are infinite, and do not hold
         return _checked(jump)
@@ -135,9 +134,10 @@ def _checked(jump: JumpMotion) -> JumpCheck:
     assert jump.flight is not None
     grounds = [stance.ground for stance in jump.stances]
     times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
-    flight = _surroundings(jump, flight_state(jump.flight, jump.takeoff_time, times), min(grounds))
+    in_flight = jump.state_of(flight_state(jump.flight, jump.takeoff_time, times))
     error = jump.request.pitch_error
     touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
+    flight = _surroundings(jump, in_flight, min(grounds), ())
     figures = worst_values([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
     unlimited = unlimited_figures(jump.problem)
     failing, holding = sentences_on(jump.request, figures, unlimited)
@@ -172,31 +172,48 @@ def _stances(jump: JumpMotion) -> Iterator[Value]:
         kinks = stance.grid.times  # there third derivatives may step
         nearest = kinks[np.searchsorted((kinks[1:] + kinks[:-1]) / 2, times)]
         even = times[np.abs(times - nearest) > 1e-5]  # s: instants that are nearer are one
-        state = stance.at(np.sort(np.concatenate((even, kinks))))
-        yield from _dynamics(jump, stance, state)
-        yield from _feet(stance, state, jump.request.friction)
-        yield from _surroundings(jump, state, stance.ground, stance)
+        full = stance.at(np.sort(np.concatenate((even, kinks))))
+        state = jump.state_of(full)
+        yield from _dynamics(jump, stance, full, state)
+        yield from _forces(jump, stance, full)
+        yield from _surroundings(jump, state, stance.ground, stance.contacts)
 
 
-def _dynamics(jump: JumpMotion, stance: Stance, state: JumpState) -> Iterator[Value]:
-    """Balance of forces, shares of limits, joint ranges, and whether derivatives belong to the positions."""
+def _dynamics(jump: JumpMotion, stance: AnyStance, full: JumpState, state: FlightState) -> Iterator[Value]:
+    """Balance of forces, shares of limits, joint ranges, motion of feet, and whether derivatives belong to positions.
+
+    ``state`` is the same as ``full`` in the quantities of a plan.
+    """
     robot = stance.robot
     problem = jump.problem
-    model = robot.model
     weight = robot.mass * stance.gravity
-    com_height = pin.centerOfMass(model, model.createData(), state.positions[0]) @ robot.plane.vertical
-    height = float(com_height) - stance.ground
+    height = float(state.com_position[0, -1]) - stance.ground
     lever = height if height > 0 else float(np.finfo(float).tiny)  # what is not above the ground does not stand on it
-    yield "residual", (np.abs(state.torques[:, :BASE]) / [weight, weight, weight * lever]).max()
-    for name, shares in limit_shares(problem, state).items():
+    torques, feet = stance.inverse_dynamics(full)
+    base = torques.shape[1] - len(robot.model_joints)  # of its coordinates the first ones are positions, then angles
+    directions = state.com_position.shape[1]
+    yield "residual", np.abs(torques[:, :directions]).max() / weight
+    yield "residual", np.abs(torques[:, directions:base]).max() / (weight * lever)
+    yield "residual", np.abs(torques - full.torques)[:, base:].max() / (weight * lever)
+    for name, shares in limit_shares(problem, replace(full, torques=torques)).items():
         yield name, shares.max(initial=0.0)
-    joints = state.planned(robot)[0, 1:].T
     low, high = np.asarray(problem.position_limits).T
-    yield "range", np.minimum(joints - low, high - joints).min()
-    for derivative, values in ((state.velocities, state.positions), (state.accelerations, state.velocities)):
+    yield "range", np.minimum(state.positions - low, high - state.positions).min()
+    for positions, speeds in feet.values():
+        yield "drift", np.ptp(positions, axis=0).max()
+        yield "foot_speed", speeds.max()
+    for derivative, differences in (
+        (full.velocities, _steps(robot, full.positions[:-1], full.positions[1:])),
+        (full.accelerations, np.diff(full.velocities, axis=0)),
+    ):
         mean = (derivative[1:] + derivative[:-1]) / 2
-        difference = np.diff(values, axis=0) / np.diff(state.times)[:, None]
+        difference = differences / np.diff(full.times)[:, None]
         yield "derivative", np.abs(mean - difference).max() / (np.abs(derivative).max() + 1e-9)
+
+
+def _steps(robot: Robot, first: Array, second: Array) -> Array:
+    """Steps (N, nv) from configurations (N, nq) to others; a base in space is moved and turned in its own axes."""
+    return np.array([pin.difference(robot.model, *pair) for pair in zip(first, second, strict=True)])
 
 
 def limit_shares(problem: Problem, state: JumpState) -> dict[str, Array]:
@@ -246,57 +263,41 @@ def unlimited_figures(problem: Problem) -> frozenset[str]:
     return frozenset(name for name, values in limits.items() if not np.isfinite(values).any())
 
 
-def _feet(stance: Stance, state: JumpState, friction: float) -> Iterator[Value]:
-    """Cone, drift and speed of what is on the ground, by forward kinematics; drifts are less what was rolled."""
-    robot = stance.robot
-    tree = robot.tree
-    weight = robot.mass * stance.gravity
-    y = state.planned(robot)[0]
-    touching = stance.touching(state.positions)
-    angles = tree.absolute_angles(y[0], y[1:].T)
-    for contact in stance.contacts:
-        for name, spot in zip(contact.names, contact.spots, strict=True):
-            positions, jacobians = touching[name]
-            rolled = tree.turn * spot.radius * angles[:, spot.body]
-            yield "drift", np.ptp(positions @ robot.plane.horizontal + rolled)
-            yield "drift", np.ptp(positions @ robot.plane.vertical)
-            yield "foot_speed", np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max()
-            horizontal = np.abs(state.forces[name][:, 0])
-            vertical = state.forces[name][:, 1]
-            pressed = vertical > LIGHT * weight
-            yield "friction", (horizontal[pressed] / vertical[pressed]).max(initial=0.0)
-            yield "slip", (horizontal - friction * np.maximum(vertical, 0)).max() / weight
-            yield "pull", vertical.min() / weight
+def _forces(jump: JumpMotion, stance: AnyStance, state: JumpState) -> Iterator[Value]:
+    """Friction cone and pressure of what is on the ground."""
+    weight = stance.robot.mass * stance.gravity
+    for force in state.forces.values():
+        horizontal = np.linalg.norm(force[:, :-1], axis=1)
+        vertical = force[:, -1]
+        pressed = vertical > LIGHT * weight
+        yield "friction", (horizontal[pressed] / vertical[pressed]).max(initial=0.0)
+        yield "slip", (horizontal - jump.request.friction * np.maximum(vertical, 0)).max() / weight
+        yield "pull", vertical.min() / weight
 
 
-def _surroundings(jump: JumpMotion, state: JumpState, ground: float, stance: Stance | None = None) -> Iterator[Value]:
-    """Heights over the ground, m, by the corners of the hulls; least distances from obstacles, and between links.
+def _surroundings(jump: JumpMotion, state: FlightState, ground: float, standing: Sequence[Any]) -> Iterator[Value]:
+    """Heights over the ground, m, by the links' shapes; least distances from obstacles, and between links.
 
-    ``stance`` is what stands, nothing where there is none.
+    ``standing`` are the contacts that stand, none where nothing does.
     """
-    robot = jump.problem.robot
-    y = state.planned(robot)[0]
-    base = state.positions[:, 0] + 1j * state.positions[:, 1]
-    com = base - positions_from_com(robot, [Spot(0, 0j)], y)[:, 0]
-    own = () if stance is None else stance.contacts
-    feet = links_of(robot, jump.contacts)
-    stands = links_of(robot, own)
-    rolls = links_of(robot, [contact for contact in own if contact.radius])
+    geometry = jump.geometry
+    feet = geometry.links_of(jump.contacts)
+    stands = geometry.links_of(standing)
+    rolls = geometry.links_of([contact for contact in standing if contact.radius])
+    located = geometry.locate(state)
     yield "ground", np.inf
     yield "feet", np.inf
     yield "lifted", 0.0
-    for link in robot.touching_links:
-        heights = undersides(robot, corners(robot.link_hulls[link]), y) + com.imag[:, None] - ground
+    for link, lowest in geometry.lowest(located):
+        heights = lowest - ground
         yield "feet" if link in feet else "ground", heights.min()
         if link in stands:
-            yield "lifted", heights.min(axis=1).max()
+            yield "lifted", heights.max()
         if link in rolls:
-            yield "circle", np.abs(heights.min(axis=1)).max()
-    segments = LinkShapes(robot.tree, robot.shapes).place(com, robot.tree.absolute_angles(y[0], y[1:].T))
-    links = np.array([shape.link for shape in robot.shapes])
+            yield "circle", np.abs(heights).max()
+    segments = geometry.segments(located)
     for pair in jump.problem.self_clearances:
-        first, second = (segments.of(np.flatnonzero(links == link)) for link in pair.links)
-        yield "self_distance", pair_distances(first, second).min() - pair.margin
+        yield "self_distance", geometry.distances(segments, pair.links).min() - pair.margin
     for obstacle in jump.problem.obstacles:
         if is_ground(obstacle, ground):
             continue
@@ -316,36 +317,17 @@ def touchdown_height(jump: JumpMotion, error: float) -> float:
 def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
     """Least heights over the ground of all but feet, m, of a robot that lands rotated by an error, rad, about its feet.
 
-    The robot is rotated as a rigid body, either way, until one of its feet is on the ground: the one that is the lowest
-    then, whether it stands at that time or is still to come.
+    The robot is rotated as a rigid body, until one of its feet is on the ground: the one that is the lowest then,
+    whether it stands at that time or is still to come. In a plane it is rotated either way, in space about both
+    horizontal axes.
     """
-    robot = jump.problem.robot
-    contacts = list({contact.name: contact for contact in jump.contacts}.values())
-    feet: dict[str | None, list[Spot]] = {}  # by link
-    for contact in contacts:
-        for frame, spot in zip(contact.frames, contact.spots, strict=True):
-            feet.setdefault(robot.contact_link(robot.frames[frame].link), []).append(spot)
-    points = []
-    for link in robot.touching_links:
-        own_feet = feet.get(link, [])
-        points += [corner for corner in corners(robot.link_hulls[link]) if not near_contact(corner, own_feet)]
-    if not points:
-        return
-    radii = np.array([corner.radius for corner in points])
     landing = jump.after[0].span[0]
     for stance in jump.after:
         begin = stance.span[0]
         end = min(stance.span[1], landing + TOUCHDOWN)
-        if begin >= end:
-            continue
-        times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
-        y = stance.grid.at(times)[0]
-        of_points = positions_from_com(robot, points, y)
-        of_feet = contact_positions(robot, contacts, y)
-        for sign in (1.0, -1.0):
-            rotation = np.exp(1j * sign * error)
-            ground = ((of_feet * rotation).imag - contact_depths(contacts)).min(axis=1)
-            yield float(((of_points * rotation).imag - radii - ground[:, None]).min())
+        if begin < end:
+            times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
+            yield from jump.geometry.rotated_heights(jump.state_of(stance.at(times)), error)
 
 
 def _seams(jump: JumpMotion) -> Iterator[Value]:
@@ -364,18 +346,18 @@ def _seams(jump: JumpMotion) -> Iterator[Value]:
         yield "gap", abs(one.span[1] - two.span[0])
     around = np.array([-2e-3, 2e-3])  # s: two steps of a controller at 500 Hz
     for name, stance, end, other in seams:
-        yield name, _step(stance.at(np.array([stance.span[end]])), other, unit)
+        yield name, _step(jump.robot, stance.at(np.array([stance.span[end]])), other, unit)
         times = np.clip(stance.span[end] + around, 0.0, jump.duration)
-        change = np.diff(jump.at(times).torques @ jump.problem.robot.transmission, axis=0) / limits
+        change = np.diff(jump.at(times).torques @ jump.robot.transmission, axis=0) / limits
         yield "torque_step", np.abs(change).max()
     for stance, end in ((jump.before[0], 0), (jump.after[-1], 1)):
         state = stance.at(np.array([stance.span[end]]))
         yield "rest", max(np.abs(state.velocities).max() * unit, np.abs(state.accelerations).max() * unit**2)
 
 
-def _step(one: JumpState, other: JumpState, unit: float) -> float:
+def _step(robot: Robot, one: JumpState, other: JumpState, unit: float) -> float:
     """Largest step of positions, rates and accelerations, over the time unit."""
-    positions = np.abs(one.positions - other.positions).max()
+    positions = np.abs(_steps(robot, one.positions, other.positions)).max()
     rates = np.abs(one.velocities - other.velocities).max() * unit
     accelerations = np.abs(one.accelerations - other.accelerations).max() * unit**2
     return float(max(positions, rates, accelerations))

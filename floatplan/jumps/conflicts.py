@@ -67,7 +67,7 @@ def kind_of(label: str) -> str:
     words = label.partition(" of ")[0]
     if label.startswith(Label.CLEAR):
         return "ground"
-    return {"rate": "velocity", "torque-speed curve": "torque"}.get(words, words)
+    return {"rate": "velocity", "torque-speed curve": "torque", "height": "ground"}.get(words, words)
 
 
 def conflicting_limits(
@@ -247,14 +247,25 @@ def _ipopt_options(oracle: str) -> dict[str, Any]:
 
 def conflict_sentence(conflict: Conflict, problem: Problem) -> str:
     """What a limit would have to be, in the words of a problem's file."""
+    label = conflict.label
+    limit, unit = allowed(label, conflict.kind, problem)
+    if limit:
+        return f"{label}: {(1 + conflict.share) * limit:.3g}{unit} needed, {limit:.3g}{unit} allowed"
+    unit = {"range": "rad", "duration": "s"}.get(conflict.kind, "m")
+    return f"{label}: {conflict.share * conflict.size:.2g} {unit} missing"
+
+
+def allowed(label: str, kind: str, problem: Problem) -> tuple[float, str]:
+    """What a request allows where a label says so, and its unit; 0 of a kind of which a motor or a foot has no limit.
+
+    Of friction it is the coefficient; of torques and rates the limit of a motor or a joint less its margin.
+    """
     request = problem.jump
     robot = problem.robot
-    label = conflict.label
-    kind = conflict.kind
     name = label.partition(" (")[0].rpartition(" of ")[2]
-    unit = ""
     assert request is not None
-    limit = request.friction if kind == "friction" else 0.0
+    if kind == "friction":
+        return request.friction, ""
     if kind == "torque":
         limits = dict(zip(robot.motors, problem.motor_stall, strict=True))
         if label.startswith("torque of "):
@@ -262,15 +273,10 @@ def conflict_sentence(conflict: Conflict, problem: Problem) -> str:
             for motor, most in zip(robot.motors, problem.motor_torque_limits, strict=True):
                 if most < np.inf:
                     limits[motor] = most
-        limit = request.margin["torque"] * limits[name]
-        unit = " N m"
-    elif kind == "velocity":
-        limit = request.margin["velocity"] * problem.velocity_limits[robot.joints.index(name)]
-        unit = " rad/s"
-    if limit:
-        return f"{label}: {(1 + conflict.share) * limit:.3g}{unit} needed, {limit:.3g}{unit} allowed"
-    unit = {"range": "rad", "duration": "s"}.get(kind, "m")
-    return f"{label}: {conflict.share * conflict.size:.2g} {unit} missing"
+        return request.margin["torque"] * limits[name], " N m"
+    if kind == "velocity":
+        return request.margin["velocity"] * problem.velocity_limits[robot.joints.index(name)], " rad/s"
+    return 0.0, ""
 
 
 def violated_kinds(request: JumpRequest, figures: Mapping[str, float]) -> list[Conflict]:

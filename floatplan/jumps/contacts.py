@@ -1,7 +1,8 @@
 """What a robot stands on: feet that are points, soles with heel and toe; and the points that stay above the ground."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -53,6 +54,10 @@ class GroundContact:
     def names(self) -> tuple[str, ...]:
         """Names of the points, by which forces are listed."""
         return tuple(frame + self.suffix for frame in self.frames)
+
+    def values(self, of_points: Mapping[str, Array]) -> list[Array]:
+        """The values of its points, from those of points by their names."""
+        return [of_points[name] for name in self.names]
 
     @property
     def of_sole(self) -> bool:
@@ -359,7 +364,7 @@ def clearance_points(
     ground : height over the centre of mass, m, in the posture ``y`` (n+1,)
     clearance : from the ground, m, at most half the height where the robot stands; of feet there is none
     """
-    feet = [spot for contact in contacts for spot in contact.spots]
+    feet = list(chain.from_iterable(contact.spots for contact in contacts))
     directions = np.exp(2j * np.pi * np.arange(64) / 64)
     rotations = robot.tree.rotations(robot.tree.absolute_angles(y[0], y[1:]))
     spots = []
@@ -430,3 +435,8 @@ def _extreme_corners(group: Sequence[Spot], directions: ComplexArray, downwards:
 def near_contact(corner: Spot, feet: Sequence[Spot]) -> bool:
     """Whether a corner of a link that stands belongs to the foot itself, and not to the shank above it."""
     return any(foot.body == corner.body and abs(foot.place - corner.place) < HIGHEST for foot in feet)
+
+
+def names_of(contacts: Iterable[GroundContact]) -> tuple[str, ...]:
+    """Return the names of all points of contacts, by contact."""
+    return tuple(chain.from_iterable(contact.names for contact in contacts))

@@ -15,7 +15,7 @@ from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Posture, Takeoff
+from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Obstacle, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
 from floatplan.tables import POINT_FEET
@@ -51,11 +51,6 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
     com_speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = com_speed(solution.y[:, takeoff], solution.v[:, takeoff], solution.a[:, takeoff])
     time = float(solution.durations[index])
-    obstacles = []
-    for obstacle in problem.obstacles:
-        begin, end = obstacle.window or (0.0, time)
-        if begin < time and end > 0 and not is_ground(obstacle, ground):
-            obstacles.append(obstacle)
     return replace(
         problem,
         start=postures[0],
@@ -68,10 +63,20 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*obstacles, *_grounds(problem, program, solution, ground)),
+        obstacles=(*obstacles_in(problem, time, ground), *_grounds(problem, program, solution, ground)),
         ground=False,
         written=None,
     )
+
+
+def obstacles_in(problem: Problem, duration: float, ground: float) -> list[Obstacle]:
+    """Obstacles that exist at some time of a flight of so many seconds, but for the ground at a height, m."""
+    obstacles = []
+    for obstacle in problem.obstacles:
+        begin, end = obstacle.window or (0.0, duration)
+        if begin < duration and end > 0 and not is_ground(obstacle, ground):
+            obstacles.append(obstacle)
+    return obstacles
 
 
 def _grounds(problem: Problem, program: JumpProgram, solution: JumpSolution, ground: float) -> list[HalfPlane]:
@@ -128,20 +133,49 @@ def tighter_limits(problem: Problem, program: JumpProgram, solution: JumpSolutio
     return tighter
 
 
-def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = ()) -> Plan:
+def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = (), joints: Array | None = None) -> Plan:
     """Return the plan of a flight's problem: of a low degree where that is quick, else of higher ones.
 
-    Limits that are ``tighter`` than the problem's are tried before these, one after the other.
+    Limits that are ``tighter`` than the problem's are tried before these, one after the other. With a motion of the
+    ``joints`` at even times (2, n, N), rad and rad/s, higher degrees begin with it: of fast twists no other start may
+    lead to a plan.
     """
     patience = 1.6e7  # [instants of one body] with each degree at first, about a second
     tries = [*((limits, patience) for limits in tighter), (problem.limits, patience), (problem.limits, None)]
+    plan: Plan | None = None
     for (limits, work), degree in itertools.product(tries, (7, 8, 10, 12)):  # of the polynomials
         motion = replace(problem.motion, degree=degree)
         variant = replace(problem, motion=motion, limits=limits, jump=None)
-        plan = planned(variant, SearchOptions(seed, patience=work)).plan
+        options = SearchOptions(seed, patience=work)
+        near = None
+        if plan is not None and joints is not None and degree > 8:
+            near = _moving_nearly_as(plan, joints, degree)
+        plan = planned(variant, options, near).plan
         if plan.ok:
             break
+    assert plan is not None
     return replace(plan, problem=replace(plan.problem, jump=problem.jump, limits=problem.limits))
+
+
+def _moving_nearly_as(plan: Plan, joints: Array, degree: int) -> Plan:
+    """The plan with polynomials of a degree next to a motion of the joints at even times (2, n, N)."""
+    centre = plan.centre[:, None]
+    amplitude = plan.amplitude[:, None]
+    inside = 1 - 1e-6  # [-] of the joints' ranges
+    positions, rates = joints
+    p = np.arcsin(np.clip((positions - centre) / amplitude, -inside, inside))
+    p_rates = plan.duration * rates / (amplitude * np.cos(p))
+    shares = np.linspace(0.0, 1.0, positions.shape[1])
+    powers = np.arange(degree + 1)
+    rows = shares[:, None] ** powers
+    rate_rows = powers * shares[:, None] ** np.maximum(powers - 1, 0)
+    heavy = 10.0  # [-] weight of both ends, which the problem fixes, over that of what is between
+    weights = np.ones((len(shares), 1))
+    weights[[0, -1]] = heavy
+    left = np.vstack((weights * rows, 0.1 * weights * rate_rows))
+    right = np.vstack((weights * p.T, 0.1 * weights * p_rates.T))
+    of_share = np.linalg.lstsq(left, right, rcond=None)[0].T
+    return replace(plan, coefficients=of_share / plan.duration**powers)
 
 
 def scaled_limits(problem: Problem, torque: float = 1.0, velocity: float = 1.0) -> Limits:

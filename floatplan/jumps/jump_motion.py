@@ -1,9 +1,10 @@
-"""The motion of a whole jump, stances and flight: its state at any time, forces, and the coordinates of a plan."""
+"""The motion of a whole jump, stances and flight: its state at any time, forces, links, coordinates of a plan."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from itertools import chain
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -11,9 +12,11 @@ import numpy.typing as npt
 from floatplan.arguments import numbers
 from floatplan.arrays import Array, IntArray
 from floatplan.errors import InputError
+from floatplan.jumps.contacts import GroundContact, contact_depths, contact_positions, links_of, names_of, near_contact
 from floatplan.jumps.motion import JumpState, flight_state, joined
 from floatplan.motion.dynamics import FlightState
-from floatplan.motion.flight import FullMotion, LinkShapes, MotionInFile, PinocchioDynamics
+from floatplan.motion.flight import FullMotion, MotionInFile, PinocchioDynamics
+from floatplan.motion.planar.clearance import LinkShapes, Segments, pair_distances
 from floatplan.plans.measures import PlanWarning, overlap_warnings
 from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
@@ -23,6 +26,102 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle, Posture
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
+from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
+
+
+class JumpGeometry(Protocol):
+    """What a check asks of the shapes of a robot, in a plane or in space.
+
+    ``located`` is what :meth:`locate` returns for the N instants of a state.
+    """
+
+    def links_of(self, contacts: Iterable[Any]) -> set[str | None]:
+        """Links on which contacts stand."""
+
+    def locate(self, state: FlightState) -> Any:
+        """Where the robot is at the N instants of a state."""
+
+    def lowest(self, located: Any) -> Iterator[tuple[str, Array]]:
+        """Links that can touch the ground, each with the height (N,) of its lowest point, m."""
+
+    def segments(self, located: Any) -> Any:
+        """The links' capsules."""
+
+    def distances(self, segments: Any, links: Sequence[str]) -> Array:
+        """Distances (N, r) between the capsules of two links, m."""
+
+    def rotated_heights(self, state: FlightState, error: float) -> Iterator[float]:
+        """Least heights over the ground of all but feet, m, of a robot that is rotated by an error, rad, on its feet.
+
+        There are none of a robot that is all feet.
+        """
+
+
+class PlanarGeometry:
+    """The geometry of a robot in a plane; located are postures (n+1, N), rad, and the centre of mass (N,), m.
+
+    Attributes
+    ----------
+    robot : Robot
+    contacts : on which it stands at some time
+    """
+
+    def __init__(self, robot: Robot, contacts: Sequence[GroundContact]) -> None:
+        self.robot = robot
+        self.contacts = list({contact.name: contact for contact in contacts}.values())
+
+    def links_of(self, contacts: Iterable[GroundContact]) -> set[str | None]:
+        """Links on which contacts stand."""
+        return links_of(self.robot, contacts)
+
+    def locate(self, state: FlightState) -> tuple[Array, Any]:
+        """Postures and centre of mass at the N instants of a state."""
+        return np.vstack((state.orientation, state.positions.T)), state.com_position @ [1, 1j]
+
+    def lowest(self, located: tuple[Array, Any]) -> Iterator[tuple[str, Array]]:
+        """Links that can touch the ground, each with the height (N,) of its lowest point, m, by corners of its hull."""
+        y, com = located
+        for link in self.robot.touching_links:
+            yield link, undersides(self.robot, corners(self.robot.link_hulls[link]), y).min(axis=1) + com.imag
+
+    def segments(self, located: tuple[Array, Any]) -> Segments:
+        """The links' capsules."""
+        y, com = located
+        tree = self.robot.tree
+        return LinkShapes(tree, self.robot.shapes).place(com, tree.absolute_angles(y[0], y[1:].T))
+
+    def distances(self, segments: Segments, links: Sequence[str]) -> Array:
+        """Distances (N, r) between the capsules of two links, m."""
+        owners = np.array([shape.link for shape in self.robot.shapes])
+        first, second = (segments.of(np.flatnonzero(owners == link)) for link in links)
+        return pair_distances(first, second)
+
+    def rotated_heights(self, state: FlightState, error: float) -> Iterator[float]:
+        """Least heights over the ground of all but feet, m, of a robot that is rotated either way on its feet."""
+        if not self._points:
+            return
+        y, _ = self.locate(state)
+        radii = np.array([corner.radius for corner in self._points])
+        of_points = positions_from_com(self.robot, self._points, y)
+        of_feet = contact_positions(self.robot, self.contacts, y)
+        for sign in (1.0, -1.0):
+            rotation = np.exp(1j * sign * error)
+            ground = ((of_feet * rotation).imag - contact_depths(self.contacts)).min(axis=1)
+            yield float(((of_points * rotation).imag - radii - ground[:, None]).min())
+
+    @cached_property
+    def _points(self) -> list[Spot]:
+        """Corners of the links' hulls but for those of the feet."""
+        robot = self.robot
+        feet: dict[str | None, list[Spot]] = {}  # by link
+        for contact in self.contacts:
+            for frame, spot in zip(contact.frames, contact.spots, strict=True):
+                feet.setdefault(robot.contact_link(robot.frames[frame].link), []).append(spot)
+        points = []
+        for link in robot.touching_links:
+            own_feet = feet.get(link, [])
+            points += [corner for corner in corners(robot.link_hulls[link]) if not near_contact(corner, own_feet)]
+        return points
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,7 +139,7 @@ class JumpMotion(MotionInFile):
     problem: Problem
     request: JumpRequest
     flight: Plan | None = None
-    before: tuple[Any, ...] = ()  # of Stance, or of its counterpart in space
+    before: tuple[Any, ...] = ()  # of Stance, or of its counterpart in space: each an AnyStance
     after: tuple[Any, ...] = ()
 
     @property
@@ -56,7 +155,7 @@ class JumpMotion(MotionInFile):
     @property
     def contacts(self) -> list[Any]:
         """Contacts of all stances, by stance."""
-        return [contact for stance in self.stances for contact in stance.contacts]
+        return list(chain.from_iterable(stance.contacts for stance in self.stances))
 
     @property
     def takeoff_time(self) -> float:
@@ -85,6 +184,11 @@ class JumpMotion(MotionInFile):
         """Greatest height of the centre of mass over the ground, m."""
         times = np.linspace(0.0, self.duration, 601)  # 3 ms apart, in which it falls by 0.01 mm next to the highest
         return float(self.state(times).com_position[:, -1].max()) - self.ground
+
+    @cached_property
+    def geometry(self) -> JumpGeometry:
+        """Where the robot's links are."""
+        return PlanarGeometry(self.robot, self.contacts)
 
     @property
     def dynamics(self) -> PinocchioDynamics:
@@ -124,10 +228,7 @@ class JumpMotion(MotionInFile):
         """Phases in order of time."""
         if self.flight is None:
             return ()
-        phases = []
-        for stance in self.stances:
-            names = tuple(name for contact in stance.contacts for name in contact.names)
-            phases.append(JumpPhase("stance", names, *stance.span))
+        phases = [JumpPhase("stance", names_of(stance.contacts), *stance.span) for stance in self.stances]
         phases.insert(len(self.before), JumpPhase("flight", (), *self.flight_span))
         return tuple(phases)
 
@@ -165,31 +266,27 @@ class JumpMotion(MotionInFile):
         if not ((instants >= 0) & (instants <= self.duration)).all():
             raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
         motions: list[Callable[[Array], JumpState]] = [stance.at for stance in self.stances]
-        motions.insert(len(self.before), self._in_flight)
+        motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
         phase_of = self._phase_of(instants)
         pieces = []
         for number, motion in enumerate(motions):
             rows = np.flatnonzero(phase_of == number)
             if len(rows):
                 pieces.append((rows, motion(instants[rows])))
-        names: list[str] = []
-        for contact in self.contacts:
-            names += contact.names
-        return joined(instants, self.problem.robot.model.nv, pieces, names)
-
-    def _in_flight(self, times: Array) -> JumpState:
-        """State of the flight at times (N,) s from the jump's start; there has to be a flight."""
-        assert self.flight is not None
-        return flight_state(self.flight, self.takeoff_time, times)
+        return joined(instants, self.problem.robot, pieces, names_of(self.contacts))
 
     def _phase_of(self, times: Array) -> IntArray:
         """Indices (N,) of the phases at times (N,), s; at a change of contacts that of the phase before."""
         ends = [phase.end for phase in self.phases]
         return np.searchsorted(ends[:-1], times)
 
+    @one_thread
     def state(self, times: npt.ArrayLike) -> FlightState:
         """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
-        full = self.at(times)
+        return self.state_of(self.at(times))
+
+    def state_of(self, full: JumpState) -> FlightState:
+        """A state of its robot in the quantities of a plan."""
         robot = self.robot
         tree = robot.tree
         orientation = full.positions[:, 2]
@@ -221,11 +318,7 @@ class JumpMotion(MotionInFile):
 
     def clearances(self, times: Array, obstacles: Sequence[Obstacle]) -> Array:
         """Least distance (N,), m, between any link and any of the obstacles that exist then; infinite without any."""
-        state = self.state(times)
-        tree = self.robot.tree
-        angles = tree.absolute_angles(state.orientation, state.positions)
-        com = state.com_position @ [1, 1j]
-        segments = LinkShapes(tree, self.robot.shapes).place(np.asarray(com, np.complex128), angles)
+        segments = self.geometry.segments(self.geometry.locate(self.state(times)))
         return np.asarray(np.min([least_distances(segments, obstacle, times) for obstacle in obstacles], axis=0))
 
     @one_thread

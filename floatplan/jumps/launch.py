@@ -30,7 +30,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.tables import RELATIVE
 
-STARTS = 3
+STARTS = 3  # [-] guesses that are tried, of which the best counts
 MARGINS = NodeMargins(1.0, 1.0, 0.95, 0.8, clearance=3e-3)  # of programs whose factor is minimised
 CALM_MARGINS = NodeMargins(0.95, 0.97, 0.8, clearance=3e-3)  # where squared torques are, within the limits
 LIMIT_WORDS = {
@@ -117,6 +117,10 @@ def launch(
     """
     casadi()
     plan = as_plan(plan)
+    if plan.robot.base == "free-flyer":
+        reason = "stances that reach a flight in space are searched for only with it, as one jump"
+        advice = "give its problem a table [jump], and plan the whole jump: floatplan jump"
+        raise InputError(reason, source=plan.robot.source, element="robot.base", advice=advice)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump
     if request is None:  # flights know frames and no feet
         request = JumpRequest(feet="points")

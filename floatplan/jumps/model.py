@@ -27,6 +27,7 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, spot_weights
+from floatplan.tables import GRAVITY
 
 Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical component, CasADi expressions
 
@@ -52,7 +53,7 @@ class PlanarModel:
     y, v, a : (n+1,) orientation and joints, rad, and their derivatives, rad/s, rad/s^2
     """
 
-    def __init__(self, robot: Robot, gravity: float = 9.81) -> None:
+    def __init__(self, robot: Robot, gravity: float = GRAVITY) -> None:
         self.robot = robot
         self.gravity = gravity
         sx = casadi().SX

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -12,9 +12,8 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.jumps.contacts import GroundContact
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
+from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.standing import Spot, spot_weights
-
-BASE = 3  # coordinates of the base in ``robot.model``: horizontal, vertical, orientation
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +97,46 @@ class JumpState:
         joints = np.linalg.pinv(robot.selection)
         full = (self.positions - robot.reference, self.velocities, self.accelerations)
         return np.stack([np.vstack((values[:, BASE - 1], joints @ values.T)) for values in full])
+
+
+class AnyStance(Protocol):
+    """One stance phase, in a plane or in space, as a check asks it."""
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that stands."""
+
+    @property
+    def gravity(self) -> float:
+        """Gravity, m/s^2."""
+
+    @property
+    def contacts(self) -> Sequence[Any]:
+        """Contacts that stand."""
+
+    @property
+    def grid(self) -> Any:
+        """Instants between which its motion is smooth, and the motion at them."""
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Begin and end, s."""
+
+    @property
+    def ground(self) -> float:
+        """Height of the ground on which it stands, m."""
+
+    def at(self, times: Array) -> JumpState:
+        """State at times (N,) s from the jump's start."""
+
+    def joints(self, times: Array) -> Array:
+        """Planned positions (N, n), rad, at times (N,) s."""
+
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """Forces (N, nv) on all coordinates that a state takes, less what its contacts bear; and how these move.
+
+        Of each point that stands, by name: positions (N, d), m, less what was rolled, and speeds (N,), m/s.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +225,7 @@ class Stance:
 
         Levers (N, 2) m are the points' velocities where only the base rotates.
         """
-        means = [np.mean([levers[name] for name in contact.names], axis=0) for contact in self.contacts]
+        means = [np.mean(contact.values(levers), axis=0) for contact in self.contacts]
         remaining = wrench[:, :2]
         moment = wrench[:, 2] - (means[0] * remaining).sum(axis=1)
         forces: dict[str, Array] = {}
@@ -231,6 +270,22 @@ class Stance:
                 points[name][row] = placement.act(at.translation)
         return {name: (points[name], axes @ jacobians[name]) for name in self.points}
 
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """What the motors and the base take of a state's forces; see :class:`AnyStance`."""
+        robot = self.robot
+        tree = robot.tree
+        y = state.planned(robot)[0]
+        angles = tree.absolute_angles(y[0], y[1:].T)
+        touching = self.touching(state.positions)
+        feet = {}
+        for contact in self.contacts:
+            for name, spot in zip(contact.names, contact.spots, strict=True):
+                points, jacobians = touching[name]
+                rolled = tree.turn * spot.radius * angles[:, spot.body]
+                positions = np.stack((points @ robot.plane.horizontal + rolled, points @ robot.plane.vertical), axis=1)
+                feet[name] = positions, np.abs(np.einsum("nij,nj->ni", jacobians, state.velocities)).max(axis=1)
+        return state.torques, feet
+
     @property
     def ground(self) -> float:
         """Height of the ground on which the anchor stands, m."""
@@ -264,23 +319,22 @@ def _shared(contact: GroundContact, force: Array) -> dict[str, Array]:
 
 
 def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
-    """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
+    """State of a flight, in a plane or in space, at times (N,) s from the start of its jump; from ``takeoff`` on."""
     flight = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration)).coordinates
     motion = (flight.positions, flight.velocities, flight.accelerations)
     return JumpState(read_only(times), *motion, {}, flight.torques, {})
 
 
-def joined(times: Array, size: int, pieces: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
-    """Join states of ``size`` coordinates, of whichever kind: rows of each among times (N,).
+def joined(times: Array, robot: Robot, pieces: Sequence[tuple[IntArray, JumpState]], names: Sequence[str]) -> JumpState:
+    """Join states of a robot, in a plane or in space: rows of each among times (N,).
 
     Points that are not in contact have no forces, and no positions: zero, and NaN.
     """
-    arrays: dict[str, Array] = {}
-    for name in ("positions", "velocities", "accelerations", "torques"):
-        columns = getattr(pieces[0][1], name).shape[1] if pieces else size  # in space configurations have one more
-        arrays[name] = np.empty((len(times), columns))
-    dimensions = {force.shape[1] for _, state in pieces for force in state.forces.values()}
-    forces = {name: np.zeros((len(times), max(dimensions, default=2))) for name in names}
+    model = robot.model
+    arrays = {name: np.empty((len(times), model.nv)) for name in ("velocities", "accelerations", "torques")}
+    arrays["positions"] = np.empty((len(times), model.nq))
+    dimension = 3 if robot.base == "free-flyer" else 2
+    forces = {name: np.zeros((len(times), dimension)) for name in names}
     points = {name: np.full((len(times), 3), np.nan) for name in names}
     for rows, state in pieces:
         for name, array in arrays.items():

@@ -3,14 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions
+from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions, names_of
 from floatplan.robot import PlanarTree, Robot
 
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
@@ -19,7 +19,7 @@ STILL = 1e-6  # [m, rad] what counts as level, and as within limits
 Side = Literal["takeoff", "flight", "landing"]
 
 
-class _Usual(NamedTuple):
+class Usual(NamedTuple):
     """Usual durations of a phase: a guess over sqrt(height / g), shares of it that bound them; and its intervals."""
 
     guess: float
@@ -27,37 +27,41 @@ class _Usual(NamedTuple):
     longest: float
     intervals: int
 
+    def duration(self, unit: float, requested: tuple[float, float] | None) -> tuple[float, tuple[float, float]]:
+        """Guess of the duration, and its bounds, s, where sqrt(height / g) is ``unit``; within requested bounds."""
+        low, high = requested or (self.shortest * self.guess * unit, self.longest * self.guess * unit)
+        return min(max(self.guess * unit, low), high), (low, high)
 
-def _usual_durations(side: Side, phases: int, turns: int) -> list[_Usual]:
+
+def _usual_durations(side: Side, phases: int, turns: int) -> list[Usual]:
     """Durations of a side's one or two phases, those of jumps of many robots; of a flight, with turns or without."""
     if side == "flight":
-        return [_Usual(2.57, 0.8, 1.5, 16) if turns else _Usual(1.2, 0.3, 1.5, 16)]
+        return [Usual(2.57, 0.8, 1.5, 16) if turns else Usual(1.2, 0.3, 1.5, 16)]
     if phases == 1:
-        return [_Usual(2.73 if side == "takeoff" else 3.16, 0.5, 1.6, 28)]
+        return [Usual(2.73 if side == "takeoff" else 3.16, 0.5, 1.6, 28)]
     guesses = (1.7, 1.03) if side == "takeoff" else (0.86, 2.3)
-    return [_Usual(guess, 0.5, 1.6, 18) for guess in guesses]
+    return [Usual(guess, 0.5, 1.6, 18) for guess in guesses]
 
 
 @dataclass(frozen=True)
-class Phase:
-    """A time in which the contacts do not change.
+class TimedPhase:
+    """A time in which the contacts do not change, in a plane or in space.
 
     Attributes
     ----------
     side : "takeoff", "flight" or "landing"
-    contacts : those that stand; the anchor, which stands in all phases of its side, first
+    contacts : those that stand
     duration : guessed, s
     bounds : of the duration, s
     intervals : between the nodes of the program
-    gentle : whether forces may vanish towards the flight as gently as they like
     """
 
     side: Side
-    contacts: tuple[GroundContact, ...]
+    contacts: tuple[Any, ...]
     duration: float
     bounds: tuple[float, float]
     intervals: int
-    gentle: bool = False
+    first_step: ClassVar[float]  # [-] of an even step is the step next to the flight; steps grow linearly from there
 
     @property
     def name(self) -> str:
@@ -66,9 +70,9 @@ class Phase:
         return f"{self.side} on {' and '.join(names)}" if names else self.side
 
     @property
-    def anchor(self) -> GroundContact:
-        """The contact from which positions are measured."""
-        return self.contacts[0]
+    def points(self) -> tuple[str, ...]:
+        """Names of all points that stand, by contact."""
+        return names_of(self.contacts)
 
     @cached_property
     def shares(self) -> Array:
@@ -77,9 +81,27 @@ class Phase:
         if self.side == "flight":
             return even
         from_flight = 1 - even if self.side == "takeoff" else even
-        first = 0.1  # [-] of an even step is the step next to the flight; steps grow linearly from there
-        spaced = from_flight * (first + (1 - first) * from_flight)
+        spaced = from_flight * (self.first_step + (1 - self.first_step) * from_flight)
         return 1 - spaced if self.side == "takeoff" else spaced
+
+
+@dataclass(frozen=True)
+class Phase(TimedPhase):
+    """A phase in a plane; its first contact is the anchor, which stands in all phases of its side.
+
+    Attributes
+    ----------
+    gentle : whether forces may vanish towards the flight as gently as they like
+    """
+
+    contacts: tuple[GroundContact, ...]
+    gentle: bool = False
+    first_step: ClassVar[float] = 0.1
+
+    @property
+    def anchor(self) -> GroundContact:
+        """The contact from which positions are measured."""
+        return self.contacts[0]
 
     @cached_property
     def force_shares(self) -> Array:
@@ -97,7 +119,7 @@ class Phase:
 
     def stacked(self, forces: Mapping[str, Array]) -> Array:
         """Forces (2 others, N) of the contacts but the anchor, from those (N, 2) of points by their names."""
-        sums = [np.sum([forces[name] for name in contact.names], axis=0).T for contact in self.others]
+        sums = [np.sum(contact.values(forces), axis=0).T for contact in self.others]
         return np.concatenate([np.empty((0, self.intervals + 1)), *sums])
 
     def own_joints(self, tree: PlanarTree, contact: GroundContact) -> list[int]:
@@ -165,10 +187,8 @@ def side_phases(
     anchor = groups[-1 if side == "takeoff" else 0][:1]
     phases: list[Phase] = []
     for contacts, usual, fixed in zip(groups, _usual_durations(side, len(groups), turns), bounds, strict=True):
-        low, high = fixed or (usual.shortest * usual.guess * unit, usual.longest * usual.guess * unit)
-        duration = min(max(usual.guess * unit, low), high)
         anchor_first = tuple(sorted(contacts, key=lambda contact: (contact,) != anchor))
-        phases.append(Phase(side, anchor_first, duration, (low, high), usual.intervals))
+        phases.append(Phase(side, anchor_first, *usual.duration(unit, fixed), usual.intervals))
     return phases
 
 
@@ -300,3 +320,8 @@ def static_beyond_ranges(robot: Robot, contacts: Sequence[GroundContact], target
         if not low - STILL <= angle <= high + STILL:
             beyond.append(f"{joint} at {angle:.3g} rad, where {low:.3g} to {high:.3g} rad are left of its range")
     return f"static would be {' and '.join(beyond)}" if beyond else ""
+
+
+def index_of_flight(phases: Sequence[Phase]) -> int:
+    """Return where the flight is among the phases of a jump."""
+    return [phase.side for phase in phases].index("flight")

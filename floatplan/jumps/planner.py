@@ -32,7 +32,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
 MARGINS = NodeMargins(torque=0.9, velocity=0.96, friction=0.7)  # of the first program; then as its jump's check demands
-STARTS = 4
+STARTS = 4  # [-] guesses that are tried, see ``_search``
 NEAR_FAILED = "no jump was found near the one at hand"
 
 
@@ -301,7 +301,7 @@ def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
     if len(near.phases) != len(program.phases):
         return None
     for phase, other in zip(program.phases, near.phases, strict=True):
-        if other.contacts != tuple(name for contact in phase.contacts for name in contact.names):
+        if other.contacts != phase.points:
             return None
     assert near.flight is not None
     guess = program.split(program.guess())

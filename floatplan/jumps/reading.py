@@ -22,7 +22,7 @@ from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.plans.plan import rebuild
 from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recorded_robot
-from floatplan.plans.record import POINT, KeyedTable, RobotRecord, table
+from floatplan.plans.record import POINT, TRIPLE, KeyedTable, RobotRecord, table
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict
 from floatplan.problem.jump import STEEPEST, JumpRequest
@@ -52,7 +52,11 @@ STANCE = KeyedTable(
     },
     unknown=UNKNOWN,
 )
-FOOT = KeyedTable({"frame": text, "depth": number(Range(0.0, 10.0, "m"))}, unknown=UNKNOWN)
+FOOT = KeyedTable(
+    {"frame": text, "depth": number(Range(0.0, 10.0, "m"))},
+    {"suffix": one_of(*Foot.of_soles), "point": TRIPLE},
+    UNKNOWN,
+)
 STANCE_IN_SPACE = KeyedTable(
     {
         "side": one_of("takeoff", "landing"),
@@ -119,7 +123,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     if is_spatial != (robot.base == "free-flyer"):
         raise InputError(f"does not fit the format {content['format']!r}", element="robot.base")
     sides: dict[str, list[Any]] = {"takeoff": [], "landing": []}
-    read_stance = _read_spatial_stance if is_spatial else _read_stance
+    read_stance = read_spatial_stance if is_spatial else _read_stance
     for index, table_of_stance in enumerate(content["stances"]):
         stance = read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
         sides[table_of_stance["side"]].append(stance)
@@ -169,14 +173,22 @@ def _read_stance(content: Mapping[str, Any], robot: Robot, gravity: float, eleme
     return Stance(robot, float(gravity), tuple(contacts), complex(*content["place"]), grid)
 
 
-def _read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> SpatialStance:
+def read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: float, element: str) -> SpatialStance:
+    """Return what a file holds of a stance in space; InputError names what is wrong with it."""
     feet = []
     for index, table_of_foot in enumerate(content["contacts"]):
         frame = table_of_foot["frame"]
         if frame not in robot.frame_names:
             raise InputError(f"the robot has no frame {frame!r}", element=f"{element}.contacts[{index}].frame")
         body, local = frame_position(robot.model, robot.joint_tree, frame)
-        feet.append(Foot(frame, body, tuple(local.tolist()), float(table_of_foot["depth"])))
+        suffix = table_of_foot.get("suffix", "")
+        if bool(suffix) != ("point" in table_of_foot):
+            reason = "names a point of a sole by suffix and point, or by neither"
+            raise InputError(reason, element=f"{element}.contacts[{index}]")
+        if suffix:
+            local = np.array(table_of_foot["point"])
+        x, y, z = local.tolist()
+        feet.append(Foot(frame, body, (x, y, z), float(table_of_foot["depth"]), suffix))
     if len(feet) < 2:
         raise InputError("must name two feet at least", element=f"{element}.contacts")
     times = _times(content, element)

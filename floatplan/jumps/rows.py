@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from floatplan.arrays import Array, BoolArray
+from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.jumps.contacts import (
     ClearancePoints,
     GroundContact,
@@ -24,7 +24,7 @@ from floatplan.jumps.contacts import (
 )
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
-from floatplan.jumps.phases import Phase
+from floatplan.jumps.phases import Phase, index_of_flight
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
@@ -269,7 +269,7 @@ class NodeRows:
         self.limits = limits
         self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
-        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        self.flight = index_of_flight(self.phases)
         self._locked = LockedJoints(model)
         self._functions: dict[tuple[GroundContact, ...], Any] = {}
         self.weight = model.robot.mass * model.gravity  # [N]
@@ -425,11 +425,11 @@ class NodeRows:
         """Motors whose torques are not always those of one before: their bodies have other inertias."""
         tree = self.model.robot.tree
         distinct: list[int] = []
-        seen: list[Array] = []
+        seen: list[ComplexArray] = []
         for motor in range(tree.motor_turns.shape[1]):
             bodies = np.flatnonzero(tree.motor_turns[:, motor])
             own = (tree.mass, tree.center, tree.inertia, tree.armature)
-            key = np.array([[*(values[body] for values in own), *tree.turns[body]] for body in bodies])
+            key: ComplexArray = np.column_stack([values[bodies] for values in (*own, tree.turns)])
             if not any(other.shape == key.shape and np.allclose(other, key, rtol=1e-6, atol=1e-6) for other in seen):
                 distinct.append(motor)
                 seen.append(key)

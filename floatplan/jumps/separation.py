@@ -113,7 +113,10 @@ class Separation:
     @cached_property
     def _shapes(self) -> list[LinkCapsule | Obstacle]:
         """The robot's capsules, then the obstacles' pieces."""
-        return [*self.robot.shapes, *(piece for obstacle in self.obstacles for piece in obstacle.pieces)]
+        shapes: list[LinkCapsule | Obstacle] = list(self.robot.shapes)
+        for obstacle in self.obstacles:
+            shapes += obstacle.pieces
+        return shapes
 
     @cached_property
     def _candidates(self) -> list[SeparatingLine]:
@@ -342,7 +345,7 @@ class Separation:
         if not self.lines:
             return 0.0
         ca = casadi()
-        chosen = sorted({shape for line in self.lines for shape in (line.first, line.other)})
+        chosen = sorted({line.first for line in self.lines} | {line.other for line in self.lines})
         sizes = [len(line.angles) for line in self.lines]
         *directions, shortfall = ca.vertsplit(own, np.cumsum([0, *sizes, 1]).tolist())
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -23,6 +24,7 @@ from floatplan.jumps.contacts import (
     contact_at,
     ground_below,
     in_the_air,
+    names_of,
     not_round,
     rolling,
     standing_feet,
@@ -33,6 +35,7 @@ from floatplan.jumps.phases import (
     FlightEnd,
     Phase,
     Side,
+    index_of_flight,
     not_static,
     side_phases,
     standing_posture,
@@ -47,6 +50,7 @@ from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, positions_from_com
+from floatplan.tables import POINT_FEET
 
 CORRECTIONS = 2  # [-] programs after the first, each with more nodes and wider margins
 
@@ -66,6 +70,7 @@ class NodeMargins:
     rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
+    dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
     """
 
     torque: float
@@ -78,6 +83,7 @@ class NodeMargins:
     pressed: float = 0.05
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
+    dip: float = POINT_FEET / 2
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -95,6 +101,7 @@ class NodeMargins:
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
+        too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
         too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         return replace(
             self,
@@ -104,6 +111,8 @@ class NodeMargins:
             refinement=1.4 * self.refinement,
             clearance=self.clearance + 1.5 * too_low,  # since the deepest point moves with the clearance
             reserve=self.reserve - too_near,
+            lift=self.lift + 1.5 * too_deep,
+            dip=max(0.0, self.dip - 1.5 * too_deep),
             pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )
@@ -236,7 +245,7 @@ class Setup:
     @property
     def _flight(self) -> int:
         """Index of the flight among the phases."""
-        return next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        return index_of_flight(self.phases)
 
     @property
     def _stance_posture(self) -> Array:
@@ -248,7 +257,7 @@ class Setup:
         """Rows of nodes, with margins between them and what the request lets the stances use."""
         problem = self.problem
         request = self.request
-        feet = [contact for phase in self.phases for contact in phase.contacts]
+        feet = list(chain.from_iterable(phase.contacts for phase in self.phases))
         postures = np.stack([*self.ends, *(end.y for end in self.flight_ends)])
         ranges = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         torque_share = request.margin["torque"] * margins.torque
@@ -385,9 +394,9 @@ def _check_frames(
 ) -> None:
     """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
     flight = problem.flight
-    before = [contact for phase in takeoff for contact in phase]
+    before = list(chain.from_iterable(takeoff))
     for side, requested, contacts in (("takeoff", flight.takeoff, before), ("landing", flight.landing, landing[0])):
-        frames = list(dict.fromkeys(frame for contact in contacts for frame in contact.frames))
+        frames = list(dict.fromkeys(chain.from_iterable(contact.frames for contact in contacts)))
         if requested is not None and requested.frame not in frames:
             reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
             advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
@@ -576,7 +585,7 @@ def _contacts(robot: Robot, names: Sequence[str], posture: Array, key: str, feet
             raise error.within(element=key) from None
         if not named:
             raise InputError(f"{name!r} is no point of a sole", element=key, advice=f"name {points[0].name!r}")
-        own_names = {own_name for point in named for own_name in point.names}
+        own_names = set(names_of(named))
         for other in contacts:
             if own_names & set(other.names):
                 reason = f"{name!r} stands twice: with {', '.join(map(repr, other.names))}"

@@ -11,6 +11,7 @@
 #include "peaks.hpp"
 #include "quadratic.hpp"
 #include "space.hpp"
+#include "bodies.hpp"
 #include "turning.hpp"
 #include "planar_flight.hpp"
 #include "rotations.hpp"

@@ -8,30 +8,30 @@
 // The angles about the goal's axes on the way there: whether it makes the turns that are wanted, without tilting too far.
 class TurnsMade {
   public:
-    explicit TurnsMade(const SpatialBody &given) : given(given) {}
+    explicit TurnsMade(const SpatialBody &spatial_body) : spatial_body(spatial_body) {}
 
     // The next attitude (3, 3), less than half a turn from the one before.
     void take(const double *attitude) {
-        if (!given.angles) return;
-        Vector3 now = angles_about(given.angles, matrix3(attitude));
-        steepest = larger(steepest, std::fabs(given.angles[0] == given.angles[2] ? now.y - turn / 4 : now.y));
+        if (!spatial_body.angles) return;
+        Vector3 now = angles_about(spatial_body.angles, matrix3(attitude));
+        steepest = larger(steepest, std::fabs(spatial_body.angles[0] == spatial_body.angles[2] ? now.y - full_turn / 4 : now.y));
         if (!has_begun) first = last = now;
         has_begun = true;
-        now.x -= turn * std::round((now.x - last.x) / turn);
-        now.z -= turn * std::round((now.z - last.z) / turn);
+        now.x -= full_turn * std::round((now.x - last.x) / full_turn);
+        now.z -= full_turn * std::round((now.z - last.z) / full_turn);
         last = now;
     }
 
     bool is_right() const {
-        if (!given.angles) return true;
-        const Vector3 change = last - first - vector3(given.change);
+        if (!spatial_body.angles) return true;
+        const Vector3 change = last - first - vector3(spatial_body.change);
         const double most = larger(larger(std::fabs(change.x), std::fabs(change.y)), std::fabs(change.z));
-        return most < given.wrong_turn && steepest <= given.most_tilt;
+        return most < spatial_body.wrong_turn && steepest <= spatial_body.most_tilt;
     }
 
   private:
-    static constexpr double turn = 6.283185307179586;  // rad
-    const SpatialBody &given;
+    static constexpr double full_turn = 6.283185307179586;  // rad
+    const SpatialBody &spatial_body;
     bool has_begun = false;
     double steepest = 0;
     Vector3 first{}, last{};

@@ -8,7 +8,7 @@ class BranchedMotions {
         : at(plain), plain(plain), offset_map(offset_map), n(joints), free(plain.first[joints]) {}
 
     void lay_out(Arena &arena) {
-        arena.take(boundary, n * plain.given);
+        arena.take(boundary, n * plain.fixed_columns);
         arena.take(offset, free);
         arena.take(rates, plain.goal.knots * n);
         for (double **each : {&curvature, &bend}) arena.take(*each, n);
@@ -18,11 +18,11 @@ class BranchedMotions {
     }
 
     void land_on(const Index *branch) {
-        copy(boundary, plain.boundary, n * plain.given);
+        copy(boundary, plain.boundary, n * plain.fixed_columns);
         copy(offset, plain.offset, free);
         for (Index i = 0; i < n; ++i) {
             const double sign = branch[i] % 2 ? -1 : 1;
-            double *own = boundary + i * plain.given;
+            double *own = boundary + i * plain.fixed_columns;
             for (Index condition = 3; condition < 6; ++condition)
                 if (plain.condition[condition] >= 0) own[plain.condition[condition]] *= sign;
             own[plain.condition[3]] += branch[i] * 3.141592653589793;
@@ -33,7 +33,7 @@ class BranchedMotions {
                 bend[i] = sign * plain.goal.bend[i];
             }
             for (Index r = plain.first[i]; offset_map && branch[i] && r < plain.first[i + 1]; ++r)
-                offset[r] = dot(offset_map + r * plain.given, own, plain.given);
+                offset[r] = dot(offset_map + r * plain.fixed_columns, own, plain.fixed_columns);
         }
     }
 

@@ -21,12 +21,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-SOURCES = tuple(sorted(path.name for kind in ("*.h", "*.hpp", "*.cpp") for path in FOLDER.glob(kind)))
+SOURCES = tuple(sorted(path.name for path in FOLDER.iterdir() if path.suffix in (".h", ".hpp", ".cpp")))
 HEADER = "kernel.h"
 DECLARATIONS = "_declarations.py"  # the header as cffi has read it
 UNITS = ("avx512.cpp", "avx2.cpp", "baseline.cpp", "dispatch.cpp")  # compiled side by side, the longest first
 LIBRARY = "_kernel.so"  # also on macOS: ctypes does not care
-COMPILERS = ("c++", "g++", "clang++")
 WHEEL = "ziglang"  # a package that is a compiler, for machines that have none
 COMPILE_FLAGS = (
     "-std=c++17",
@@ -105,7 +104,12 @@ def compiler() -> list[str] | None:
     asked = shlex.split(os.environ.get("CXX", ""))
     if asked and not shutil.which(asked[0]):
         raise CompilerError(f"CXX names no C++ compiler: there is no command {asked[0]}")
-    return asked or next(([name] for name in COMPILERS if _answers(name)), None)
+    if asked:
+        return asked
+    for name in ("c++", "g++", "clang++"):
+        if _answers(name):
+            return [name]
+    return None
 
 
 def _answers(name: str) -> bool:
@@ -150,14 +154,14 @@ def build(folder: Path = FOLDER) -> Path:
         caches = dict.fromkeys(("ZIG_GLOBAL_CACHE_DIR", "ZIG_LOCAL_CACHE_DIR"), scratch)
         environment = {**os.environ, **caches}
         digests = (f'-DFLOATPLAN_SOURCES="{sources_digest()}"', f'-DFLOATPLAN_BUILD="{_build_digest()}"')
-        objects = [str(Path(scratch, unit).with_suffix(".o")) for unit in UNITS]
-        _run_side_by_side(
-            [
-                [*compiler_command, *COMPILE_FLAGS, *digests, *architecture, "-c", str(FOLDER / unit), "-o", made]
-                for unit, made in zip(UNITS, objects, strict=True)
-            ],
-            environment,
-        )
+        objects = []
+        commands = []
+        for unit in UNITS:
+            made = str(Path(scratch, unit).with_suffix(".o"))
+            objects.append(made)
+            source = str(FOLDER / unit)
+            commands.append([*compiler_command, *COMPILE_FLAGS, *digests, *architecture, "-c", source, "-o", made])
+        _run_side_by_side(commands, environment)
         library = Path(scratch, LIBRARY)
         link = [*compiler_command, *LINK_FLAGS, *architecture, *objects, "-o", str(library)]
         _run_side_by_side([link], environment)

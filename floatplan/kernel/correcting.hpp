@@ -13,11 +13,11 @@ template <typename Remaining> class Correcting {
     using At = Predicted<Remaining>;
     static constexpr Index e = Remaining::equalities;
 
-    Correcting(const Flight &flight, RestOfFlight<Remaining> &rest, Index joints)
+    Correcting(const CorrectedFlight &flight, RestOfFlight<Remaining> &rest, Index joints)
         : f(flight), rest(rest), n(joints), width(f.width), size(n * width) {}
 
     void lay_out(Arena &arena) {
-        const Index most = e + f.law.most_rows * f.blocks;
+        const Index most = e + f.options.most_rows * f.blocks;
         for (double **each : {&best, &y, &step, &begun}) arena.take(*each, size);
         arena.take(of_miss, e * size);
         arena.take(hessian, size * size);
@@ -33,7 +33,7 @@ template <typename Remaining> class Correcting {
     void predict(const double *coefficients, Corrected &found) {
         copy(present->coefficients, coefficients, (6 + width) * n);
         rest.evaluate(*present);
-        found.share = found.evaluated = 1;
+        found.fraction = found.evaluated = 1;
         copy(f.row_values, present->value, f.block_first[f.blocks] * f.instants);
         report(found);
     }
@@ -46,28 +46,28 @@ template <typename Remaining> class Correcting {
         found.evaluated = 1;
         const bool warm = f.is_warm && warm_start(found);
         const double missed = present->missed();
-        const bool far = f.blocks && missed > f.law.far;
-        if (far) evaluations = evaluations > f.law.evaluations_far ? evaluations : f.law.evaluations_far;
+        const bool far = f.blocks && missed > f.options.far;
+        if (far) evaluations = evaluations > f.options.evaluations_far ? evaluations : f.options.evaluations_far;
         const bool landed = far && rest.has_distances && solve_as_landed(evaluations, missed, found);
-        if (far && rest.has_distances) evaluations = f.law.evaluations_near;
+        if (far && rest.has_distances) evaluations = f.options.evaluations_near;
         if (!landed) solve(evaluations, found);
-        found.share = 1;
+        found.fraction = 1;
         if (!landed && !keeps(*present)) {
             copy(y, best, size);
-            found.share = 0;
-            for (double scale : {f.law.scales[0], f.law.scales[1]}) {
+            found.fraction = 0;
+            for (double scale : {f.options.scales[0], f.options.scales[1]}) {
                 for (Index k = 0; k < size; ++k) step[k] = begun[k] + scale * (y[k] - begun[k]);
                 change(*tried, step, found);
                 if (!keeps(*tried) || !(tried->missed() < missed)) continue;
-                found.share = scale;
+                found.fraction = scale;
                 copy(best, step, size);
                 std::swap(present, tried);
                 break;
             }
-            if (found.share == 0) {
+            if (found.fraction == 0) {
                 copy(best, begun, size);
                 change(*present, best, found);
-                found.share = warm;
+                found.fraction = warm;
             }
         }
         copy(f.coefficients, present->coefficients, (6 + width) * n);
@@ -75,7 +75,7 @@ template <typename Remaining> class Correcting {
     }
 
   private:
-    const Flight &f;
+    const CorrectedFlight &f;
     RestOfFlight<Remaining> &rest;
     At two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
@@ -109,7 +109,7 @@ template <typename Remaining> class Correcting {
             if (dot(row, row, size) > alike * whole) take_off(row, begun);
             else zero(row, size);
         }
-        for (Index k = 0; k < size; ++k) begun[k] *= f.law.taken_back;
+        for (Index k = 0; k < size; ++k) begun[k] *= f.options.taken_back;
     }
 
     // The component along a row, taken off.
@@ -130,7 +130,7 @@ template <typename Remaining> class Correcting {
         add(1, f.warm_start, size, tried->coefficients + 6 * n);
         rest.evaluate(*tried);
         ++found.evaluated;
-        if (!(tried->missed() < smaller(present->missed(), f.law.far) && keeps(*tried))) return false;
+        if (!(tried->missed() < smaller(present->missed(), f.options.far) && keeps(*tried))) return false;
         std::swap(present, tried);
         begin_at_present();
         return true;
@@ -153,7 +153,7 @@ template <typename Remaining> class Correcting {
 
     bool keeps(const At &a) const {
         for (Index b = 0; b < f.blocks; ++b)
-            if (!(a.worst[b] >= -f.law.kept || worst[b] < -f.law.kept)) return false;
+            if (!(a.worst[b] >= -f.options.kept || worst[b] < -f.options.kept)) return false;
         return true;
     }
 
@@ -170,7 +170,7 @@ template <typename Remaining> class Correcting {
     }
 
     double tolerance(double missed) const {
-        return f.blocks ? larger(f.sigma, missed / f.law.weighed) : f.sigma;
+        return f.blocks ? larger(f.sigma, missed / f.options.weighed) : f.sigma;
     }
 
     double cost(const At &a, const double *of, double sigma) const {
@@ -181,29 +181,29 @@ template <typename Remaining> class Correcting {
 
     // Gauss-Newton steps from the present motion, which is left the best one, by `best` from the plan's.
     void solve(Index evaluations, Corrected &found) {
-        const double enough = f.law.settled * f.law.settled, square = f.acceleration * rest.T * rest.T;
+        const double enough = f.options.settled * f.options.settled, square = f.acceleration * rest.T * rest.T;
         stiffness = 1 / (square * square);
         compare_with_plan();
         copy(best, begun, size);
-        double sigma = tolerance(present->missed()), least = cost(*present, best, sigma);
+        double sigma = tolerance(present->missed()), lowest_cost = cost(*present, best, sigma);
         next_step(sigma);
         for (Index number = 0; number < evaluations; ++number) {
-            if (least - expected < enough) break;
+            if (lowest_cost - expected < enough) break;
             for (Index k = 0; k < size; ++k) y[k] = best[k] + step[k];
             change(*tried, y, found);
             double now = cost(*tried, y, sigma);
-            if (!(now < least)) {
-                for (Index k = 0; k < size; ++k) step[k] *= f.law.shorter;
+            if (!(now < lowest_cost)) {
+                for (Index k = 0; k < size; ++k) step[k] *= f.options.shorter;
                 if (!std::isfinite(now) || stiffness * dot(step, step, size) < enough) break;
                 continue;
             }
-            bool settled = now - expected <= f.law.settled * now + enough;
+            bool settled = now - expected <= f.options.settled * now + enough;
             copy(best, y, size);
             std::swap(present, tried);
             double nearer = tolerance(present->missed());
             if (settled && nearer > sigma / 2) break;
             sigma = nearer;
-            least = cost(*present, best, sigma);
+            lowest_cost = cost(*present, best, sigma);
             if (number + 1 == evaluations) continue;
             rest.differentiate_miss(*present, of_miss);
             next_step(sigma);
@@ -256,13 +256,13 @@ template <typename Remaining> class Correcting {
         double *violation = present->violation, floor = 0;
         Index near = 0;
         for (Index e = begin; e < end; ++e) near += violation[e] > 0;
-        if (near > f.law.most_rows) {
+        if (near > f.options.most_rows) {
             double *end_sorted = sorted, *place;
             for (Index e = begin; e < end; ++e) *end_sorted++ = violation[e] > 0 ? violation[e] : 0;  // none is NaN
-            std::nth_element(sorted, place = end_sorted - f.law.most_rows - 1, end_sorted);
+            std::nth_element(sorted, place = end_sorted - f.options.most_rows - 1, end_sorted);
             floor = *place;
         }
-        Index left = f.law.most_rows;
+        Index left = f.options.most_rows;
         for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
             for (Index e = begin; e < end && left; ++e) {
                 if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;

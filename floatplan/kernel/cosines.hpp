@@ -6,7 +6,7 @@ static inline double raise_bound(const Cosines &of, double *box) {
     constexpr double round_to_whole = 6755399441055744.0, pi = 3.141592653589793;  // 1.5 * 2^52
     const Index n = of.joints;
     const double *centre = box, *half_width = box + n;
-    Vector values = all(0), least = all(0), bent = all(0), sine, cosine;
+    Vector values = all(0), lowest = all(0), bent = all(0), sine, cosine;
     for (Index l = 0; l < of.terms; l += LANES) {
         Vector argument = load(of.phase + l), reach = all(0);
         for (Index j = 0; j < n; ++j) {
@@ -22,7 +22,7 @@ static inline double raise_bound(const Cosines &of, double *box) {
         const Vector turns = (argument * (0.5 / pi) + round_to_whole) - round_to_whole;
         const Vector to_pi = pi - magnitude(argument - 2 * pi * turns);
         sine_cosine(larger(to_pi - reach, all(0)), sine, cosine);
-        least = multiply_add(amplitude, cosine, least);
+        lowest = multiply_add(amplitude, cosine, lowest);
     }
     const double value = of.constant + sum(values);
     double taylor = value - sum(bent);
@@ -32,7 +32,7 @@ static inline double raise_bound(const Cosines &of, double *box) {
             slope = multiply_add(load(of.pulls + l), load(of.frequency + j * of.terms + l), slope);
         taylor -= std::fabs(sum(slope)) * half_width[j];
     }
-    box[2 * n] = larger(box[2 * n], larger(of.constant - sum(least), taylor));
+    box[2 * n] = larger(box[2 * n], larger(of.constant - sum(lowest), taylor));
     return value;
 }
 

@@ -59,22 +59,22 @@ EXPORT Index floatplan_peaks(const Robot *robot, const Interpolation *interpolat
     return CHOSEN(measure_batch(*robot, interpolations, constraints, *peaks));
 }
 
-EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight,
+EXPORT Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, CorrectedFlight *flight,
                                    Index instructions) {
     return CHOSEN(flight_room(*robot, *constraints, *flight));
 }
 
-EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
+EXPORT void floatplan_flight(const Robot *robot, const Constraints *constraints, CorrectedFlight *flight, Index step,
                              Index instructions) {
     CHOSEN(update_flight(*robot, *constraints, *flight, step));
 }
 
-EXPORT Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight,
+EXPORT Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, CorrectedFlight *flight,
                                             Index instructions) {
     return CHOSEN(flight_room_in_space(*robot, *constraints, *flight));
 }
 
-EXPORT void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight, Index step,
+EXPORT void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, CorrectedFlight *flight, Index step,
                                       Index instructions) {
     CHOSEN(update_flight_in_space(*robot, *constraints, *flight, step));
 }
@@ -117,6 +117,22 @@ EXPORT Index floatplan_lift(const SpatialBody *body, const Cells *cells, const M
 
 EXPORT Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions) {
     return CHOSEN(move_in_space(*tree, *motion));
+}
+
+EXPORT Index floatplan_poses(const SpatialTree *tree, const SpatialPoses *poses, Index instructions) {
+    return CHOSEN(place_bodies(*tree, *poses));
+}
+
+EXPORT Index floatplan_lowest(const PlacedSolids *solids, Index instructions) {
+    return CHOSEN(lowest_points(*solids));
+}
+
+EXPORT Index floatplan_reach(const PlacedSolids *solids, Index instructions) {
+    return CHOSEN(reach_on_ground(*solids));
+}
+
+EXPORT Index floatplan_bend(const SpatialTree *tree, const LimbTargets *targets, Index instructions) {
+    return CHOSEN(bend_limb(*tree, *targets));
 }
 
 EXPORT Index floatplan_turn(const Turning *turning, Index asked, Index instructions) {

@@ -57,9 +57,9 @@ INLINED Threes normal_to(Threes along) {
 template <typename P> INLINED Way<P> point_to_segment(P point, P start, P end) {
     const P along = end - start;
     const Vector squared = larger(inner(along, along), all(1e-300));
-    const Vector share = smaller(larger(inner(along, point - start) / squared, all(0)), all(1));
-    const P out = start + share * along - point;
-    return {inner(out, out), out, along, share, all(0)};
+    const Vector fraction = smaller(larger(inner(along, point - start) / squared, all(0)), all(1));
+    const P out = start + fraction * along - point;
+    return {inner(out, out), out, along, fraction, all(0)};
 }
 
 // A way from the other side.
@@ -93,8 +93,8 @@ INLINED Bits are_crossing(Place start, Place end, Place other_start, Place other
     const Place along = end - start, other_along = other_end - other_start;
     const Vector a = outer(along, other_start - start), b = outer(along, other_end - start);
     const Vector c = outer(other_along, start - other_start), d = outer(other_along, end - other_start);
-    const Vector least = smaller(smaller(magnitude(a), magnitude(b)), smaller(magnitude(c), magnitude(d)));
-    return (a * b < none) & (c * d < none) & (least > in_line);
+    const Vector smallest = smaller(smaller(magnitude(a), magnitude(b)), smaller(magnitude(c), magnitude(d)));
+    return (a * b < none) & (c * d < none) & (smallest > in_line);
 }
 
 // Between segments in the plane: where they cross, minus the shortest way out by one of their ends.

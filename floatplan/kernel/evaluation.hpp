@@ -39,11 +39,11 @@ static inline Index evaluate(const typename Flight::Body &body, const Constraint
 
 Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
                        const Settings &settings, const Exchange &rules, SearchProblem &problem, Evaluation &at) {
-    return evaluate<PlanarFlight>(robot, constraints, motions, levels, settings, rules, problem, at);
+    return evaluate<PlanarFlightEvaluator>(robot, constraints, motions, levels, settings, rules, problem, at);
 }
 
 Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Constraints &constraints, const Motions &motions,
                         const Nodes *levels, const Settings &settings, const Exchange &rules, SearchProblem &problem,
                         Evaluation &at) {
-    return evaluate<SpatialFlight>({body, cells, body.joints}, constraints, motions, levels, settings, rules, problem, at);
+    return evaluate<SpatialFlightEvaluator>({body, cells, body.joints}, constraints, motions, levels, settings, rules, problem, at);
 }

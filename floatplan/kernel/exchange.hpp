@@ -7,7 +7,7 @@ template <typename Flight> class Follower {
     Follower(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions, const Nodes *levels,
              const Settings &settings, const Exchange &rules, SearchProblem &problem)
         : program(body, constraints, motions, levels, settings, rules, problem),
-          search(program, settings, rules, problem), set(settings), rules(rules), problem(problem),
+          search(program, settings, rules, problem), settings(settings), rules(rules), problem(problem),
           most_nodes(levels[settings.levels - 1].nodes), has_rows(problem.rows > 0) {}
 
     void lay_out(Arena &arena) {
@@ -23,7 +23,7 @@ template <typename Flight> class Follower {
 
     // Of the starts from now on those are left soon from which there is next to no way to the goal.
     void leave_hopeless() {
-        if (program.turns_alone) search.farthest = set.hopeless_way / program.largest_metric();
+        if (program.uses_adjoint) search.farthest = settings.hopeless_way / program.largest_metric();
     }
 
     // From x, once more from its end where that nearly holds, or is not known to be optimal.
@@ -61,7 +61,7 @@ template <typename Flight> class Follower {
     // The objective of where it ended, as the nodes of the finest level tell.
     double finest_objective() {
         program.watches = false;
-        begin(set.levels - 1, search.now->x);
+        begin(settings.levels - 1, search.now->x);
         return problem.objective_scale * search.now->objective;
     }
 
@@ -100,7 +100,7 @@ template <typename Flight> class Follower {
 
   private:
     Sqp<Flight> search;
-    const Settings &set;
+    const Settings &settings;
     const Exchange &rules;
     SearchProblem &problem;
     Index most_nodes, extra_count = 0, looked_level = -1;  // the last: of the minima found last
@@ -183,22 +183,22 @@ template <typename Flight> class Follower {
         Index stages[3] = {0, 2};
         const Index last = has_rows ? 1 : choose_stages(level, stages);
         Index stage = 0;
-        for (Index round = 0; round < set.most_rounds; ++round) {
+        for (Index round = 0; round < settings.most_rounds; ++round) {
             const bool is_last = stage == last;
             const bool is_free = !program.watches && problem.at_once;
-            const double longest = is_free ? rules.longest_free_step : set.longest_step;
-            Stage own = set.stages[stages[stage]];
+            const double longest = is_free ? rules.longest_free_step : settings.longest_step;
+            Stage own = settings.stages[stages[stage]];
             const double rough = is_last ? rules.between_left * left_between : 0;
             const bool is_rough = rough > own.feasibility;
             if (is_rough) own.feasibility = rough;
             status = search.minimise(own, longest, is_last);
-            if (program.watches && status == infeasible && search.now->worst < set.hopeless) make_feasible();
+            if (program.watches && status == infeasible && search.now->worst < settings.hopeless) make_feasible();
             if (!is_last) ++stage;
-            const double error = set.stages[stages[stage]].quadrature_error;
+            const double error = settings.stages[stages[stage]].quadrature_error;
             const Index needed = std::max(level, program.level_needed(*search.now, error));
             bool finished = is_last && needed == level && !(is_rough && search.now->worst > program.back_off / 4);
-            if (search.iterations - begun > set.most_iterations) return;
-            if (status == infeasible && (is_last || !(search.now->worst <= set.hopeless))) {
+            if (search.iterations - begun > settings.most_iterations) return;
+            if (status == infeasible && (is_last || !(search.now->worst <= settings.hopeless))) {
                 // What nearly holds may have no room inside its limits, but just as much as they leave.
                 if (!(program.watches && program.back_off > 0 && search.now->worst < rules.tight)) return;
                 program.back_off = 0;
@@ -217,9 +217,9 @@ template <typename Flight> class Follower {
 
     // Evaluates x at the first level from one on whose nodes resolve it coarsely, which is returned.
     Index begin_resolved(const double *x, Index level) {
-        level = std::max(level, has_rows ? rules.cheap_level : set.first_level);
+        level = std::max(level, has_rows ? rules.cheap_level : settings.first_level);
         begin(level, x);
-        while (!(program.unresolved(*search.now) < set.coarsely_resolved) && level + 1 < set.levels) {
+        while (!(program.unresolved(*search.now) < settings.coarsely_resolved) && level + 1 < settings.levels) {
             ++level;
             begin(level, search.now->x);
         }
@@ -230,7 +230,7 @@ template <typename Flight> class Follower {
     Index choose_stages(Index level, Index *stages) const {
         Index count = 0;
         for (Index stage : {0, 1}) {
-            const double error = set.stages[stage ? 2 : 0].quadrature_error;
+            const double error = settings.stages[stage ? 2 : 0].quadrature_error;
             if (program.level_needed(*search.now, error) > level) stages[count++] = stage;
         }
         stages[count] = 2;
@@ -246,18 +246,27 @@ template <typename Flight> class Follower {
             program.evaluate(*search.now);
             return;
         }
-        const bool turned = program.missed(*search.now) <= set.tolerance / 2;
+        const bool turned = program.missed(*search.now) <= settings.tolerance / 2;
         status = turned && search.now->worst <= program.back_off / 4 ? feasible : infeasible;
     }
 
-    // Finds the local minima of the rows, unless they are those found last.
+    // Finds the local minima of the rows, unless they are those found last. Where all are high enough, a closer look has the
+    // last word.
     void look() {
         const double *x = search.now->x;
         if (program.level == looked_level && std::equal(x, x + program.size, looked_at)) return;
         copy(looked_at, x, program.size);
         looked_level = program.level;
-        program.look(*search.now, problem.minima);
+        Minima &minima = problem.minima;
+        program.look(*search.now, minima);
+        const auto enough = [this](Index row) { return rules.inside_enough * room_inside(row); };
+        for (Index found = 0; found < minima.found; ++found)
+            if (minima.least[found] < enough(minima.row[found])) return;
+        program.look_closer(*search.now, minima, enough);
     }
+
+    // How far inside its limit a row is to be between the instants; below 0, what it may be outside.
+    double room_inside(Index row) const { return program.back_off > 0 ? program.back_off : -problem.tolerance[row]; }
 
     // Whether no row is nearer to its limit between the instants; those where one is low join, and of the ones that had
     // joined before those stay that are beside a new one.
@@ -268,12 +277,12 @@ template <typename Flight> class Follower {
         Index news = 0;
         left_between = 0;
         for (Index found = 0; found < minima.found; ++found) {
-            const double s = minima.s[found], least = minima.least[found];
-            if (!(s > rules.given && s < 1 - rules.given)) continue;
-            const double room = program.back_off > 0 ? program.back_off : -problem.tolerance[minima.row[found]];
-            if (least < rules.inside_enough * room) holds = false;
-            left_between = larger(left_between, rules.inside_enough * room - least);
-            if (least < rules.watched && news < rules.most_instants) watched[news++] = s;
+            const double s = minima.s[found], value = minima.least[found];
+            if (!(s > rules.near_end && s < 1 - rules.near_end)) continue;
+            const double room = room_inside(minima.row[found]);
+            if (value < rules.inside_enough * room) holds = false;
+            left_between = larger(left_between, rules.inside_enough * room - value);
+            if (value < rules.watched && news < rules.most_instants) watched[news++] = s;
         }
         const Index all = news;
         for (Index k = 0; k < extra_count && all; ++k) {
@@ -292,15 +301,15 @@ template <typename Flight> class Follower {
     // Checks (14) and the rows, between the instants too; keeps what violates least, of equals what costs less, or is known
     // to be optimal.
     void judge() {
-        Index level = program.level_needed(*search.now, set.stages[2].quadrature_error);
-        if (!has_rows) level = std::min(std::max(level, program.level) + set.finer, set.levels - 1);
+        Index level = program.level_needed(*search.now, settings.stages[2].quadrature_error);
+        if (!has_rows) level = std::min(std::max(level, program.level) + settings.finer, settings.levels - 1);
         judge_at(level < problem.level ? problem.level : level, search.now->x);
     }
 
     void judge_at(Index level, const double *x) {
         level = evaluate_to_judge(level, x);
         const Evaluated<Flight> &now = *search.now;
-        const double missed = program.unresolved(now) <= set.unresolved ? program.missed(now) : HUGE_VAL;
+        const double missed = program.unresolved(now) <= settings.unresolved ? program.missed(now) : HUGE_VAL;
         const double at_instants = larger(missed, now.worst - program.back_off);
         // Between the instants nothing is looked at that is no candidate already. The work of a start must not hang on the
         // others: a look counts alike, whether it is taken or not.
@@ -335,7 +344,7 @@ template <typename Flight> class Follower {
             program.watches = watches;
             begin(level, x);
         }
-        while (program.unresolved(*search.now) > set.unresolved && level + 1 < set.levels) {
+        while (program.unresolved(*search.now) > settings.unresolved && level + 1 < settings.levels) {
             ++level;
             begin(level, search.now->x);
         }
@@ -345,11 +354,11 @@ template <typename Flight> class Follower {
 
     // 0 where (14) and all rows hold, between the instants too, within their tolerances.
     double largest_violation(double missed) const {
-        double violation = missed <= set.tolerance ? 0 : missed;
+        double violation = missed <= settings.tolerance ? 0 : missed;
         const Minima &minima = problem.minima;
         for (Index minimum = 0; minimum < minima.found; ++minimum) {
-            const double least = minima.least[minimum];
-            if (least < -problem.tolerance[minima.row[minimum]]) violation = larger(violation, -least);
+            const double value = minima.least[minimum];
+            if (value < -problem.tolerance[minima.row[minimum]]) violation = larger(violation, -value);
         }
         return violation;
     }

@@ -3,7 +3,8 @@
 //
 // What is measured of a flight in a plane and in space is a Filter, of remaining_in_plane.hpp or remaining_in_space.hpp. Its
 // state is that of `equalities` numbers each of orientation and momentum, then of masses and inertias. In space the attitude
-// R is Flight::attitude, and the first three numbers are a small turn dR = [zeta]x R, which it takes on after each measurement.
+// R is CorrectedFlight::attitude, and the first three numbers are a small turn dR = [zeta]x R, which it takes on after each
+// measurement.
 //
 //     Body, Remaining, equalities, joints, masses
 //     motion               its joints, at the instants between measurements
@@ -20,10 +21,10 @@ template <typename Filter> class FlightUpdate {
   public:
     static constexpr Index e = Filter::equalities;
 
-    FlightUpdate(const typename Filter::Body &robot, const Constraints &constraints, Flight &flight, double *memory)
+    FlightUpdate(const typename Filter::Body &robot, const Constraints &constraints, CorrectedFlight &flight, double *memory)
         : f(flight), filter(robot, flight), n(filter.joints), columns(6 + f.width), state_size(2 * e + 2 * filter.masses),
           rest(robot, constraints, flight), correcting(flight, rest, n), arena(aligned(memory)) {
-        filter.lay_out(arena, 2 * f.law.gap_nodes + 2);
+        filter.lay_out(arena, 2 * f.options.gap_nodes + 2);
         for (double **each : {&row, &other, &gain}) arena.take(*each, e * state_size);
         arena.take(values, (columns + 1) * n);
         rest.lay_out(arena);
@@ -34,8 +35,8 @@ template <typename Filter> class FlightUpdate {
 
     // Takes in a motion from `begin` to `end`, s; the oldest is forgotten.
     void remember(double begin, double end, const double *coefficients) {
-        f.newest = (f.newest + 1) % f.law.memory;
-        if (f.known < f.law.memory) ++f.known;
+        f.newest = (f.newest + 1) % f.options.memory;
+        if (f.known < f.options.memory) ++f.known;
         double *motion = f.motions + f.newest * motion_size();
         motion[0] = begin;
         motion[1] = end;
@@ -47,7 +48,7 @@ template <typename Filter> class FlightUpdate {
 
     // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
     void expect() {
-        const Index nodes = f.law.gap_nodes, here = nodes, measured = 2 * nodes + 1;
+        const Index nodes = f.options.gap_nodes, here = nodes, measured = 2 * nodes + 1;
         Motion &look = filter.motion();
         for (Index k = 0; k < nodes; ++k) {
             look_at(k, f.began + (f.measured - f.began) * f.gap[k]);
@@ -78,7 +79,7 @@ template <typename Filter> class FlightUpdate {
     void learn() {
         const double dt = f.measured - f.began;
         double momentum[e];
-        filter.momentum_rows(f.measured_rate, 2 * f.law.gap_nodes + 1, other);
+        filter.momentum_rows(f.measured_rate, 2 * f.options.gap_nodes + 1, other);
         for (Index a = 0; a < e; ++a) {
             momentum[a] = 0;
             for (Index s = 2 * e; s < state_size; ++s) momentum[a] -= other[a * state_size + s];
@@ -87,7 +88,7 @@ template <typename Filter> class FlightUpdate {
         predict(dt);
         for (Index a = 0; a < e; ++a) {
             for (Index s = 0; s < state_size; ++s) other[s] = s == a;
-            correct(other, filter.off(a), f.law.angle_noise * f.law.angle_noise * f.noise[a]);
+            correct(other, filter.off(a), f.options.angle_noise * f.options.angle_noise * f.noise[a]);
         }
         for (Index a = 0; a < e; ++a) {
             const double *own = row + a * state_size;
@@ -100,10 +101,10 @@ template <typename Filter> class FlightUpdate {
             if (believed(a, innovation, std::sqrt(deviation + variance))) correct(own, innovation, variance);
         }
         for (Index s = 2 * e; s < state_size; ++s)
-            f.state[s] = smaller(larger(f.state[s], -f.law.largest_error), f.law.largest_error);
+            f.state[s] = smaller(larger(f.state[s], -f.options.largest_error), f.options.largest_error);
         filter.take_correction();
         filter.adapt();
-        filter.turn_after(f.law.gap_nodes + 1, f.now - f.measured);
+        filter.turn_after(f.options.gap_nodes + 1, f.now - f.measured);
     }
 
     void adapt() { filter.adapt(); }
@@ -152,7 +153,7 @@ template <typename Filter> class FlightUpdate {
   private:
     using Remaining = typename Filter::Remaining;
 
-    Flight &f;
+    CorrectedFlight &f;
     Filter filter;  // between measurements, at the last one, and where that says the joints are
     const Index n, columns, state_size;
     RestOfFlight<Remaining> rest;
@@ -165,7 +166,7 @@ template <typename Filter> class FlightUpdate {
 
     const double *motion_at(double time) const {
         for (Index back = 0; back < f.known; ++back) {
-            const double *motion = f.motions + ((f.newest + f.law.memory - back) % f.law.memory) * motion_size();
+            const double *motion = f.motions + ((f.newest + f.options.memory - back) % f.options.memory) * motion_size();
             if (back == f.known - 1 || time >= motion[0]) return motion;
         }
         return f.motions;
@@ -242,13 +243,13 @@ template <typename Filter> class FlightUpdate {
 
     bool believed(Index axis, double innovation, double deviation) {
         Index &surprises = f.surprises[axis];
-        if (std::fabs(innovation) <= f.law.surprising * deviation) {
+        if (std::fabs(innovation) <= f.options.surprising * deviation) {
             surprises = 0;
             return true;
         }
         Index side = innovation > 0 ? 1 : -1;
         surprises = surprises * side > 0 ? surprises + side : side;
-        if (surprises * side < f.law.most_surprises) return false;
+        if (surprises * side < f.options.most_surprises) return false;
         for (Index known = 0; known < 2 * e; ++known) {
             for (Index s = 0; s < state_size; ++s)
                 f.covariance[known * state_size + s] = f.covariance[s * state_size + known] = 0;
@@ -261,12 +262,12 @@ template <typename Filter> class FlightUpdate {
 
 // How many numbers an update works in.
 template <typename Filter>
-Index room_of_update(const typename Filter::Body &robot, const Constraints &constraints, Flight &flight) {
+Index room_of_update(const typename Filter::Body &robot, const Constraints &constraints, CorrectedFlight &flight) {
     return FlightUpdate<Filter>(robot, constraints, flight, nullptr).room();
 }
 
 template <typename Filter>
-static void update(const typename Filter::Body &robot, const Constraints &constraints, Flight &flight, Index what) {
+static void update(const typename Filter::Body &robot, const Constraints &constraints, CorrectedFlight &flight, Index what) {
     FlightUpdate<Filter> update(robot, constraints, flight, flight.room);
     switch (what) {
     case remember_motion: return update.remember(flight.now, flight.landing, flight.coefficients);
@@ -280,16 +281,16 @@ static void update(const typename Filter::Body &robot, const Constraints &constr
     }
 }
 
-Index flight_room(const Robot &robot, const Constraints &constraints, Flight &flight) {
+Index flight_room(const Robot &robot, const Constraints &constraints, CorrectedFlight &flight) {
     return room_of_update<PlanarFilter>(robot, constraints, flight);
 }
-Index flight_room_in_space(const SpatialBody &robot, const Constraints &constraints, Flight &flight) {
+Index flight_room_in_space(const SpatialBody &robot, const Constraints &constraints, CorrectedFlight &flight) {
     return room_of_update<SpatialFilter>(robot, constraints, flight);
 }
 
-void update_flight(const Robot &robot, const Constraints &constraints, Flight &flight, Index what) {
+void update_flight(const Robot &robot, const Constraints &constraints, CorrectedFlight &flight, Index what) {
     update<PlanarFilter>(robot, constraints, flight, what);
 }
-void update_flight_in_space(const SpatialBody &robot, const Constraints &constraints, Flight &flight, Index what) {
+void update_flight_in_space(const SpatialBody &robot, const Constraints &constraints, CorrectedFlight &flight, Index what) {
     update<SpatialFilter>(robot, constraints, flight, what);
 }

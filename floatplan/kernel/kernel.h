@@ -178,13 +178,13 @@ typedef struct {
 
 // A class of motions, and how the x of a search make one: z = offset + scaling x, h = momentum + axis x.
 typedef struct {
-    Index size, axes, columns, given, terms;  // axes: whether h is free; given: of the columns
+    Index size, axes, columns, fixed_columns, terms;  // axes: whether h is free; fixed_columns: the conditions (13)
     double duration, orientation, change, momentum;
     const double *axis;                       // (axes)
     const double *centre, *amplitude;         // (joints)
     const Index *first;                       // (joints + 1): where each joint's x begin; then h
     const Index *condition;                   // (6): column of each condition (13), or -1
-    const double *boundary;                   // (joints, given)
+    const double *boundary;                   // (joints, fixed_columns)
     const double *offset, *scaling;           // (m), (m, m): joint by joint
     const double *series;                     // (3, terms, columns): the basis and its derivatives by Chebyshev's
     const double *map;                        // (terms, columns): to b over the unit, where that is minimised and x are not whitened; else null
@@ -193,7 +193,7 @@ typedef struct {
 
 // What a search for a motion with constraints keeps to; units and reasons stand in tolerances.py, as of Settings.
 typedef struct {
-    double back_off, reach, given, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
+    double back_off, reach, near_end, inside_enough, tight, watched, same_instant, beside, promising, least_curvature;
     double nearly_promising, elastic_stalled;
     double longest_free_step, momentum_curvature, between_left;
     double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping;
@@ -207,26 +207,32 @@ typedef struct {
     Index begins_with_active;
 } Exchange;
 
-// One search: starts followed to their ends, by number. Number 0 is the x given, others are drawn. What is asked stands
-// beside what comes of it.
+// One search: starts followed to their ends, by number. Number 0 is the x that comes in, others are sampled. It is input and
+// output in one: the caller fills the first group, x and the grid of the minima, and gives arrays for the others, which the
+// kernel overwrites whatever they hold.
 typedef struct {
-    Index first, count, started;              // numbers: the first, how many at most (0: x is judged as it is); followed
-    Index wanted, solved;                     // that hold, of which the best is chosen (0: the first); how many did
+    // What is searched for.
+    Index first, count;                       // numbers: of the first start, how many at most (0: x is judged as it is)
+    Index wanted;                             // that hold, of which the best is chosen (0: the first)
     Index rows, at_once, objective_sum, objective_sums;
     double most_work, bodies, entries;
     double thickness;                         // m, the least one of an obstacle; infinite where there is none
-    const double *plain;                      // (size): the x of the plain motion, which tells the next three
-    Index level, closer_level;
-    double objective_scale;
-    double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is asked first
-    Index ends_hold, path_is_clear;           // what was answered; 0 where nothing was asked
-    double *end_values;                       // (rows, 2): then also values of rows at takeoff and at landing
+    const double *plain;                      // (size): the x of the plain motion
+    double reach;                             // m, of the point that stays nearest to the CM; 0: nothing is tested first
     const double *low, *high, *tolerance;     // (rows): windows in s, and what a value may be below 0
     const Index *at_ends;                     // (rows): whether x changes it at takeoff or landing
     const double *instants;                   // (fixed): beside the nodes, always
     Index fixed;
-    Minima minima;                            // of where it ended
+    // Read, then written.
     double *x;                                // (size): start number 0, then the best end
+    Minima minima;                            // grid and span come in; then those of where the search ended
+    // What the plain motion tells, for all starts.
+    Index level, closer_level;
+    double objective_scale;
+    Index ends_hold, path_is_clear;           // 0 where nothing was tested
+    double *end_values;                       // (rows, 2): values of rows at takeoff and at landing; null: not wanted
+    // The result.
+    Index started, solved;                    // how many starts were followed, how many hold
     double violation, work;                   // the largest one of (14) or of a row, 0 where all hold
     double missed[3];                         // what the attitude at landing lacks, with its signs: (14), or in space
     double objective;                         // of that: at the finest nodes, where it is one of sums, or |b|
@@ -252,13 +258,13 @@ typedef struct {
     uint64_t seed;
     Index fractions;                          // 0: none
     const double *fraction;                   // (fractions) of the reach of h: the x given, there, in turns with others
-    const double *offset_map;                 // (m, given): by which the offset follows the boundary, or null
+    const double *offset_map;                 // (m, fixed_columns): by which the offset follows the boundary, or null
     Index *branch;                            // (joints), at landing, against the boundary given
 } SamplingOptions;
 
 // What a correction leads to.
 typedef struct {
-    double miss[3], share;  // in a plane the first alone
+    double miss[3], fraction;  // in a plane the first alone
     Index evaluated;
 } Corrected;
 
@@ -267,7 +273,7 @@ typedef struct {
     Index gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
     double far, weighed, settled, shorter, kept, taken_back, scales[2];
     double angle_noise, rate_noise, largest_error, surprising;
-} CorrectionGains;
+} CorrectionOptions;
 
 // A tree of bodies in space; body 0 is a free base, body j + 1 is moved by joint j, which turns about an axis or slides.
 typedef struct {
@@ -286,6 +292,36 @@ typedef struct {
     double *torques, *base_acceleration;   // (instants, joints), (instants, 6)
     double *torque_slopes;                 // (instants, joints, 3 joints + 3)
 } SpatialMotion;
+
+// Where its bodies are at some instants: the world's frame, the base's, and those that the joints move. See bodies.hpp.
+typedef struct {
+    Index instants;
+    const double *base, *attitudes, *positions;  // (instants, 3), (.., 3, 3), (.., joints)
+    double *places, *rotations;                  // (instants, joints + 2, 3), (.., 3, 3): all but the world's are written
+} SpatialPoses;
+
+// Groups of convex solids, each the hull of points grown by an ellipsoid, and where their bodies are: what is lowest of
+// them, or how far those of their points reach that are no higher than a level. See bodies.hpp.
+typedef struct {
+    Index instants, bodies, solids, groups;
+    const Index *body, *group, *first;       // (solids), (solids), (solids + 1): the first one of its points
+    const double *points, *axes;             // (points, 3), (solids, 3, 3): in the body's frame, semi-axes as columns
+    const double *places, *rotations;        // (instants, bodies, 3), (.., 3, 3)
+    double *lowest;                          // (instants, groups, 3), in the world
+    Index directions;
+    const double *levels, *direction;        // (instants, groups), (directions, 2): unit vectors, horizontal
+    double *reach;                           // (instants, directions), from the world's origin
+} PlacedSolids;
+
+// Where a limb is to bring a point of its last body, and that body's attitude. See bodies.hpp.
+typedef struct {
+    Index instants, links, sweeps;
+    const Index *chain, *moves;              // (links): joints from the base outwards, and whether each is moved
+    const double *base, *attitudes;          // (instants, 3), (.., 3, 3)
+    const double *local, *target, *attitude;  // (instants, 3): the point in its body, where it is to be; (.., 3, 3)
+    double turn_weight, damping, settled;    // [m/rad], [m^2], [rad]
+    double *positions;                       // (instants, links): where it begins, then the result
+} LimbTargets;
 
 // How its base turns in cells with as many stages each, K stages in all. See turning.hpp.
 typedef struct {
@@ -335,7 +371,7 @@ typedef struct {
 typedef struct {
     Eights instants;
     Index width, nodes, blocks, motors;
-    CorrectionGains law;
+    CorrectionOptions options;
     double goal, sigma, acceleration;                // goal: in a plane, rad
     Cells cells, gap_cells;                          // in space, of the remaining flight and between measurements
     const double *centre, *amplitude;                // (n)
@@ -380,7 +416,7 @@ typedef struct {
     double *row_values, *torque_peak;                // (rows, K), (motors)
     Corrected corrected;
     double *room;                                    // what floatplan_flight_room() says
-} Flight;
+} CorrectedFlight;
 
 // A motion in cells that each begin with an attitude of their own, see lifting.hpp; gaps, rad, go from the cells' ends to the
 // next borders, at last to the goal. Instants are stage by stage, those of all cells side by side.
@@ -432,16 +468,16 @@ Index floatplan_peaks(const Robot *robot, const Interpolation *interpolations, c
                       Peaks *peaks, Index instructions);
 
 // How many numbers an update of a flight's corrections works in.
-Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, Flight *flight, Index instructions);
+Index floatplan_flight_room(const Robot *robot, const Constraints *constraints, CorrectedFlight *flight, Index instructions);
 
 // One step of an update of a flight's corrections.
-void floatplan_flight(const Robot *robot, const Constraints *constraints, Flight *flight, Index step,
+void floatplan_flight(const Robot *robot, const Constraints *constraints, CorrectedFlight *flight, Index step,
                       Index instructions);
 
 // The same two of a flight in space.
-Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight,
+Index floatplan_flight_room_in_space(const SpatialBody *robot, const Constraints *constraints, CorrectedFlight *flight,
                                      Index instructions);
-void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, Flight *flight, Index step,
+void floatplan_flight_in_space(const SpatialBody *robot, const Constraints *constraints, CorrectedFlight *flight, Index step,
                                Index instructions);
 
 // Solves a quadratic program; returns 1, or 0 where it does not.
@@ -472,6 +508,18 @@ Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions 
 
 // Momentum and torques of a tree in space; returns 0, or 1 where there was no memory for it.
 Index floatplan_space(const SpatialTree *tree, const SpatialMotion *motion, Index instructions);
+
+// Where its bodies are; returns 0, or 1 where there was no memory for it.
+Index floatplan_poses(const SpatialTree *tree, const SpatialPoses *poses, Index instructions);
+
+// Lowest points of solids; returns 0, or 1 where there was no memory for it.
+Index floatplan_lowest(const PlacedSolids *solids, Index instructions);
+
+// How far they reach on the ground; returns 0.
+Index floatplan_reach(const PlacedSolids *solids, Index instructions);
+
+// Positions of a limb's joints that bring it to where it is to be; returns 0, or 1 where there was no memory for it.
+Index floatplan_bend(const SpatialTree *tree, const LimbTargets *targets, Index instructions);
 
 // How the base of one turns; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
 Index floatplan_turn(const Turning *turning, Index asked, Index instructions);

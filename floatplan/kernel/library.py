@@ -10,7 +10,6 @@ from floatplan.kernel.structs import FFI
 
 SOURCES_DIGEST = sources_digest()  # a library that was compiled from other sources is not used
 PREFIX = "floatplan_"  # of the functions' names
-INSTRUCTIONS = ("baseline instructions", "AVX2", "AVX-512")
 
 
 class Kernel(SimpleNamespace):
@@ -48,4 +47,5 @@ def kernel() -> Kernel:
 
 def description() -> str:
     """Say in a few words what makes plans without inequalities."""
-    return f"compiled kernel ({INSTRUCTIONS[kernel().instructions]})"
+    instructions = ("baseline instructions", "AVX2", "AVX-512")[kernel().instructions]
+    return f"compiled kernel ({instructions})"

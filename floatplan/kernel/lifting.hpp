@@ -91,10 +91,10 @@ class CellsAtOnce {
         for (Index k = 0; k < S; ++k) {
             block(k, of);
             for (Index j = 0; j < S; ++j) {
-                const Vector share = all(-step * rule.integrals[j * S + k]);
+                const Vector factor = all(-step * rule.integrals[j * S + k]);
                 for (Index a = 0; a < size; ++a)
                     for (Index b = 0; b < size; ++b)
-                        matrix[(size * j + a) * n + size * k + b] = share * of[size * a + b] + all(j == k && a == b);
+                        matrix[(size * j + a) * n + size * k + b] = factor * of[size * a + b] + all(j == k && a == b);
             }
         }
     }
@@ -121,8 +121,8 @@ class CellsAtOnce {
         for (Index k = 0; k < S; ++k) {
             const Threes w = all(0.5) * rate(k), along = {right[4 * k], right[4 * k + 1], right[4 * k + 2]};
             rates[k] = {right[4 * k + 3] * w + cross(along, w), -dot(w, along)};
-            const Vector share = all(step * rule.weights[k]);
-            ended = {ended.along + share * rates[k].along, ended.w + share * rates[k].w};
+            const Vector factor = all(step * rule.weights[k]);
+            ended = {ended.along + factor * rates[k].along, ended.w + factor * rates[k].w};
         }
         last = rotation(ended.along, ended.w);
         return true;
@@ -131,8 +131,8 @@ class CellsAtOnce {
     Nines spun(const Quaternion *rates, Index stage) const {
         Quaternion at = {nothing(), all(1)};
         for (Index k = 0; k < S; ++k) {
-            const Vector share = all(step * rule.integrals[stage * S + k]);
-            at = {at.along + share * rates[k].along, at.w + share * rates[k].w};
+            const Vector factor = all(step * rule.integrals[stage * S + k]);
+            at = {at.along + factor * rates[k].along, at.w + factor * rates[k].w};
         }
         return rotation(at.along, at.w);
     }
@@ -189,7 +189,7 @@ class CellsAtOnce {
 class LiftedMotion {
   public:
     LiftedMotion(const InSpace &body, const Motions &motions, const Nodes &nodes, Lifted &of)
-        : body(body), given(body.given), motions(motions), nodes(nodes), of(of), rule(*body.cells), C(rule.cells),
+        : body(body), spatial_body(body.spatial_body), motions(motions), nodes(nodes), of(of), rule(*body.cells), C(rule.cells),
           S(rule.stages), K(C * S), n(body.joints), size(motions.size), free(motions.first[n]),
           at_once(rule, motions.duration, h_W) {}
 
@@ -216,12 +216,12 @@ class LiftedMotion {
     // Whether it can be integrated.
     bool evaluate() {
         for (Index a = 0; a < 3; ++a)
-            h_W[a] = given.momentum[a] + dot(given.axes + a * motions.axes, of.x + free, motions.axes);
+            h_W[a] = spatial_body.momentum[a] + dot(spatial_body.axes + a * motions.axes, of.x + free, motions.axes);
         move();
         for (Index first = 0; first < C; first += LANES)
-            if (!turn(first)) return false;
+            if (!integrate_cells(first)) return false;
         for (Index c = 0; c < C; ++c) {
-            const Matrix3 next = matrix3(c + 1 < C ? of.borders + 9 * (c + 1) : given.goal);
+            const Matrix3 next = matrix3(c + 1 < C ? of.borders + 9 * (c + 1) : spatial_body.goal);
             store(of.gaps + 3 * c, logarithm(next * transposed(matrix3(of.ends + 9 * c))));
         }
         of.is_right_way = is_right_way();
@@ -232,7 +232,7 @@ class LiftedMotion {
 
   private:
     const InSpace &body;
-    const SpatialBody &given;
+    const SpatialBody &spatial_body;
     const Motions &motions;
     const Nodes &nodes;
     Lifted &of;
@@ -257,7 +257,7 @@ class LiftedMotion {
         swing_joints(n, m, motions.centre, motions.amplitude);
         move_tree(body, at, false);
         for (Index k = 0; k < K; k += LANES) {
-            move_bodies(given.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
+            move_bodies(spatial_body.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
             const MomentumMaps maps(at.bodies);
             store(at.inverse, K, k, inverse(maps.inertia()));
             store(relative, K, k, maps.momentum());
@@ -275,7 +275,7 @@ class LiftedMotion {
     }
 
     // The cells from one on that are computed at once.
-    bool turn(Index first) {
+    bool integrate_cells(Index first) {
         for (Index s = 0; s < S; ++s) {
             at_once.inverse_inertia[s] = nines(at.inverse, K, s * C + first);
             at_once.relative[s] = threes(relative, K, s * C + first);
@@ -304,12 +304,7 @@ class LiftedMotion {
     bool turn_one_by_one(Index first) {
         Turning t{};
         t.cells = LANES;
-        t.stages = S;
-        t.integrals = rule.integrals;
-        t.weights = rule.weights;
-        t.sweeps = given.sweeps;
-        t.settled = given.settled;
-        t.largest = given.largest;
+        set_rule(t, rule, spatial_body);
         t.duration = motions.duration / C * LANES;
         t.momentum = h_W;
         t.inertia = stage_inertia;
@@ -351,9 +346,9 @@ class LiftedMotion {
     }
 
     bool is_right_way() {
-        TurnsMade way(given);
+        TurnsMade way(spatial_body);
         way.take(of.borders);
-        for (Index c = 0; given.angles && c < C; ++c)
+        for (Index c = 0; spatial_body.angles && c < C; ++c)
             for (Index s = 0; s < S; ++s) {
                 double attitude[9];
                 for (Index e = 0; e < 9; ++e) attitude[e] = at.attitude[e * K + s * C + c];
@@ -384,8 +379,8 @@ class LiftedMotion {
                     chain_joints(variables, at.motion, n, k, 1, by_joint, (double *)to, LANES);
                     const Threes by_h = attitude * (of_rates * inverse_inertia);
                     for (Index axis = 0; axis < motions.axes; ++axis) {
-                        const double along[] = {given.axes[axis], given.axes[motions.axes + axis],
-                                                given.axes[2 * motions.axes + axis]};
+                        const double along[] = {spatial_body.axes[axis], spatial_body.axes[motions.axes + axis],
+                                                spatial_body.axes[2 * motions.axes + axis]};
                         to[free + axis] += dot(by_h, everywhere<Threes>(along));
                     }
                 }
@@ -413,8 +408,8 @@ class LiftedMotion {
 };
 
 // 0, or 1 where it cannot be integrated, 2 without memory.
-Index lift_motion(const SpatialBody &given, const Cells &cells, const Motions &motions, const Nodes &nodes, Lifted &of) {
-    const InSpace body{given, &cells, given.joints};
+Index lift_motion(const SpatialBody &spatial_body, const Cells &cells, const Motions &motions, const Nodes &nodes, Lifted &of) {
+    const InSpace body{spatial_body, &cells, spatial_body.joints};
     LiftedMotion lifted(body, motions, nodes, of);
     Workspace room;
     if (!room.make([&](Arena &arena) { lifted.lay_out(arena); })) return 2;

@@ -22,7 +22,7 @@ static inline void chebyshev_sums(const double *series, Index terms, Index count
 }
 
 // Rows of a flight in the plane at any instants of a motion that is given as a series.
-struct PlanarRows {
+struct PlanarRowValues {
     using At = Motion;
     const Robot &robot;
     const Constraints &constraints;
@@ -49,7 +49,7 @@ struct PlanarRows {
             store(m.time + k, at * all(series->duration));
         }
         swing_joints(robot.joints, m, series->centre, series->amplitude);
-        turn(robot, m, series->momentum);
+        compute_base_rate(robot, m, series->momentum);
         if (constraints.needs_moments) move_bodies(robot, m);
         if (constraints.needs_places) place(robot, constraints, m, 0, 0);
     }
@@ -135,6 +135,8 @@ template <typename Rows> struct MinimaWorkspace {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
     typename Rows::At whole{}, close{};
     double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
+    double *piece, *s, *least;        // of a closer look: instants (stride), minima (rows, stride)
+    Index *row;
 
     void lay_out(Arena &arena, const Rows &rows, Index instants) {
         const Index stride = (instants + 7) / 8 * 8;
@@ -143,6 +145,9 @@ template <typename Rows> struct MinimaWorkspace {
         arena.take(values, rows.count() * stride);
         arena.take(grid, stride);
         arena.take(between, stride + 16);
+        arena.take(piece, stride);
+        for (double **array : {&s, &least}) arena.take(*array, rows.count() * stride);
+        arena.take(row, rows.count() * stride);
     }
 };
 
@@ -249,7 +254,40 @@ static inline void find_minima(const Rows &of, Minima &minima, MinimaWorkspace<R
     }
 }
 
-// The same; 1 without memory.
+// A closer look, at so many instants for each of the grid: of its minima those join that are lower than `enough(row)`. The
+// grid is looked at in pieces, of no more instants than it has.
+template <typename Rows, typename Enough>
+static inline void add_closer_minima(const Rows &rows, Minima &minima, Index closer, const Enough &enough,
+                               MinimaWorkspace<Rows> &room) {
+    const Index intervals = minima.instants - 1, most_found = minima.instants * rows.count();
+    const Index intervals_of_piece = std::max<Index>(intervals / closer, 1), parts = std::min(closer, intervals);
+    Minima piece = minima;
+    piece.near = 0;
+    piece.span = minima.span / parts;
+    piece.grid = room.piece;
+    piece.row = room.row;
+    piece.s = room.s;
+    piece.least = room.least;
+    for (Index first = 0; first < intervals; first += intervals_of_piece) {
+        const Index last = std::min(first + intervals_of_piece, intervals);
+        piece.instants = 0;
+        for (Index interval = first; interval < last; ++interval)
+            for (Index part = 0; part < parts; ++part) {
+                const double begin = minima.grid[interval], end = minima.grid[interval + 1];
+                room.piece[piece.instants++] = begin + (end - begin) * part / parts;
+            }
+        room.piece[piece.instants++] = minima.grid[last];
+        find_minima(rows, piece, room);
+        for (Index k = 0; k < piece.found && minima.found < most_found; ++k) {
+            if (!(piece.least[k] < enough(piece.row[k]))) continue;
+            minima.row[minima.found] = piece.row[k];
+            minima.s[minima.found] = piece.s[k];
+            minima.least[minima.found++] = piece.least[k];
+        }
+    }
+}
+
+// Local minima as above; 1 without memory.
 template <typename Rows> static inline Index find_minima(const Rows &rows, Minima &minima) {
     MinimaWorkspace<Rows> at;
     Workspace room;

@@ -88,15 +88,15 @@ template <typename Flight> void Program<Flight>::add_normals(Vector weight, doub
 
 // Calls with each entry of b, whose derivatives (size) by x are in `slope` then, where the conditions (13) follow h.
 template <typename Flight> template <typename Visit> void Program<Flight>::each_slope_of_b(Visit visit) {
-    const double *by_axis = boundary + n * motions.given;
+    const double *by_axis = boundary + n * motions.fixed_columns;
     for (Index term = 0; term < motions.terms; ++term)
         for (Index i = 0; i < n; ++i) {
             const double *map = motions.map + term * motions.columns;
             const Index begin = motions.first[i], end = motions.first[i + 1];
             zero(slope, size);
             for (Index r = begin; r < end; ++r)
-                add(map[motions.given + r - begin], motions.scaling + r * free + begin, end - begin, slope + begin);
-            slope[free] = dot(map, by_axis + i * motions.given, motions.given);
+                add(map[motions.fixed_columns + r - begin], motions.scaling + r * free + begin, end - begin, slope + begin);
+            slope[free] = dot(map, by_axis + i * motions.fixed_columns, motions.fixed_columns);
             visit(term * n + i);
         }
 }
@@ -112,6 +112,6 @@ template <typename Flight> void Program<Flight>::guess_hessian(At &at, double *h
     add_gauss_newton(at, hessian);
     double most = 0;
     for (Index a = 0; a < size; ++a) most = larger(most, hessian[a * size + a]);
-    const double least = problem.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
-    for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : least;
+    const double lowest_curvature = problem.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
+    for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : lowest_curvature;
 }

@@ -97,7 +97,7 @@ class Measured {
         turned[0] += peaks.orientation[row];
         const double *rates = series + columns * n;
         const Series whole{columns, N + 1, peaks.duration[row], momentum, series, rates, rates, turned, centre, amplitude};
-        if (find_minima(PlanarRows{robot, constraints, &whole}, minima)) return false;
+        if (find_minima(PlanarRowValues{robot, constraints, &whole}, minima)) return false;
         peaks.clearance[row] = HUGE_VAL;
         for (Index k = 0; k < minima.found; ++k) peaks.clearance[row] = smaller(peaks.clearance[row], minima.least[k]);
         return true;
@@ -114,7 +114,7 @@ class Measured {
     void follow_powers(Motion &m, const double *value, const double *slope, const double *curvature) {
         combine(m, robot.joints, b, peaks.columns, value, slope, curvature);
         swing_joints(robot.joints, m, centre, amplitude);
-        turn(robot, m, momentum);
+        compute_base_rate(robot, m, momentum);
         move_bodies(robot, m);
     }
 

@@ -35,10 +35,10 @@ static inline Index level_of_tail(double tail, Index nodes, double error, double
     return levels - 1;
 }
 
-class PlanarFlight {
+class PlanarFlightEvaluator {
   public:
     using Body = Robot;
-    using Rows = PlanarRows;
+    using Rows = PlanarRowValues;
     static constexpr Index most_equalities = 1;
     static constexpr bool scales_equalities = false, has_adjoint = true;
 
@@ -50,7 +50,7 @@ class PlanarFlight {
 
     const Index joints;
 
-    PlanarFlight(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
+    PlanarFlightEvaluator(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
                  const Settings &settings)
         : joints(robot.joints), robot(robot), constraints(constraints), motions(motions), levels(levels),
           settings(settings), free(motions.first[robot.joints]) {}
@@ -96,7 +96,7 @@ class PlanarFlight {
     }
 
     void turn_base(Motion &motion, State &state, double *lacking) const {
-        turn(robot, motion, state.momentum);
+        compute_base_rate(robot, motion, state.momentum);
         const Nodes &grid = levels[level];
         lacking[0] = motions.duration * dot_of_vectors(grid.weights, motion.rate, grid.nodes) - motions.change;
     }
@@ -119,7 +119,7 @@ class PlanarFlight {
 
     void differentiate(Motion &motion, State &state, const Variables &variables, double *slopes) const {
         const Nodes &grid = levels[level];
-        differentiate_turn(robot, motion);
+        differentiate_base_rate(robot, motion);
         for (Index k = 0; k < grid.nodes; k += LANES) chain_rate(variables, motion, joints, k, state.drift, stride);
         for (Index c = 0; c < motions.size; ++c)
             slopes[c] = motions.duration * dot_of_vectors(grid.weights, state.drift + c * stride, grid.nodes);
@@ -131,26 +131,26 @@ class PlanarFlight {
     void differentiate_backward(Motion &motion, const double *value, const double *slope, Index begin, double *sums,
                                 double *by, double *by_momentum) const {
         const Nodes &grid = levels[level];
-        const Index columns = motions.columns, given = motions.given, *first = motions.first;
+        const Index columns = motions.columns, fixed_columns = motions.fixed_columns, *first = motions.first;
         const Vector per_second = all(motion.per_second), *by_position = (Vector *)motion.by_joint;
         const Vector *by_speed = (Vector *)motion.by_joint_rate;
         Vector *by_column = (Vector *)sums, momentum = all(0);
         const auto each_sum = [&](auto visit) {
             for (Index i = 0; i < joints; ++i)
-                for (Index column = begin; column < given + first[i + 1] - first[i]; ++column) visit(i * columns + column);
+                for (Index column = begin; column < fixed_columns + first[i + 1] - first[i]; ++column) visit(i * columns + column);
         };
         each_sum([&](Index e) { by_column[e] = all(0); });
         for (Index k = 0; k < grid.nodes; k += LANES) {
             const Vector factor = -all(motions.duration) * load(grid.weights + k) * load(motion.inverse + k);
-            robot.is_real ? differentiate_turn<true>(robot, motion, k, factor)
-                          : differentiate_turn<false>(robot, motion, k, factor);
+            robot.is_real ? differentiate_base_rate<true>(robot, motion, k, factor)
+                          : differentiate_base_rate<false>(robot, motion, k, factor);
             momentum -= factor;
             for (Index i = 0; i < joints; ++i) {
                 const Vector s = load(motion.sine + i * stride + k), c = load(motion.cosine + i * stride + k);
                 const Vector by_swing = by_speed[i] * per_second;
                 const Vector by_p = multiply_add(by_position[i], c, -by_swing * s * load(motion.p_rate + i * stride + k));
                 const Vector by_rate = by_swing * c;
-                const Index end = given + first[i + 1] - first[i];
+                const Index end = fixed_columns + first[i + 1] - first[i];
                 for (Index column = begin; column < end; ++column) {
                     Vector &sum = by_column[i * columns + column];
                     sum = multiply_add(by_p, load(value + column * stride + k),
@@ -208,10 +208,10 @@ class PlanarFlight {
                              [&](Index candidate) { return levels[candidate].nodes; });
     }
 
-    PlanarRows rows_of(const Series &series) const { return {robot, constraints, &series}; }
+    PlanarRowValues rows_of(const Series &series) const { return {robot, constraints, &series}; }
 
     // The rows at any instants of a motion, of which the joints' series is given; they hold until the next call.
-    PlanarRows rows_between(const Motion &motion, const State &state, Series &series) const {
+    PlanarRowValues rows_between(const Motion &motion, const State &state, Series &series) const {
         const Index N = levels[level].nodes;
         for (Index c = 0; c <= N; ++c)
             turned[c] = motions.duration * dot(levels[level].antiderivative + c * N, motion.rate, N);
@@ -225,7 +225,7 @@ class PlanarFlight {
     // Whether rows hold at takeoff and landing that x does not change there; whether the CM is never deeper in an obstacle
     // than the point of the robot that stays nearest to it can be away from it: at some instants, and at all times, as far
     // as its speed, which is largest at an end, tells.
-    Chance chance(const PlanarRows &rows, const SearchProblem &problem, Motion &close) const {
+    Chance chance(const PlanarRowValues &rows, const SearchProblem &problem, Motion &close) const {
         const Minima &minima = problem.minima;
         const double ends[LANES] = {0, 1};
         rows.follow(ends, LANES, close);
@@ -308,7 +308,7 @@ class PlanarFlight {
             const double at = end.rates[piece * joints + i];
             const double slope = (end.rates[(piece + 1) * joints + i] - at) / width;
             const double rate = at + slope * (momentum - end.momenta[piece]);
-            double *to = boundary + i * motions.given;
+            double *to = boundary + i * motions.fixed_columns;
             to[of_rate] = slopes ? slope : rate;
             if (of_curvature >= 0)
                 to[of_curvature] = slopes ? 2 * end.bend[i] * rate * slope : end.curvature[i] + end.bend[i] * rate * rate;

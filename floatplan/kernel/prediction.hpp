@@ -30,7 +30,7 @@ template <typename Remaining> class RestOfFlight {
     using At = Predicted<Remaining>;
     static constexpr Index equalities = Remaining::equalities;
 
-    RestOfFlight(const typename Remaining::Body &robot, const Constraints &constraints, const Flight &flight)
+    RestOfFlight(const typename Remaining::Body &robot, const Constraints &constraints, const CorrectedFlight &flight)
         : has_distances(constraints.needs_places), constraints(constraints), f(flight), n(robot.joints), K(f.instants),
           columns(6 + f.width), size(n * f.width), variables{size, K, f.basis, f.columns, 0, 0},
           remaining(robot, constraints, flight) {}
@@ -95,7 +95,7 @@ template <typename Remaining> class RestOfFlight {
 
   private:
     const Constraints &constraints;
-    const Flight &f;
+    const CorrectedFlight &f;
     const Index n, K, columns, size;
     const Variables variables;
     Remaining remaining;

@@ -30,7 +30,7 @@ static inline void combine_basis(const Motions &motions, Index n, const double *
             const Index begin = motions.first[i], end = motions.first[i + 1];
             for (Index r = begin; r < end; ++r)
                 for (Index c = begin; c < end; ++c)
-                    add(motions.scaling[r * free + c], of_columns[order] + (motions.given + r - begin) * stride,
+                    add(motions.scaling[r * free + c], of_columns[order] + (motions.fixed_columns + r - begin) * stride,
                         stride, basis + (order * size + c) * stride);
         }
 }
@@ -41,10 +41,10 @@ static inline void place_coefficients(const Motions &motions, Index n, const dou
     const Index free = motions.first[n];
     for (Index i = 0; i < n; ++i) {
         const Index begin = motions.first[i], end = motions.first[i + 1];
-        for (Index c = 0; c < motions.given; ++c) coefficients[c * n + i] = boundary[i * motions.given + c];
-        for (Index c = motions.given + end - begin; c < motions.columns; ++c) coefficients[c * n + i] = 0;
+        for (Index c = 0; c < motions.fixed_columns; ++c) coefficients[c * n + i] = boundary[i * motions.fixed_columns + c];
+        for (Index c = motions.fixed_columns + end - begin; c < motions.columns; ++c) coefficients[c * n + i] = 0;
         for (Index r = begin; r < end; ++r)
-            coefficients[(motions.given + r - begin) * n + i] =
+            coefficients[(motions.fixed_columns + r - begin) * n + i] =
                 motions.offset[r] + dot(motions.scaling + r * free + begin, x + begin, end - begin);
     }
 }
@@ -67,13 +67,13 @@ template <typename Flight> class Program {
     Index size, rows, equalities = Flight::most_equalities, level = -1, stride = 0, evaluations = 0;
     double work = 0, back_off;
     bool watches = true;  // whether rows count
-    const bool turns_alone;  // whether nothing but the attitude at landing is asked of a motion at its nodes
+    const bool uses_adjoint;  // whether nothing but the attitude at landing is asked of a motion at its nodes
     Flight flight;
 
     Program(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
             const Nodes *levels, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
         : size(motions.size), rows(problem.rows), back_off(rules.back_off),
-          turns_alone(Flight::has_adjoint && !problem.rows && !problem.objective_sums),
+          uses_adjoint(Flight::has_adjoint && !problem.rows && !problem.objective_sums),
           flight(body, constraints, motions, levels, settings), constraints(constraints), motions(motions),
           levels(levels), rules(rules), problem(problem), n(flight.joints), free(motions.first[n]) {}
 
@@ -90,7 +90,7 @@ template <typename Flight> class Program {
             for (Index **some : {&each->first, &each->place}) arena.take(*some, rows * most / 8);
             arena.take(each->slopes, rows * most * size);
         }
-        if (turns_alone) {  // one motion's arrays stay in the processor's cache where those of two do not
+        if (uses_adjoint) {  // one motion's arrays stay in the processor's cache where those of two do not
             Motion shared = two[0].motion;
             shared.rate = two[1].motion.rate;
             two[1].motion = shared;
@@ -98,12 +98,12 @@ template <typename Flight> class Program {
         for (double *&each : beside) arena.take(each, motions.columns * most);
         arena.take(by_coefficient, motions.columns * n);
         arena.take(of_boundary, 2 * n * most);
-        arena.take(known_boundary, n * motions.given);
+        arena.take(known_boundary, n * motions.fixed_columns);
         arena.take(sums, motions.columns * n * 8);
         arena.take(basis, 3 * size * most);
         arena.take(s, most);
         for (double **each : {&outside, &plain}) arena.take(*each, rows * most);
-        arena.take(boundary, 2 * n * motions.given);
+        arena.take(boundary, 2 * n * motions.fixed_columns);
         arena.take(weights, 8 * flight.terms());
         arena.take(pack, 8 * size);
         arena.take(slope, size);
@@ -124,7 +124,7 @@ template <typename Flight> class Program {
     void watch(Index wanted, const double *others, Index extra) {
         const Nodes &grid = levels[wanted];
         const Index N = grid.nodes, columns = motions.columns;
-        if (turns_alone && !extra && wanted == level && count == N) return;
+        if (uses_adjoint && !extra && wanted == level && count == N) return;
         level = wanted;
         count = N + extra;
         stride = (count + 7) / 8 * 8;
@@ -144,7 +144,7 @@ template <typename Flight> class Program {
         for (At &each : two) {
             each.motion.instants = each.motion.stride = stride;  // beyond those asked for at takeoff
             each.motion.per_second = 1 / motions.duration;
-            for (Index k = 0; !turns_alone && k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
+            for (Index k = 0; !uses_adjoint && k < stride; ++k) each.motion.time[k] = motions.duration * s[k];
             each.variables = {size, stride, basis, motions.first, motions.axis, nullptr};
         }
     }
@@ -189,11 +189,11 @@ template <typename Flight> class Program {
     void differentiate(At &at) {
         if (at.differentiated || !is_known(at)) return;
         at.differentiated = true;
-        if (!turns_alone && !std::exchange(has_basis, true)) combine_basis(motions, n, at_instants, stride, basis);
+        if (!uses_adjoint && !std::exchange(has_basis, true)) combine_basis(motions, n, at_instants, stride, basis);
         if (flight.conditions_follow()) follow_axes(at);
         if constexpr (Flight::has_adjoint)
-            if (turns_alone) differentiate_backward(at);
-        if (!turns_alone) flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
+            if (uses_adjoint) differentiate_backward(at);
+        if (!uses_adjoint) flight.differentiate(at.motion, at.state, at.variables, at.lacking_row);
         flight.combine_rows(at.lacking_row, at.row);
         differentiate_objective(at);
         at.packs = 0;
@@ -289,6 +289,16 @@ template <typename Flight> class Program {
         work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * problem.bodies;
     }
 
+    // Minima lower than `enough(row)` that a look as close as the nodes adds, where these are closer than the instants of
+    // a look: two dips of a row side by side between two of these instants are one there. It counts as no work: it is taken
+    // where nothing else is left to do.
+    template <typename Enough> void look_closer(const At &at, Minima &minima, const Enough &enough) {
+        const Index closer = (nodes() + minima.instants - 1) / minima.instants;
+        if (!rows || !is_known(at) || closer < 2) return;
+        Series whole = series_of(at);
+        add_closer_minima(flight.rows_between(at.motion, at.state, whole), minima, closer, enough, between);
+    }
+
     // What at.x tells before a search.
     Chance chance(const At &at) {
         if (!is_known(at)) return {true, true, true};
@@ -327,10 +337,10 @@ template <typename Flight> class Program {
     void move(At &at) {
         moved = &at;
         flight.choose_momentum(at.state, at.x);
-        copy(boundary, motions.boundary, n * motions.given);
+        copy(boundary, motions.boundary, n * motions.fixed_columns);
         flight.follow_conditions(at.state, false, boundary);
         place_coefficients(motions, n, at.x, boundary, at.coefficients);
-        if (turns_alone) {
+        if (uses_adjoint) {
             swing_alone(at.motion, at.coefficients);
         } else {
             combine(at.motion, n, at.coefficients, motions.columns, at_instants[0], at_instants[1], at_instants[2]);
@@ -342,21 +352,21 @@ template <typename Flight> class Program {
 
     // Positions and speeds of the joints; what the conditions (13) make of p is kept as long as these are the same.
     void swing_alone(Motion &motion, const double *coefficients) {
-        const Index given = motions.given;
-        if (!is_boundary_known || !std::equal(boundary, boundary + n * given, known_boundary)) {
-            combine_first(motion, n, boundary, given, at_instants[0], at_instants[1], of_boundary);
-            copy(known_boundary, boundary, n * given);
+        const Index fixed_columns = motions.fixed_columns;
+        if (!is_boundary_known || !std::equal(boundary, boundary + n * fixed_columns, known_boundary)) {
+            combine_first(motion, n, boundary, fixed_columns, at_instants[0], at_instants[1], of_boundary);
+            copy(known_boundary, boundary, n * fixed_columns);
             is_boundary_known = true;
         }
-        swing_joints(n, motion, of_boundary, coefficients + given * n, motions.columns - given,
-                     at_instants[0] + given * stride, at_instants[1] + given * stride, motions.centre,
+        swing_joints(n, motion, of_boundary, coefficients + fixed_columns * n, motions.columns - fixed_columns,
+                     at_instants[0] + fixed_columns * stride, at_instants[1] + fixed_columns * stride, motions.centre,
                      motions.amplitude);
     }
 
     // Derivatives by x of what the attitude at landing lacks, from those by the coefficients of the basis.
     void differentiate_backward(At &at) {
-        const double *by_axis = flight.conditions_follow() ? boundary + n * motions.given : nullptr;
-        const Index begin = by_axis ? 0 : motions.given;
+        const double *by_axis = flight.conditions_follow() ? boundary + n * motions.fixed_columns : nullptr;
+        const Index begin = by_axis ? 0 : motions.fixed_columns;
         double by_momentum = 0;
         if (moved != &at) move(at);
         flight.differentiate_backward(at.motion, at_instants[0], at_instants[1], begin, sums, by_coefficient,
@@ -366,8 +376,8 @@ template <typename Flight> class Program {
             const Index from = motions.first[i], end = motions.first[i + 1];
             const double *by = by_coefficient + i * motions.columns;
             for (Index r = from; r < end; ++r)
-                add(by[motions.given + r - from], motions.scaling + r * free + from, end - from, at.lacking_row + from);
-            if (by_axis) at.lacking_row[free] += dot(by, by_axis + i * motions.given, motions.given);
+                add(by[motions.fixed_columns + r - from], motions.scaling + r * free + from, end - from, at.lacking_row + from);
+            if (by_axis) at.lacking_row[free] += dot(by, by_axis + i * motions.fixed_columns, motions.fixed_columns);
         }
         if (motions.axes) at.lacking_row[free] += motions.axis[0] * by_momentum;
     }
@@ -402,7 +412,7 @@ template <typename Flight> class Program {
             for (Index k = 0; k < stride; k += LANES) {
                 const Vector at = load(s + k);
                 Bits applies = (at >= all(problem.low[row])) & (at <= all(problem.high[row]));
-                if (!problem.at_ends[row]) applies &= (at > all(rules.given)) & (at < all(1 - rules.given));
+                if (!problem.at_ends[row]) applies &= (at > all(rules.near_end)) & (at < all(1 - rules.near_end));
                 store(outside + row * stride + k, select(applies, all(0), all(HUGE_VAL)));
             }
         for (Index row = 0; row < rows; ++row)
@@ -411,16 +421,16 @@ template <typename Flight> class Program {
 
     // By how much p and its derivatives at all instants, and the conditions themselves, change with the axis of h.
     void follow_axes(At &at) {
-        double *by = boundary + n * motions.given;
-        zero(by, n * motions.given);
+        double *by = boundary + n * motions.fixed_columns;
+        zero(by, n * motions.fixed_columns);
         flight.follow_conditions(at.state, true, by);
-        for (Index e = 0; e < n * motions.given; ++e) by[e] *= motions.axis[0];
-        if (turns_alone) return;
+        for (Index e = 0; e < n * motions.fixed_columns; ++e) by[e] *= motions.axis[0];
+        if (uses_adjoint) return;
         zero(at.of_axes, 3 * n * stride);
         for (int order = 0; order < 3; ++order)
             for (Index i = 0; i < n; ++i)
-                for (Index c = 0; c < motions.given; ++c)
-                    add(by[i * motions.given + c], at_instants[order] + c * stride, stride,
+                for (Index c = 0; c < motions.fixed_columns; ++c)
+                    add(by[i * motions.fixed_columns + c], at_instants[order] + c * stride, stride,
                         at.of_axes + (order * n + i) * stride);
         at.variables.of_axes = at.of_axes;
     }

@@ -312,19 +312,19 @@ class DualMethod {
 
     // The row most violated; -1 where none is by more than the tolerance.
     Index most_violated(const Quadratic &qp) {
-        Vector least = all(-qp.tolerance);
+        Vector lowest_value = all(-qp.tolerance);
         Bits worst = Bits{} - 1;
         for (Index row = 0; row < qp.rows; row += LANES) {
             const double *slopes = qp.inequality_rows + row / 8 * n * 8 + row % 8;
             Vector value = load(idle + row);
             for (Index k = 0; k < n; ++k) value = add_product(x[k], load(slopes + 8 * k), value);
-            const Bits lower = ~(value >= least) & (least == least);  // so that what is no number is found too
-            least = select(lower, value, least);
+            const Bits lower = ~(value >= lowest_value) & (lowest_value == lowest_value);  // so that what is no number is found too
+            lowest_value = select(lower, value, lowest_value);
             worst = (lower & row) | (~lower & worst);
         }
         int lowest = 0;
         for (int lane = 1; lane < LANES; ++lane)
-            if (!(least[lane] >= least[lowest]) && least[lowest] == least[lowest]) lowest = lane;
+            if (!(lowest_value[lane] >= lowest_value[lowest]) && lowest_value[lowest] == lowest_value[lowest]) lowest = lane;
         return worst[lowest] < 0 ? -1 : worst[lowest] + lowest;
     }
 };

@@ -6,33 +6,33 @@ template <typename Flight> class RankedStarts {
   public:
     RankedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings,
                  SamplingOptions &sampling, Index joints)
-        : program(program), motions(motions), set(settings), sampling(sampling), n(joints), size(motions.at.size) {
-        for (Index i = 0; i < n && all_branches <= set.candidates; ++i) all_branches *= 3;
+        : program(program), motions(motions), settings(settings), sampling(sampling), n(joints), size(motions.at.size) {
+        for (Index i = 0; i < n && all_branches <= settings.candidates; ++i) all_branches *= 3;
     }
 
     void lay_out(Arena &arena) {
-        arena.take(moved, set.candidates * size);
-        arena.take(missed, set.candidates);
-        arena.take(order, set.candidates);
+        arena.take(moved, settings.candidates * size);
+        arena.take(missed, settings.candidates);
+        arena.take(order, settings.candidates);
         for (double **each : {&z, &step}) arena.take(*each, size);
     }
 
     // Takes the class of motions of a start, number 0, 1, .., and writes its x.
     void draw(Index number, double *x) {
-        const Index round = number / set.followed;
-        if (round >= set.ranked_rounds)
-            return choose(number + set.ranked_rounds * (set.candidates - set.followed), x);
+        const Index round = number / settings.followed;
+        if (round >= settings.ranked_rounds)
+            return choose(number + settings.ranked_rounds * (settings.candidates - settings.followed), x);
         if (round != ranked) rank(round);
         ranked = round;
-        const Index place = order[number % set.followed];
-        choose(round * set.candidates + place, x);
+        const Index place = order[number % settings.followed];
+        choose(round * settings.candidates + place, x);
         copy(x, moved + place * size, size);
     }
 
   private:
     Program<Flight> &program;
     BranchedMotions &motions;
-    const Settings &set;
+    const Settings &settings;
     SamplingOptions &sampling;
     const Index n, size;
     Index all_branches = 1;  // 3^n, or more than there are candidates
@@ -48,14 +48,14 @@ template <typename Flight> class RankedStarts {
         Index digits = (candidate + 1) % all_branches;
         for (Index i = 0; i < n; ++i, digits /= 3) {
             Index way = digits % 3;
-            if (all_branches > set.candidates) {
-                const double drawn = random.uniform() / set.changed_branches;
+            if (all_branches > settings.candidates) {
+                const double drawn = random.uniform() / settings.changed_branches;
                 way = drawn < 0.5 ? 1 : drawn < 1 ? 2 : 0;
             }
             sampling.branch[i] = way == 2 ? -1 : way;
         }
         motions.land_on(sampling.branch);
-        const double spread = candidate < set.candidates ? 0 : set.spreads_of_starts[(candidate + 1) % 6];
+        const double spread = candidate < settings.candidates ? 0 : settings.spreads_of_starts[(candidate + 1) % 6];
         const Index free = motions.at.first[n];
         for (Index k = 0; k < free; ++k) z[k] = spread * random.normal();
         program.variables(z, x);
@@ -63,31 +63,31 @@ template <typename Flight> class RankedStarts {
     }
 
     void rank(Index round) {
-        for (Index place = 0; place < set.candidates; ++place) {
+        for (Index place = 0; place < settings.candidates; ++place) {
             double *x = moved + place * size;
-            choose(round * set.candidates + place, x);
+            choose(round * settings.candidates + place, x);
             missed[place] = approach(x);
             order[place] = place;
         }
-        std::stable_sort(order, order + set.candidates, [&](Index a, Index b) { return missed[a] < missed[b]; });
+        std::stable_sort(order, order + settings.candidates, [&](Index a, Index b) { return missed[a] < missed[b]; });
     }
 
     // Moves x; by how much it misses (14) then.
     double approach(double *x) {
-        program.watch(set.level_of_starts, nullptr, 0);
+        program.watch(settings.level_of_starts, nullptr, 0);
         Evaluated<Flight> &at = program.two[0];
         copy(at.x, x, size);
         program.evaluate(at);
-        for (Index k = 0; k < set.steps_to_rank; ++k) {
+        for (Index k = 0; k < settings.steps_to_rank; ++k) {
             program.differentiate(at);
             const double square = dot(at.row, at.row, size);
             if (!(square > 0)) return HUGE_VAL;
             const double part = (dot(at.row, at.x, size) - at.equality[0]) / square;
             for (Index a = 0; a < size; ++a) step[a] = part * at.row[a] - at.x[a];
-            add(smaller(1.0, set.step_to_rank / larger(program.metric(step), 1e-300)), step, size, at.x);
+            add(smaller(1.0, settings.step_to_rank / larger(program.metric(step), 1e-300)), step, size, at.x);
             program.evaluate(at);
         }
         copy(x, at.x, size);
-        return program.unresolved(at) > set.too_wild ? HUGE_VAL : std::fabs(at.equality[0]);
+        return program.unresolved(at) > settings.too_wild ? HUGE_VAL : std::fabs(at.equality[0]);
     }
 };

@@ -9,7 +9,7 @@ class PlanarRemaining {
 
     bool landed = false;  // see RestOfFlight::land()
 
-    PlanarRemaining(const Robot &robot, const Constraints &constraints, const Flight &flight)
+    PlanarRemaining(const Robot &robot, const Constraints &constraints, const CorrectedFlight &flight)
         : robot(robot), constraints(constraints), f(flight), n(robot.joints), K(f.instants), size(n * f.width) {}
 
     static Motion &motion_of(Motion &m) { return m; }
@@ -31,7 +31,7 @@ class PlanarRemaining {
     }
 
     void turn_base(Motion &m, double *miss) const {
-        turn(robot, m, f.state[1]);
+        compute_base_rate(robot, m, f.state[1]);
         miss[0] = -change;
         for (Index k = 0; k < f.nodes; ++k) miss[0] += T * f.weights[k] * m.rate[k];
     }
@@ -52,7 +52,7 @@ class PlanarRemaining {
     }
 
     void differentiate_miss(Motion &m, const Variables &variables, double *row) const {
-        differentiate_turn(robot, m);
+        differentiate_base_rate(robot, m);
         for (Index k = 0; k < f.nodes; k += LANES) chain_rate(variables, m, n, k, drift, K);
         for (Index c = 0; c < size; ++c) row[c] = T * dot(f.weights, drift + c * K, f.nodes);
     }
@@ -73,7 +73,7 @@ class PlanarRemaining {
   private:
     const Robot &robot;
     const Constraints &constraints;
-    const Flight &f;
+    const CorrectedFlight &f;
     const Index n, K, size;
     double T = 0, change = 0, orientation = 0;
     double *drift = nullptr, *attitude_slopes = nullptr;  // (size, K), (size, 8)
@@ -87,7 +87,7 @@ class PlanarFilter {
 
     const Index joints, masses;
 
-    PlanarFilter(const Robot &robot, Flight &flight)
+    PlanarFilter(const Robot &robot, CorrectedFlight &flight)
         : joints(robot.joints), masses(robot.links), robot(robot), f(flight), g(robot.bodies), m(robot.links) {}
 
     void lay_out(Arena &arena, Index instants) {
@@ -98,11 +98,11 @@ class PlanarFilter {
     Motion &motion() { return look; }
     const Motion &motion() const { return look; }
 
-    void move() { turn(robot, look, f.state[1]); }
+    void move() { compute_base_rate(robot, look, f.state[1]); }
 
     void turn_before(double dt) { f.turn_before[0] = turned(0, dt); }
     void turn_after(Index from, double dt) {
-        turn(robot, look, f.state[1]);
+        compute_base_rate(robot, look, f.state[1]);
         f.turn_after[0] = turned(from, dt);
     }
 
@@ -124,7 +124,7 @@ class PlanarFilter {
     void turns_by_momentum(double dt, double *per_momentum) const { per_momentum[0] = dt / f.map[0]; }
 
     double momentum_variance(Index) const {
-        return f.law.rate_noise * f.law.rate_noise * f.noise[0] * f.map[0] * f.map[0];
+        return f.options.rate_noise * f.options.rate_noise * f.noise[0] * f.map[0] * f.map[0];
     }
 
     void momentum_rows(const double *rates, Index k, double *row) const {
@@ -173,13 +173,13 @@ class PlanarFilter {
 
     // Moments at the first instants, from joints that are placed and accelerate there.
     void find_moments() {
-        turn(robot, look, f.state[1]);
+        compute_base_rate(robot, look, f.state[1]);
         move_bodies(robot, look);
     }
 
   private:
     const Robot &robot;
-    Flight &f;
+    CorrectedFlight &f;
     const Index g, m;
     Motion look{};
     double *inertia = nullptr;  // (bodies)
@@ -187,6 +187,6 @@ class PlanarFilter {
     // By how much the base turns in `dt` s, from the nodes `from` on.
     double turned(Index from, double dt) const {
         if (dt == 0) return 0;
-        return dt * dot(f.gap_weights, look.rate + from, f.law.gap_nodes);
+        return dt * dot(f.gap_weights, look.rate + from, f.options.gap_nodes);
     }
 };

@@ -1,9 +1,10 @@
 // The remaining flight in space, see prediction.hpp; and what is measured of one, see flight.hpp.
 //
-// The remaining flight is a SpatialFlight that begins now, with the attitude, the momentum and the masses that are estimated.
+// The remaining flight is a SpatialFlightEvaluator that begins now, with the attitude, the momentum and the masses that are
+// estimated.
 
 // What flies, with these masses.
-static inline SpatialBody adapted_body(const SpatialBody &robot, const Flight &f) {
+static inline SpatialBody adapted_body(const SpatialBody &robot, const CorrectedFlight &f) {
     SpatialBody body = robot;
     body.tree.mass = f.body_mass;
     body.tree.first = f.body_first;
@@ -17,12 +18,12 @@ class SpatialRemaining {
   public:
     using Body = SpatialBody;
     using Point = Threes;
-    using State = SpatialFlight::State;
+    using State = SpatialFlightEvaluator::State;
     static constexpr Index equalities = 3;
 
     bool landed = false;  // see RestOfFlight::land()
 
-    SpatialRemaining(const SpatialBody &robot, const Constraints &constraints, const Flight &flight)
+    SpatialRemaining(const SpatialBody &robot, const Constraints &constraints, const CorrectedFlight &flight)
         : body(adapted_body(robot, flight)), flies{body, &flight.cells, robot.joints}, constraints(constraints), f(flight),
           flight(flies, constraints, motions, &nodes, settings) {
         body.start = attitude;
@@ -83,22 +84,22 @@ class SpatialRemaining {
     SpatialBody body;
     const InSpace flies;
     const Constraints &constraints;
-    const Flight &f;
+    const CorrectedFlight &f;
     const Index needs_rates = body.needs_rates;
     const Settings settings{};
     double attitude[9];  // now
     Motions motions = motions_of(f, body.joints);
     const Nodes nodes = nodes_of(f);
-    SpatialFlight flight;
+    SpatialFlightEvaluator flight;
 
-    static Motions motions_of(const Flight &f, Index joints) {
+    static Motions motions_of(const CorrectedFlight &f, Index joints) {
         Motions motions{};
         motions.size = joints * f.width;
         motions.first = f.columns;
         return motions;
     }
 
-    static Nodes nodes_of(const Flight &f) {
+    static Nodes nodes_of(const CorrectedFlight &f) {
         Nodes nodes{};
         nodes.nodes = f.nodes;
         return nodes;
@@ -133,7 +134,7 @@ class SpatialFilter {
 
     const Index joints, masses;
 
-    SpatialFilter(const SpatialBody &robot, Flight &flight)
+    SpatialFilter(const SpatialBody &robot, CorrectedFlight &flight)
         : joints(robot.joints), masses(robot.tree.joints + 1), nominal(robot.tree), body(adapted_body(robot, flight)),
           flies{body, &flight.gap_cells, robot.joints}, f(flight) {}
 
@@ -199,7 +200,7 @@ class SpatialFilter {
     double momentum_variance(Index axis) const {
         double variance = 0;
         for (Index a = 0; a < 3; ++a) variance += of_base[3 * axis + a] * of_base[3 * axis + a] * f.noise[a];
-        return f.law.rate_noise * f.law.rate_noise * variance;
+        return f.options.rate_noise * f.options.rate_noise * variance;
     }
 
     // In the world: with the attitude that is expected, which a small turn changes by [h]x.
@@ -247,9 +248,9 @@ class SpatialFilter {
     }
 
     double off(Index axis) const {
-        double turn[3];
-        store(turn, logarithm(matrix3(f.measured_orientation) * transposed(matrix3(f.attitude))));
-        return turn[axis] - f.aside[axis] - f.state[axis];
+        double rotation_vector[3];
+        store(rotation_vector, logarithm(matrix3(f.measured_orientation) * transposed(matrix3(f.attitude))));
+        return rotation_vector[axis] - f.aside[axis] - f.state[axis];
     }
 
     // The small turn that the filter has found.
@@ -289,7 +290,7 @@ class SpatialFilter {
     const SpatialTree &nominal;
     const SpatialBody body;  // of the masses found
     const InSpace flies;
-    Flight &f;
+    CorrectedFlight &f;
     SpatialAt look{};
     Turned turned{};
     TurningWorkspace room{};
@@ -324,12 +325,7 @@ class SpatialFilter {
         Turning &t = turned.cells;
         const Cells &rule = f.gap_cells;
         t.cells = 1;
-        t.stages = rule.stages;
-        t.integrals = rule.integrals;
-        t.weights = rule.weights;
-        t.sweeps = body.sweeps;
-        t.settled = body.settled;
-        t.largest = body.largest;
+        set_rule(t, rule, body);
         t.duration = dt;
         t.momentum = f.state + 3;
         t.inertia = inertia + 9 * from;

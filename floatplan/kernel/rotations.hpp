@@ -33,20 +33,20 @@ static inline Vector3 logarithm(const Matrix3 &rotation) {
 }
 
 // The rotation by a vector, rad.
-static inline Matrix3 exponential(Vector3 turn) {
-    const double half = std::sqrt(dot(turn, turn)) / 2;
-    const double share = half < 1e-3 ? 0.5 - half * half / 12 : std::sin(half) / (2 * half);  // to 1e-14
+static inline Matrix3 exponential(Vector3 rotation_vector) {
+    const double half = std::sqrt(dot(rotation_vector, rotation_vector)) / 2;
+    const double sine_ratio = half < 1e-3 ? 0.5 - half * half / 12 : std::sin(half) / (2 * half);  // to 1e-14
     double quaternion[4];
-    store(quaternion, share * turn);
+    store(quaternion, sine_ratio * rotation_vector);
     quaternion[3] = std::cos(half);
     return rotation(quaternion);
 }
 
 // How the vector of a rotation changes with a small turn that is done after it.
-static inline Matrix3 left_jacobian_inverse(Vector3 turn) {
-    const double angle = std::sqrt(dot(turn, turn)), half = angle / 2;
+static inline Matrix3 left_jacobian_inverse(Vector3 rotation_vector) {
+    const double angle = std::sqrt(dot(rotation_vector, rotation_vector)), half = angle / 2;
     const double factor = angle < 1e-3 ? 1.0 / 12 : (1 - half / std::tan(half)) / (angle * angle);
-    const Matrix3 across = cross_matrix(turn);
+    const Matrix3 across = cross_matrix(rotation_vector);
     return multiple(1.0) - 0.5 * across + factor * (across * across);
 }
 
@@ -77,14 +77,14 @@ static inline void eigenvectors(double *matrix, double *values, double *vectors)
                 const double ratio = (matrix[4 * q] - matrix[4 * p]) / (2 * off);
                 const double tangent = (ratio < 0 ? -1 : 1) / (std::fabs(ratio) + std::sqrt(ratio * ratio + 1));
                 const double cosine = 1 / std::sqrt(tangent * tangent + 1), sine = tangent * cosine;
-                auto turn = [&](double &one, double &other) {
+                auto rotate = [&](double &one, double &other) {
                     const double before = one;
                     one = cosine * before - sine * other;
                     other = sine * before + cosine * other;
                 };
-                for (int k = 0; k < 3; ++k) turn(matrix[3 * k + p], matrix[3 * k + q]);
-                for (int k = 0; k < 3; ++k) turn(matrix[3 * p + k], matrix[3 * q + k]);
-                for (int k = 0; k < 3; ++k) turn(vectors[3 * p + k], vectors[3 * q + k]);
+                for (int k = 0; k < 3; ++k) rotate(matrix[3 * k + p], matrix[3 * k + q]);
+                for (int k = 0; k < 3; ++k) rotate(matrix[3 * p + k], matrix[3 * q + k]);
+                for (int k = 0; k < 3; ++k) rotate(vectors[3 * p + k], vectors[3 * q + k]);
             }
     for (int k = 0; k < 3; ++k) values[k] = matrix[4 * k];
 }

@@ -54,7 +54,7 @@ static inline void chain(const Variables &variables, const Motion &m, Index n, I
     }
 }
 
-// Derivatives (size, ..) of theta0' at the instants from k on, of a whole stride; after differentiate_turn().
+// Derivatives (size, ..) of theta0' at the instants from k on, of a whole stride; after differentiate_base_rate().
 static inline void chain_rate(const Variables &variables, const Motion &m, Index n, Index k, double *drift,
                               Index stride) {
     Vector *by = (Vector *)m.by;
@@ -245,14 +245,14 @@ static inline void differentiate_row(const Robot &robot, const Constraints &cons
     const Vector c = load(m.attitude_cosine + k), s = load(m.attitude_sine + k);
     Vector *by_angle = (Vector *)m.by_angle, *by = (Vector *)m.by;
     // How fast a point of a capsule, a share along it, moves as a body turns, m/rad; along the distance.
-    auto add_capsule = [&](Index capsule, Vector share, double sign) {
+    auto add_capsule = [&](Index capsule, Vector fraction, double sign) {
         const double *re = constraints.ends_real + 2 * capsule * bodies;
         const double *im = constraints.ends_imaginary + 2 * capsule * bodies;
         for (Index b = 0; b < bodies; ++b) {
             const Index end = b + bodies;
             if (re[b] == 0 && re[end] == 0 && im[b] == 0 && im[end] == 0) continue;
-            const Vector at_re = all(re[b]) + share * all(re[end] - re[b]);
-            const Vector at_im = all(im[b]) + share * all(im[end] - im[b]);
+            const Vector at_re = all(re[b]) + fraction * all(re[end] - re[b]);
+            const Vector at_im = all(im[b]) + fraction * all(im[end] - im[b]);
             const Vector own_c = load(m.body_cosine + b * m.stride + k), own_s = load(m.body_sine + b * m.stride + k);
             const Vector along = at_re * own_c - at_im * own_s, up = at_re * own_s + at_im * own_c;
             by_angle[b] += all(sign) * (all(constraints.turn) * found.direction.y * (c * along - s * up) -

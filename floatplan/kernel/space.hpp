@@ -24,7 +24,12 @@ struct Instants {
         for (Index lane = 0; lane < LANES; ++lane) value[lane] = from[at[lane] * stride];
         return value;
     }
-    Threes load3(const double *from) const { return {load(from, 3), load(from + 1, 3), load(from + 2, 3)}; }
+    Threes load3(const double *from, Index stride = 3) const {
+        return {load(from, stride), load(from + 1, stride), load(from + 2, stride)};
+    }
+    Nines load9(const double *from, Index stride = 9) const {
+        return {{load3(from, stride), load3(from + 3, stride), load3(from + 6, stride)}};
+    }
     void store(double *to, Index stride, Vector value) const {
         for (Index lane = 0; lane < LANES && lane < count; ++lane) to[at[lane] * stride] = value[lane];
     }
@@ -110,6 +115,28 @@ struct JointsOfMotion {
     Threes rates() const { return m.rates ? k.load3(m.rates) : nothing(); }
 };
 
+// Of a body: its attitude, and where its origin is.
+struct BodyFrame {
+    Nines turned;
+    Threes place;
+};
+
+// That of the body which joint j moves, at its position q on the body before it; `along` is the joint's axis there.
+static inline BodyFrame moved_frame(const SpatialTree &tree, Index j, const BodyFrame &before, Vector q, Threes &along) {
+    const Threes axis = triple<Vector>(tree.axis + 3 * j);
+    BodyFrame frame = {before.turned * square<Vector>(tree.turned + 9 * j),
+                       before.place + before.turned * triple<Vector>(tree.placed + 3 * j)};
+    along = frame.turned * axis;
+    if (tree.slides[j]) {
+        frame.place = frame.place + q * along;
+    } else {
+        Vector s, c;
+        sine_cosine(q, s, c);
+        frame.turned = frame.turned * (multiple(c) + s * cross_matrix(axis) + (all(1) - c) * outer(axis, axis));
+    }
+    return frame;
+}
+
 // Where the bodies are and how they move, the base without acceleration, and what each carries.
 template <typename Joints>
 static inline void move_bodies(const SpatialTree &tree, const Joints &joints, SpatialBodies &at) {
@@ -119,26 +146,17 @@ static inline void move_bodies(const SpatialTree &tree, const Joints &joints, Sp
     at.acceleration[0] = {nothing(), nothing()};
     for (Index j = 0; j < n; ++j) {
         const Index from = tree.parent[j], to = j + 1;
-        const Threes axis = triple<Vector>(tree.axis + 3 * j);
         const Vector q = joints.position(j), speed = joints.speed(j);
-        Nines turned = at.turned[from] * square<Vector>(tree.turned + 9 * j);
-        Threes place = at.place[from] + at.turned[from] * triple<Vector>(tree.placed + 3 * j);
-        const Threes along = turned * axis;
-        if (tree.slides[j]) {
-            place = place + q * along;
-        } else {
-            Vector s, c;
-            sine_cosine(q, s, c);
-            turned = turned * (multiple(c) + s * cross_matrix(axis) + (all(1) - c) * outer(axis, axis));
-        }
-        const Moving of = tree.slides[j] ? Moving{along, nothing()} : Moving{cross(place, along), along};
+        Threes along;
+        const BodyFrame frame = moved_frame(tree, j, {at.turned[from], at.place[from]}, q, along);
+        const Moving of = tree.slides[j] ? Moving{along, nothing()} : Moving{cross(frame.place, along), along};
         const Moving v = at.velocity[from] + speed * of, turning = cross(v, of);
         at.axis[j] = of;
         at.before[j] = cross(at.velocity[from], of);
         at.twice_before[j] = cross(at.acceleration[from], of) + cross(at.velocity[from], at.before[j]);
         at.own[j] = at.before[j] + turning;
-        at.turned[to] = turned;
-        at.place[to] = place;
+        at.turned[to] = frame.turned;
+        at.place[to] = frame.place;
         at.velocity[to] = v;
         at.acceleration[to] = at.acceleration[from] + speed * turning;
         if (joints.accelerate()) at.acceleration[to] = at.acceleration[to] + joints.acceleration(j) * of;

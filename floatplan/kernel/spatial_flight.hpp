@@ -15,7 +15,7 @@
 // A distance changes by that of its nearest points along its direction; between two links nothing but the joints counts.
 
 // Rows at any instants of a flight in space.
-struct SpatialRows {
+struct SpatialRowValues {
     using At = SpatialAt;
     const InSpace &body;
     const Constraints &constraints;
@@ -24,7 +24,7 @@ struct SpatialRows {
     const Cells *rule;
 
     Index count() const { return constraints.rows; }
-    Terms terms() const { return {body.joints, body.given.tree.joints}; }
+    Terms terms() const { return {body.joints, body.spatial_body.tree.joints}; }
 
     void lay_out(Arena &arena, SpatialAt &at, Index instants) const {
         lay_out_in_space(arena, at, body, constraints.capsules, instants);
@@ -45,7 +45,7 @@ struct SpatialRows {
             store(m.time + k, here * all(series->duration));
         }
         swing_joints(n, m, series->centre, series->amplitude);
-        if (!body.given.needs_rates) return;
+        if (!body.spatial_body.needs_rates) return;
         move_tree(body, at, constraints.needs_moments);
         for (Index k = 0; k < instants; ++k) {
             double attitude[9];
@@ -71,10 +71,10 @@ struct SpatialRows {
     }
 };
 
-class SpatialFlight {
+class SpatialFlightEvaluator {
   public:
     using Body = InSpace;
-    using Rows = SpatialRows;
+    using Rows = SpatialRowValues;
     static constexpr Index most_equalities = 3;
     static constexpr bool scales_equalities = true, has_adjoint = false;
 
@@ -92,10 +92,10 @@ class SpatialFlight {
 
     const Index joints;
 
-    SpatialFlight(const InSpace &body, const Constraints &constraints, const Motions &motions, const Nodes *levels,
+    SpatialFlightEvaluator(const InSpace &body, const Constraints &constraints, const Motions &motions, const Nodes *levels,
                   const Settings &settings)
-        : joints(body.joints), body(body), given(body.given), constraints(constraints), motions(motions),
-          levels(levels), settings(settings), tree_joints(given.tree.joints), free(motions.first[joints]) {}
+        : joints(body.joints), body(body), spatial_body(body.spatial_body), constraints(constraints), motions(motions),
+          levels(levels), settings(settings), tree_joints(spatial_body.tree.joints), free(motions.first[joints]) {}
 
     Index terms() const { return tally().count(); }
 
@@ -137,7 +137,7 @@ class SpatialFlight {
 
     void choose_momentum(State &state, const double *x) const {
         for (Index a = 0; a < 3; ++a)
-            state.h_W[a] = given.momentum[a] + dot(given.axes + a * motions.axes, x + free, motions.axes);
+            state.h_W[a] = spatial_body.momentum[a] + dot(spatial_body.axes + a * motions.axes, x + free, motions.axes);
     }
 
     bool conditions_follow() const { return false; }
@@ -152,7 +152,7 @@ class SpatialFlight {
         Turned &turned = state.turned;
         turned.is_known = turn_cells(turned.cells, Asked::attitudes, room);
         if (!turned.is_known) return std::fill(lacking, lacking + 3, HUGE_VAL);
-        store(lacking, logarithm(transposed(matrix3(given.goal)) * matrix3(turned.landing())));
+        store(lacking, logarithm(transposed(matrix3(spatial_body.goal)) * matrix3(turned.landing())));
     }
 
     bool is_known(const State &state) const { return state.turned.is_known; }
@@ -202,7 +202,7 @@ class SpatialFlight {
     }
 
     void move_links(Motion &motion, State &state, bool rows, bool sums) {
-        state.has_rates = given.needs_rates && (rows || sums);
+        state.has_rates = spatial_body.needs_rates && (rows || sums);
         if (!state.has_rates) return;
         SpatialAt &at = state.at;
         const Index N = levels[level].nodes;
@@ -259,11 +259,11 @@ class SpatialFlight {
     void add_sum_slopes(Motion &, State &state, const Variables &variables, Index k, const Vector *weights,
                         double *slopes) {
         SpatialAt &at = state.at;
-        if (given.needs_rates && state.turned.is_pulled() && !std::exchange(state.has_turns, true))
+        if (spatial_body.needs_rates && state.turned.is_pulled() && !std::exchange(state.has_turns, true))
             carry_all_turns(state, variables);
         Vector *by_joint = (Vector *)by;
         for (Index i = 0; i < 3 * joints; ++i) by_joint[i] = all(0);
-        if (given.needs_rates) {
+        if (spatial_body.needs_rates) {
             const Threes w_B = threes(at.rates, stride, k);
             const Vector length = larger(load(at.motion.rate + k), all(1e-300));
             Threes of_rates = (weights[1] / length) * w_B;
@@ -295,7 +295,7 @@ class SpatialFlight {
                         coefficient += rule.tail[degree * rule.stages + k] * rates[3 * (c * rule.stages + k) + a];
                     tail = larger(tail, std::fabs(coefficient));
                 }
-        const double relative = tail / larger(fastest(state), given.slowest / motions.duration);
+        const double relative = tail / larger(fastest(state), spatial_body.slowest / motions.duration);
         return std::pow(relative, static_cast<double>(rule.stages) / (rule.stages - 2));
     }
 
@@ -314,16 +314,16 @@ class SpatialFlight {
         return finest;
     }
 
-    SpatialRows rows_of(const Series &series) const { return {body, constraints, &series, nullptr, nullptr}; }
+    SpatialRowValues rows_of(const Series &series) const { return {body, constraints, &series, nullptr, nullptr}; }
 
-    SpatialRows rows_between(const Motion &, const State &state, Series &series) const {
+    SpatialRowValues rows_between(const Motion &, const State &state, Series &series) const {
         return {body, constraints, &series, &state.turned, body.cells + level};
     }
 
     // Whether rows hold at takeoff and landing that x does not change there.
-    Chance chance(const SpatialRows &rows, const SearchProblem &problem, SpatialAt &close) const {
+    Chance chance(const SpatialRowValues &rows, const SearchProblem &problem, SpatialAt &close) const {
         const double ends[LANES] = {0, 1};
-        rows.follow(ends, LANES, close, given.goal);
+        rows.follow(ends, LANES, close, spatial_body.goal);
         Chance found{true, true, true};
         for (Index row = 0; row < constraints.rows; ++row) {
             double value[LANES];
@@ -343,7 +343,7 @@ class SpatialFlight {
 
   private:
     const InSpace &body;
-    const SpatialBody &given;
+    const SpatialBody &spatial_body;
     const Constraints &constraints;
     const Motions &motions;
     const Nodes *levels;
@@ -365,8 +365,8 @@ class SpatialFlight {
     }
 
     bool is_right_way(const Turned &turned) const {
-        TurnsMade way(given);
-        way.take(given.start);
+        TurnsMade way(spatial_body);
+        way.take(spatial_body.start);
         for (Index k = 0; k < levels[level].nodes; ++k) way.take(turned.cells.attitudes + 9 * k);
         way.take(turned.landing());
         return way.is_right();
@@ -376,7 +376,7 @@ class SpatialFlight {
     void find_momentum_maps(State &state) const {
         SpatialAt &at = state.at;
         for (Index k = 0; k < levels[level].nodes; k += LANES) {
-            move_bodies(given.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
+            move_bodies(spatial_body.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
             const MomentumMaps maps(at.bodies);
             const Nines inertia = maps.inertia();
             const Threes relative = maps.momentum();
@@ -392,12 +392,7 @@ class SpatialFlight {
         const Cells &rule = body.cells[level];
         Turning &cells = state.turned.cells;
         cells.cells = rule.cells;
-        cells.stages = rule.stages;
-        cells.integrals = rule.integrals;
-        cells.weights = rule.weights;
-        cells.sweeps = given.sweeps;
-        cells.settled = given.settled;
-        cells.largest = given.largest;
+        set_rule(cells, rule, spatial_body);
         cells.duration = motions.duration;
         cells.momentum = state.h_W;
         cells.inertia = state.turned.inertia;
@@ -405,7 +400,7 @@ class SpatialFlight {
         cells.is_chained = 1;
         cells.columns = 0;
         cells.instants = 0;
-        copy(cells.borders, given.start, 9);
+        copy(cells.borders, spatial_body.start, 9);
     }
 
     // W_j in to_landing (nodes, 3, 3): what a turn that begins at a node changes of what is lacking at landing, by the
@@ -413,7 +408,7 @@ class SpatialFlight {
     void weigh_turns_by_landing(State &state) {
         const Turning &cells = state.turned.cells;
         turn_cells(cells, Asked::transitions, room);
-        const Matrix3 to_goal = transposed(matrix3(given.goal));
+        const Matrix3 to_goal = transposed(matrix3(spatial_body.goal));
         const Vector3 lacking = logarithm(to_goal * matrix3(state.turned.landing()));
         Matrix3 onward = left_jacobian_inverse(lacking) * to_goal;
         for (Index c = cells.cells; c-- > 0;) {
@@ -448,7 +443,7 @@ class SpatialFlight {
             for (Index axis = 0; axis < motions.axes; ++axis) {
                 double &slope = rows[row * size + free + axis];
                 slope = 0;
-                for (Index a = 0; a < 3; ++a) slope += h[a] * given.axes[a * motions.axes + axis];
+                for (Index a = 0; a < 3; ++a) slope += h[a] * spatial_body.axes[a * motions.axes + axis];
             }
         }
     }
@@ -468,8 +463,9 @@ class SpatialFlight {
     // By planned joints i, what something changes by with the tree's joints, added.
     void gather(const Vector *of_tree, Vector *of_joints) const {
         for (Index j = 0; j < tree_joints; ++j)
-            for (Index e = given.first[j]; e < given.first[j + 1]; ++e)
-                of_joints[given.planned[e]] = add_product(given.ratio[e], of_tree[j], of_joints[given.planned[e]]);
+            for (Index e = spatial_body.first[j]; e < spatial_body.first[j + 1]; ++e)
+                of_joints[spatial_body.planned[e]] =
+                    add_product(spatial_body.ratio[e], of_tree[j], of_joints[spatial_body.planned[e]]);
     }
 
     // Weights of w_B that weights of the torques (tree joints) are; what they are of the tree's joints is then in by_tree.
@@ -486,7 +482,7 @@ class SpatialFlight {
             const Index begin = k / 8 * 8;
             for (Index from = begin; from < begin + 8; from += LANES) {
                 drive_tree(body, state.at, from);
-                torque_slopes(given.tree, state.at.bodies);
+                torque_slopes(spatial_body.tree, state.at.bodies);
                 for (Index e = 0; e < entries; ++e)
                     store(state.torque_slopes + e * stride + from, state.at.bodies.slopes[e]);
             }
@@ -512,7 +508,8 @@ class SpatialFlight {
         const SpatialAt &at = state.at;
         const Threes by_h = nines(at.attitude, stride, k) * (of_rates * nines(at.inverse, stride, k));
         for (Index axis = 0; axis < motions.axes; ++axis) {
-            const double along[] = {given.axes[axis], given.axes[motions.axes + axis], given.axes[2 * motions.axes + axis]};
+            const double along[] = {spatial_body.axes[axis], spatial_body.axes[motions.axes + axis],
+                                    spatial_body.axes[2 * motions.axes + axis]};
             double *slope = slopes + 8 * (free + axis);
             store(slope, load(slope) + dot(by_h, everywhere<Threes>(along)));
         }
@@ -542,13 +539,13 @@ class SpatialFlight {
             const Threes start = end_of<Threes>(at.motion, 2 * capsule, k);
             const Threes stop = end_of<Threes>(at.motion, 2 * capsule + 1, k);
             const Threes from_com = start + share * (stop - start) - com_W;
-            state.moves.weigh(given.tree, constraints.body[capsule], com_B + from_com * R_WB, along_W * R_WB, k, of_tree);
+            state.moves.weigh(spatial_body.tree, constraints.body[capsule], com_B + from_com * R_WB, along_W * R_WB, k, of_tree);
             return from_com;
         };
         const Threes along_W = all(constraints.per_scale[row]) * found.direction;
         const Threes from_com = add_capsule(constraints.first[row], found.own, along_W);
         if (is_pair) add_capsule(constraints.second[row], found.other, -along_W);
-        else state.moves.weigh_com(given.tree, -(along_W * R_WB), k, of_tree);
+        else state.moves.weigh_com(spatial_body.tree, -(along_W * R_WB), k, of_tree);
         gather(of_tree, by_joint);
         chain_joints(variables, at.motion, joints, k, 0, by_joint, slopes, 8);
         if (is_pair) return;
@@ -574,8 +571,8 @@ class SpatialFlight {
                 chain_joints(variables, at.motion, joints, k, 1, by_joint, (double *)(slopes + d * size), LANES);
                 const Threes by_h = attitude * (of_rates * inverse_inertia);
                 for (Index axis = 0; axis < motions.axes; ++axis) {
-                    const double along[] = {given.axes[axis], given.axes[motions.axes + axis],
-                                            given.axes[2 * motions.axes + axis]};
+                    const double along[] = {spatial_body.axes[axis], spatial_body.axes[motions.axes + axis],
+                                            spatial_body.axes[2 * motions.axes + axis]};
                     slopes[d * size + free + axis] = dot(by_h, everywhere<Threes>(along));
                 }
             }

@@ -14,7 +14,7 @@
 
 // What flies, and the cells of the levels.
 struct InSpace {
-    const SpatialBody &given;
+    const SpatialBody &spatial_body;
     const Cells *cells;
     Index joints;
 };
@@ -72,7 +72,7 @@ static inline void set_lane(Nines &to, Index lane, const double *from) {
 }
 
 static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &body, Index capsules, Index instants) {
-    const Index n = body.joints, J = body.given.tree.joints;
+    const Index n = body.joints, J = body.spatial_body.tree.joints;
     Motion &m = at.motion;
     m.instants = instants;
     m.stride = at.stride = (instants + 7) / 8 * 8;
@@ -89,16 +89,16 @@ static inline void lay_out_in_space(Arena &arena, SpatialAt &at, const InSpace &
 
 // The tree's joints from the planned ones.
 static inline void move_tree(const InSpace &body, SpatialAt &at, bool accelerates) {
-    const SpatialBody &given = body.given;
+    const SpatialBody &spatial_body = body.spatial_body;
     const Motion &m = at.motion;
-    for (Index j = 0; j < given.tree.joints; ++j)
+    for (Index j = 0; j < spatial_body.tree.joints; ++j)
         for (Index k = 0; k < m.instants; k += LANES) {
-            Vector position = all(given.reference[j]), speed = all(0), acceleration = all(0);
-            for (Index e = given.first[j]; e < given.first[j + 1]; ++e) {
-                const Index from = given.planned[e] * at.stride + k;
-                position = add_product(given.ratio[e], load(m.position + from), position);
-                speed = add_product(given.ratio[e], load(m.speed + from), speed);
-                acceleration = add_product(given.ratio[e], load(m.acceleration + from), acceleration);
+            Vector position = all(spatial_body.reference[j]), speed = all(0), acceleration = all(0);
+            for (Index e = spatial_body.first[j]; e < spatial_body.first[j + 1]; ++e) {
+                const Index from = spatial_body.planned[e] * at.stride + k;
+                position = add_product(spatial_body.ratio[e], load(m.position + from), position);
+                speed = add_product(spatial_body.ratio[e], load(m.speed + from), speed);
+                acceleration = add_product(spatial_body.ratio[e], load(m.acceleration + from), acceleration);
             }
             store(at.position + j * at.stride + k, position);
             store(at.speed + j * at.stride + k, speed);
@@ -109,14 +109,14 @@ static inline void move_tree(const InSpace &body, SpatialAt &at, bool accelerate
 // Torques at the instants computed at once, where w_B is known; slopes of them are then known in at.bodies.
 static inline void drive_tree(const InSpace &body, SpatialAt &at, Index k) {
     const TreeJoints joints{at, k, threes(at.rates, at.stride, k), true};
-    move_bodies(body.given.tree, joints, at.bodies);
-    free_torques(body.given.tree, joints, at.bodies,
+    move_bodies(body.spatial_body.tree, joints, at.bodies);
+    free_torques(body.spatial_body.tree, joints, at.bodies,
                  [&](Index j, Vector torque) { store(at.motion.moment + j * at.stride + k, torque); });
 }
 
 // w_B by (S1) at the instants computed at once, from the attitude there; and its length.
 static inline void find_rates(const InSpace &body, SpatialAt &at, Index k, Threes h_W) {
-    move_bodies(body.given.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
+    move_bodies(body.spatial_body.tree, TreeJoints{at, k, nothing(), false}, at.bodies);
     const MomentumMaps maps(at.bodies);
     const Nines inverse_inertia = inverse(maps.inertia());
     const Threes w_B = inverse_inertia * (h_W * nines(at.attitude, at.stride, k) - maps.momentum());
@@ -199,7 +199,7 @@ struct Moves {
     // At the 8 instants about k.
     void find(const InSpace &body, SpatialAt &at, Index k) {
         if (std::exchange(is_known[k / 8], 1)) return;
-        const SpatialTree &tree = body.given.tree;
+        const SpatialTree &tree = body.spatial_body.tree;
         for (Index from = k / 8 * 8; from < k / 8 * 8 + 8; from += LANES) {
             move_bodies(tree, TreeJoints{at, from, nothing(), false}, at.bodies);
             const MomentumMaps maps(at.bodies);
@@ -241,20 +241,20 @@ struct RateSlopes {
 
     // -I^-1 L and -I^-1 A at the instants computed at once.
     void find(const InSpace &body, SpatialAt &at, Index k) {
-        const SpatialBody &given = body.given;
+        const SpatialBody &spatial_body = body.spatial_body;
         const Index apart = joints * stride;
-        move_bodies(given.tree, TreeJoints{at, k, threes(at.rates, at.stride, k), false}, at.bodies);
+        move_bodies(spatial_body.tree, TreeJoints{at, k, threes(at.rates, at.stride, k), false}, at.bodies);
         const MomentumMaps maps(at.bodies);
         const Nines inverse_inertia = nines(at.inverse, at.stride, k);
         for (double *each : {by_position, by_speed})
             for (Index e = 0; e < 3 * joints; ++e) store(each + e * stride + k, all(0));
-        for (Index j = 0; j < given.tree.joints; ++j) {
-            if (given.first[j] == given.first[j + 1]) continue;
+        for (Index j = 0; j < spatial_body.tree.joints; ++j) {
+            if (spatial_body.first[j] == spatial_body.first[j + 1]) continue;
             const Threes position = -(inverse_inertia * maps.slope(j)), speed = -(inverse_inertia * maps.of_joint(j));
-            for (Index e = given.first[j]; e < given.first[j + 1]; ++e) {
-                const Vector ratio = all(given.ratio[e]);
-                double *of_position = by_position + given.planned[e] * stride;
-                double *of_speed = by_speed + given.planned[e] * stride;
+            for (Index e = spatial_body.first[j]; e < spatial_body.first[j + 1]; ++e) {
+                const Vector ratio = all(spatial_body.ratio[e]);
+                double *of_position = by_position + spatial_body.planned[e] * stride;
+                double *of_speed = by_speed + spatial_body.planned[e] * stride;
                 store(of_position, apart, k, threes(of_position, apart, k) + ratio * position);
                 store(of_speed, apart, k, threes(of_speed, apart, k) + ratio * speed);
             }

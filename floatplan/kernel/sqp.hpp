@@ -29,7 +29,7 @@ template <typename Flight> class Sqp {
     Index iterations = 0;
 
     Sqp(Program<Flight> &program, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
-        : now(program.two), trial(program.two + 1), program(program), set(settings), rules(rules), problem(problem),
+        : now(program.two), trial(program.two + 1), program(program), settings(settings), rules(rules), problem(problem),
           size(program.size) {}
 
     void lay_out(Arena &arena, Index most_rows) {
@@ -62,7 +62,7 @@ template <typename Flight> class Sqp {
     // From `now`, with a first approximation in `hessian`; optimal, feasible or infeasible. A search that hardly moves takes
     // that up again, unless it has not moved since.
     Status minimise(const Stage &stage, double longest_step, bool polish) {
-        slack_penalty = set.slack_penalty * largest_curvature();
+        slack_penalty = settings.slack_penalty * largest_curvature();
         copy(initial, hessian, size * size);
         double penalty = 0;
         bool was_reset = true, is_optimal = false;
@@ -86,20 +86,20 @@ template <typename Flight> class Sqp {
             if (!elastic) {
                 of_elastic.known = 0;
             } else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
-                       now->worst > set.hopeless) {
+                       now->worst > settings.hopeless) {
                 break;
             }
             const double slope = dot(now->gradient, direction, size), squared = dot(direction, direction, size);
             const bool stationary = is_stationary(slope, stage);
             is_optimal = stationary && now->worst <= stage.feasibility;
             if (is_optimal) break;
-            const double required = set.penalty_factor * largest_step_multiplier();
-            penalty = larger(required, required + set.penalty_kept * (penalty - required));
-            if (!(squared > 0) || !(required <= set.largest_multiplier * slack_penalty)) break;
+            const double required = settings.penalty_factor * largest_step_multiplier();
+            penalty = larger(required, required + settings.penalty_kept * (penalty - required));
+            if (!(squared > 0) || !(required <= settings.largest_multiplier * slack_penalty)) break;
             const double first = smaller(1.0, longest_step / larger(program.metric(direction), 1e-300));
             const Line line = search_line(slope, first, penalty);
-            slow_steps = line.used > set.slow_evaluations ? slow_steps + 1 : 0;
-            if (!line.accepted || slow_steps == set.slow_steps) {
+            slow_steps = line.used > settings.slow_evaluations ? slow_steps + 1 : 0;
+            if (!line.accepted || slow_steps == settings.slow_steps) {
                 if (was_reset) break;
                 copy(hessian, initial, size * size);
                 was_reset = true;
@@ -122,13 +122,13 @@ template <typename Flight> class Sqp {
     // where the last step led to the optimum, those at its begin, from which they hardly differ.
     void polish_equality(bool is_optimal) {
         const Index e = program.equalities;
-        if (!(largest_equality(*now) > set.polished)) return;
+        if (!(largest_equality(*now) > settings.polished)) return;
         if (!is_optimal) program.differentiate(*now);
         const double *rows = now->differentiated ? now->row : trial->row;
         double gram[MOST * MOST];
         for (Index a = 0; a < e; ++a)
             for (Index b = 0; b < e; ++b) gram[a * e + b] = dot(rows + a * size, rows + b * size, size);
-        for (Index used = 0; used < set.polishing_steps && largest_equality(*now) > set.polished; ++used) {
+        for (Index used = 0; used < settings.polishing_steps && largest_equality(*now) > settings.polished; ++used) {
             double matrix[MOST * MOST], multipliers[MOST];
             copy(matrix, gram, e * e);
             copy(multipliers, now->equality, e);
@@ -160,7 +160,7 @@ template <typename Flight> class Sqp {
     };
 
     Program<Flight> &program;
-    const Settings &set;
+    const Settings &settings;
     const Exchange &rules;
     const SearchProblem &problem;
     Index size;
@@ -304,9 +304,9 @@ template <typename Flight> class Sqp {
         Line line{false, first, 0};
         auto is_better = [&] {
             ++line.used;
-            return trial->objective + penalty * trial->violation - merit <= set.armijo * line.length * slope + rounding;
+            return trial->objective + penalty * trial->violation - merit <= settings.armijo * line.length * slope + rounding;
         };
-        while (line.length > set.shortest_step * first) {
+        while (line.length > settings.shortest_step * first) {
             for (Index k = 0; k < size; ++k) trial->x[k] = now->x[k] + line.length * direction[k];
             if (line.used || !is_tried) program.evaluate(*trial);
             line.accepted = is_better();
@@ -317,7 +317,7 @@ template <typename Flight> class Sqp {
                 if (line.accepted) break;
             }
             const double lowest = -slope * line.length / (2 * (rise - slope * line.length));
-            line.length *= smaller(set.shortening[1], larger(set.shortening[0], lowest));
+            line.length *= smaller(settings.shortening[1], larger(settings.shortening[0], lowest));
         }
         return line;
     }
@@ -413,12 +413,12 @@ template <typename Flight> class Sqp {
         const double approximated = dot(change, product, size);
         double measured = dot(change, gradient, size);
         if (approximated < 1e-20) return;
-        if (measured < set.damping * approximated) {
-            const double damping = (1 - set.damping) * approximated / (approximated - measured);
+        if (measured < settings.damping * approximated) {
+            const double damping = (1 - settings.damping) * approximated / (approximated - measured);
             for (Index k = 0; k < size; ++k) gradient[k] = damping * gradient[k] + (1 - damping) * product[k];
             measured = dot(change, gradient, size);
         }
-        if (!(dot(gradient, gradient, size) < set.largest_curvature * slack_penalty * measured))
+        if (!(dot(gradient, gradient, size) < settings.largest_curvature * slack_penalty * measured))
             return copy(hessian, initial, size * size);
         for (Index k = 0; k < size; ++k) {
             add(gradient[k] / measured, gradient, size, hessian + k * size);

@@ -10,14 +10,14 @@ template <typename Flight> class NumberedStarts {
           bodies(bodies), sampling(sampling), n(joints), free(motions.at.first[joints]), size(motions.at.size) {}
 
     void lay_out(Arena &arena) {
-        for (double **each : {&given, &z}) arena.take(*each, size);
+        for (double **each : {&spatial_body, &z}) arena.take(*each, size);
         for (double **each : {&inverse, &matrix}) arena.take(*each, free * free);
         ranked.lay_out(arena);
     }
 
     // The x of number 0, of the class that is plain.
     void begin(const double *x) {
-        copy(given, x, size);
+        copy(spatial_body, x, size);
         has_inverse = false;
     }
 
@@ -28,10 +28,10 @@ template <typename Flight> class NumberedStarts {
         for (Index i = 0; i < n; ++i) sampling.branch[i] = 0;
         if (is_drawn) {
             const Index drawn = beyond > 0 ? number - fractions - 1 : number / 2 - 1;
-            program.turns_alone ? ranked.draw(drawn, x) : draw(drawn, x);
+            program.uses_adjoint ? ranked.draw(drawn, x) : draw(drawn, x);
         } else {
             motions.land_on(sampling.branch);
-            copy(x, given, size);
+            copy(x, spatial_body, size);
             if (number) x[free] = sampling.fraction[number / 2];
         }
         return !is_drawn;
@@ -46,7 +46,7 @@ template <typename Flight> class NumberedStarts {
     SamplingOptions &sampling;
     Index n, free, size;
     bool has_inverse = false;
-    double *given, *z, *inverse, *matrix;  // the last two of the scaling
+    double *spatial_body, *z, *inverse, *matrix;  // the last two of the scaling
 
     void find_inverse() {
         has_inverse = true;
@@ -104,7 +104,7 @@ template <typename Flight> class FollowedStarts {
         : joints(body.joints), columns(plain.columns), size(plain.size), motions(plain, sampling.offset_map, body.joints),
           follower(body, constraints, motions.at, levels, settings, rules, problem),
           starts(follower.program, motions, settings, rules, problem.bodies, sampling, body.joints), levels(levels),
-          set(settings), rules(rules), powers(powers), problem(problem), sampling(sampling) {}
+          settings(settings), rules(rules), powers(powers), problem(problem), sampling(sampling) {}
 
     void lay_out(Arena &arena) {
         motions.lay_out(arena);
@@ -119,7 +119,7 @@ template <typename Flight> class FollowedStarts {
         starts.begin(problem.x);
         problem.started = problem.solved = problem.ends_hold = problem.path_is_clear = 0;
         starts.place(0, x);
-        learn_from_plain(follower.program, levels, set, rules, problem);
+        learn_from_plain(follower.program, levels, settings, rules, problem);
         const bool at_once = problem.at_once;
         if (problem.reach > 0 && problem.first == 0 && !follower.may_hold(x)) {
             follower.finish(x, problem.level, infeasible);
@@ -140,7 +140,7 @@ template <typename Flight> class FollowedStarts {
     Follower<Flight> follower;
     NumberedStarts<Flight> starts;
     const Nodes *levels;
-    const Settings &set;
+    const Settings &settings;
     const Exchange &rules;
     const Powers *powers;
     SearchProblem &problem;
@@ -168,7 +168,7 @@ template <typename Flight> class FollowedStarts {
             }
             const bool holds = problem.violation <= 0;
             problem.solved += holds;
-            is_easy |= !number && holds && problem.status == optimal && problem.iterations <= set.easy_iterations;
+            is_easy |= !number && holds && problem.status == optimal && problem.iterations <= settings.easy_iterations;
             is_best = compare(holds);
             ++problem.started;
             if (is_best) keep();
@@ -211,11 +211,11 @@ template <typename Flight> class FollowedStarts {
     bool are_enough(Index number) {
         if (!size) return true;  // there is but one motion
         const double left = problem.violation;
-        if (left < nearest * (1 - set.agreement)) as_near = 0;
-        if (left < nearest * (1 + set.agreement)) ++as_near;
+        if (left < nearest * (1 - settings.agreement)) as_near = 0;
+        if (left < nearest * (1 + settings.agreement)) ++as_near;
         nearest = smaller(nearest, left);
-        if (!problem.solved) return number >= set.starts_to_agree && as_near >= set.agreeing;
-        return problem.solved >= problem.wanted && (is_easy || problem.solved >= set.wanted_after_failure);
+        if (!problem.solved) return number >= settings.starts_to_agree && as_near >= settings.agreeing;
+        return problem.solved >= problem.wanted && (is_easy || problem.solved >= settings.wanted_after_failure);
     }
 };
 
@@ -239,7 +239,7 @@ Index follow_rows(const Robot &robot, const Constraints *constraints, const Moti
                   const Nodes *levels, const Settings &settings, const Exchange &rules,
                   const Powers *powers, SearchProblem *problems, SamplingOptions *sampling, Index count) {
     const auto body_of = [&](Index) { return robot; };
-    return follow_each<PlanarFlight>(body_of, constraints, motions, levels, settings, rules, powers, problems, sampling,
+    return follow_each<PlanarFlightEvaluator>(body_of, constraints, motions, levels, settings, rules, powers, problems, sampling,
                                      count);
 }
 
@@ -247,7 +247,7 @@ Index follow_rows(const Robot &robot, const Constraints *constraints, const Moti
 Index follow_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints, const Motions *motions,
                       const Nodes *levels, const Settings &settings, const Exchange &rules, const Powers *powers,
                       SearchProblem *problems, SamplingOptions *sampling, Index count) {
-    const auto body_of = [&](Index row) { return SpatialFlight::Body{bodies[row], cells, bodies[row].joints}; };
-    return follow_each<SpatialFlight>(body_of, constraints, motions, levels, settings, rules, powers, problems, sampling,
+    const auto body_of = [&](Index row) { return SpatialFlightEvaluator::Body{bodies[row], cells, bodies[row].joints}; };
+    return follow_each<SpatialFlightEvaluator>(body_of, constraints, motions, levels, settings, rules, powers, problems, sampling,
                                       count);
 }

@@ -20,7 +20,7 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.build import DECLARATIONS, FOLDER, declarations, header_digest
 
 Pointer: TypeAlias = Any  # of cffi, which has no types
-MULTIPLE = 8  # of the counts that are ``Eights`` in the header
+MULTIPLE = 8  # [-] of the counts that are ``Eights`` in the header
 EIGHTS = "long long"  # what ``Eights`` is defined as
 DTYPES: dict[str, np.dtype[Any]] = {
     "double": np.dtype(np.float64),
@@ -43,8 +43,6 @@ def _declarations() -> Any:
 
 FFI: Any = _declarations()
 NULL: Pointer = FFI.NULL
-_NEW = FFI.new
-_FROM_BUFFER = FFI.from_buffer
 
 
 def doubles(values: npt.ArrayLike) -> Array:
@@ -136,11 +134,6 @@ def enumeration(name: str) -> type[IntEnum]:
     return IntEnum(name, sorted(members.items(), key=lambda member: member[1]))  # type: ignore[return-value]
 
 
-def pointers(name: str) -> tuple[str, ...]:
-    """Return the names of the arrays that a struct points to."""
-    return tuple(layout(name).arrays)
-
-
 class Struct:
     """A struct of the header, and the arrays that it points to, which live as long as it does.
 
@@ -182,7 +175,7 @@ class Struct:
                 members[member] = part.pointer[0]
                 arrays.update({f"{member}.{inner}": array for inner, array in part._arrays.items()})
         try:
-            self.pointer: Pointer = _NEW(of_kind.pointer, members)
+            self.pointer: Pointer = FFI.new(of_kind.pointer, members)
         except KeyError as error:
             raise TypeError(f"{name} has no {error.args[0]}") from None
         self.name = name
@@ -208,7 +201,7 @@ def _restored(name: str, content: bytes, arrays: dict[str, Array | IntArray | No
     """Return a struct with its numbers, which points to arrays, those of a struct within it by its name and a dot."""
     struct = Struct.__new__(Struct)
     struct.name = name
-    struct.pointer = _NEW(layout(name).pointer)
+    struct.pointer = FFI.new(layout(name).pointer)
     struct._arrays = dict(arrays)
     FFI.buffer(struct.pointer)[:] = content
     for path, array in arrays.items():
@@ -234,7 +227,7 @@ def _addresses(name: str, arrays: Mapping[str, Array | IntArray | None]) -> dict
         try:
             if array.dtype != dtype:
                 raise TypeError(f"{name}.{member} takes an array of {dtype}, not of {array.dtype}")
-            addresses[member] = _FROM_BUFFER(array_type, array)
+            addresses[member] = FFI.from_buffer(array_type, array)
         except (AttributeError, ValueError, BufferError):
             raise TypeError(f"{name}.{member} takes a contiguous array of {dtype}") from None
     return addresses
@@ -253,7 +246,7 @@ class StructArray:
     def __init__(self, structs: Sequence[Struct], copies: int = 1) -> None:
         self.name = structs[0].name
         kind = layout(self.name)
-        self.pointer: Pointer = _NEW(kind.array, len(structs) * copies)
+        self.pointer: Pointer = FFI.new(kind.array, len(structs) * copies)
         content = FFI.buffer(self.pointer)
         content[:] = b"".join([bytes(FFI.buffer(struct.pointer)) for struct in structs]) * copies
         self.numbers: Any = np.frombuffer(content, kind.record)

@@ -12,20 +12,16 @@ from dataclasses import dataclass, replace
 
 @dataclass(frozen=True)
 class Stage:
-    """When one stage of a search ends."""
+    """When one stage of a search ends; the last one where no other numbers stand."""
 
-    feasibility: float  # [unit of the row] largest violation of a constraint
-    optimality: float  # [-] relative change of the Lagrangian that a full step still promises
-    quadrature_error: float  # [rad] of the attitude at landing that the nodes may leave; else the next level is used
-    iterations: int  # [-] of SQP at most
+    feasibility: float = 1e-9  # [unit of the row] largest violation of a constraint
+    optimality: float = 1e-9  # [-] relative change of the Lagrangian that a full step still promises
+    # [rad] of the attitude at landing that the nodes may leave; else the next level is used: less is rounding.
+    quadrature_error: float = 1e-13
+    iterations: int = 80  # [-] of SQP at most
 
 
-NEARLY_RESOLVED = 1e-6  # [rad] error of the attitude at landing that nodes may leave before the last stage
-QUADRATURE_ERROR = 1e-13  # [rad] of the attitude at landing, at which the nodes are enough: rounding
-ROUGH = Stage(feasibility=1e-2, optimality=1e-1, quadrature_error=NEARLY_RESOLVED, iterations=50)
-COARSE = Stage(feasibility=1e-6, optimality=1e-5, quadrature_error=QUADRATURE_ERROR, iterations=50)
-NEARLY_FINE = Stage(feasibility=1e-6, optimality=1e-9, quadrature_error=NEARLY_RESOLVED, iterations=80)
-FINE = Stage(feasibility=1e-9, optimality=1e-9, quadrature_error=QUADRATURE_ERROR, iterations=80)
+FINE = Stage()
 
 
 @dataclass(frozen=True)
@@ -35,7 +31,11 @@ class Settings:
     Equations of Nocedal and Wright, Numerical Optimization, 2nd ed.
     """
 
-    stages: tuple[Stage, Stage, Stage] = (ROUGH, NEARLY_FINE, FINE)
+    stages: tuple[Stage, Stage, Stage] = (
+        Stage(feasibility=1e-2, optimality=1e-1, quadrature_error=1e-6, iterations=50),
+        Stage(feasibility=1e-6, quadrature_error=1e-6),
+        FINE,
+    )
     longest_step: float = 0.5  # [-] of the whitened variables
     coarsely_resolved: float = 0.02  # [-] what the first nodes may miss of the motion, relative to its size
     too_wild: float = 0.3  # [-] the same of a random motion; a wilder one is no start
@@ -92,7 +92,7 @@ class Exchange:
 
     back_off: float = 2e-7  # [-] of a row's scale: the search keeps so far inside, to hold between instants too
     reach: float = 1.1  # [-] of a row's scale: rows above have no derivatives, unless a step reaches them
-    given: float = 1e-9  # [-] of the flight: nearer to its ends than that, nothing moves that is not given
+    near_end: float = 1e-9  # [-] of the flight: nearer to its ends than that, a row cannot change
     inside_enough: float = 0.5  # [-] of back_off: no row may be nearer to its limit between the nodes
     tight: float = 2e-6  # [-] violation, ten times back_off: below it there may be no room to be inside
     watched: float = 0.005  # [-] of a row's scale: local minima below this become instants of the next round
@@ -143,7 +143,7 @@ class Exchange:
 
 
 @dataclass(frozen=True)
-class CorrectionGains:
+class CorrectionOptions:
     """Corrections in flight, and the filter that estimates the robot's state."""
 
     gap_nodes: int = 5  # [-] of the quadrature between measurements
@@ -168,7 +168,10 @@ class CorrectionGains:
 WORK_IN_SPACE = 0.25  # [-] of an instant in the kernel, relative to one of a lifted motion, by which work is counted
 MOST_STARTS = 65  # [-] of a problem without inequalities, the plain one and random ones, until one is solved
 SETTINGS = Settings(slow_evaluations=4)  # without rows, lines of five evaluations lead into valleys rather than out
-CONSTRAINED_SETTINGS = Settings(stages=(COARSE, FINE, FINE), longest_step=0.2)  # beyond an obstacle a long step lands
+CONSTRAINED_SETTINGS = Settings(
+    stages=(Stage(feasibility=1e-6, optimality=1e-5, iterations=50), FINE, FINE),
+    longest_step=0.2,  # beyond an obstacle a long step lands
+)
 EXCHANGE = Exchange()
 EXCHANGE_IN_SPACE = Exchange(
     entry=WORK_IN_SPACE * EXCHANGE.entry,
@@ -188,7 +191,7 @@ def near_recorded(exchange: Exchange) -> Exchange:
     return replace(exchange, momentum_curvature=1e-4, between_left=0.1, begins_with_active=1)
 
 
-CORRECTION_GAINS = CorrectionGains()
-CORRECTION_GAINS_IN_SPACE = CorrectionGains(
+CORRECTION_OPTIONS = CorrectionOptions()
+CORRECTION_OPTIONS_IN_SPACE = CorrectionOptions(
     evaluations_far=12,  # some of three numbers are hard to change: with 6 a Go2's half twist landed 0.9 deg off
 )

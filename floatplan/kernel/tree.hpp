@@ -41,7 +41,7 @@ static inline void gather(const Robot &robot, Number *by, Number *by_joint) {
 // theta0' and what it needs, from joints at `position` that move with m.speed. Instants are the inner loops: what one
 // of them waits for is computed while others are.
 template <bool is_real>
-static inline void turn(const Robot &robot, Motion &m, const double *position, double momentum) {
+static inline void compute_base_rate(const Robot &robot, Motion &m, const double *position, double momentum) {
     const Index instants = m.instants, stride = m.stride, bodies = robot.bodies;
     const Vector h = all(momentum);
     for (Index k = 0; k < instants; k += LANES) {
@@ -81,14 +81,15 @@ static inline void turn(const Robot &robot, Motion &m, const double *position, d
     }
 }
 
-static inline void turn(const Robot &robot, Motion &m, double momentum) {
-    robot.is_real ? turn<true>(robot, m, m.position, momentum) : turn<false>(robot, m, m.position, momentum);
+static inline void compute_base_rate(const Robot &robot, Motion &m, double momentum) {
+    robot.is_real ? compute_base_rate<true>(robot, m, m.position, momentum)
+                  : compute_base_rate<false>(robot, m, m.position, momentum);
 }
 
 // What theta0' changes by with the positions and speeds of the joints, in m.by_joint and m.by_joint_rate, at the
 // instants from k on that are computed at once; times -factor D_0.
 template <bool is_real>
-static inline void differentiate_turn(const Robot &robot, Motion &m, Index k, Vector factor) {
+static inline void differentiate_base_rate(const Robot &robot, Motion &m, Index k, Vector factor) {
     const Index bodies = robot.bodies, stride = m.stride;
     Vector *moving_cosine = (Vector *)m.moving_cosine, *moving_sine = (Vector *)m.moving_sine;
     Vector *by_angle = (Vector *)m.by_angle, *by_swing = (Vector *)m.by_swing;
@@ -113,10 +114,10 @@ static inline void differentiate_turn(const Robot &robot, Motion &m, Index k, Ve
 }
 
 // Derivatives of theta0' by positions and speeds, at all instants.
-static inline void differentiate_turn(const Robot &robot, Motion &m) {
+static inline void differentiate_base_rate(const Robot &robot, Motion &m) {
     for (Index k = 0; k < m.instants; k += LANES) {
         Vector factor = -load(m.inverse + k);
-        robot.is_real ? differentiate_turn<true>(robot, m, k, factor) : differentiate_turn<false>(robot, m, k, factor);
+        robot.is_real ? differentiate_base_rate<true>(robot, m, k, factor) : differentiate_base_rate<false>(robot, m, k, factor);
         for (Index i = 0; i < robot.joints; ++i) {
             store(m.by_position + i * m.stride + k, ((Vector *)m.by_joint)[i]);
             store(m.by_speed + i * m.stride + k, ((Vector *)m.by_joint_rate)[i]);
@@ -173,7 +174,7 @@ static inline void move_bodies(const Robot &robot, Motion &m) {
 
 // Derivatives by position, speed and acceleration of the joints and by h, m.by (3 joints + 1), at the instants from k on
 // that are computed at once, of a sum: weights (terms) of 1, theta0', velocities, accelerations and, where it has some,
-// moments. After differentiate_turn(). As the moments sum up to nothing, what the base's acceleration does to the sum is
+// moments. After differentiate_base_rate(). As the moments sum up to nothing, what the base's acceleration does to the sum is
 // taken off their weights.
 static inline void differentiate_sum(const Robot &robot, Motion &m, Index k, const Vector *weights, bool moments) {
     const Index n = robot.joints, bodies = robot.bodies, stride = m.stride;

@@ -10,6 +10,16 @@ struct TurningWorkspace {
     }
 };
 
+// Gives cells the stages of a rule, and Newton's method the tolerances of a body.
+static inline void set_rule(Turning &t, const Cells &rule, const SpatialBody &body) {
+    t.stages = rule.stages;
+    t.integrals = rule.integrals;
+    t.weights = rule.weights;
+    t.sweeps = body.sweeps;
+    t.settled = body.settled;
+    t.largest = body.largest;
+}
+
 // 1 - step A_jk block_k, of blocks (stages, size, size) that are written where they go; A (stages, stages).
 template <typename Block>
 static inline void collocate(const Turning &t, double step, Index size, double *matrix, Block block) {

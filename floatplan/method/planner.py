@@ -4,7 +4,6 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -55,29 +54,29 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
     began = time.perf_counter()
     problem = as_problem(problem)
     refuse(problem)
-    solutions = []
+    solutions: list[tuple[Program, Solution]] = []
     for program, x in starts(problem, np.random.default_rng(SEED(seed, "seed"))):
         solutions.append((program, solve(program, x)))
-        is_raised = program.motions.polynomials.free != solutions[0][0].motions.polynomials.free
+        is_raised = program.size > solutions[0][0].size
         if solutions[0][1].converged or (is_raised and solutions[-1][1].converged):
             break
-    program, best = min(solutions, key=lambda one: (max(one[1].violation, ORIENTATION), one[1].objective))
-    solver = {
-        "starts": len(solutions),
-        "solved": sum(solution.converged for _, solution in solutions),
-        "iterations": sum(solution.steps for _, solution in solutions),
-        "seed": seed,
-        "seconds": time.perf_counter() - began,
-    }
+    program, best = min(solutions, key=lambda start: (max(start[1].violation, ORIENTATION), start[1].objective))
+    motions = program.motions
     plan = Plan.of_motion(
         problem,
-        program.motions.polynomials,
-        program.motions.coefficients(best.x[: program.motions.size]),
-        program.angular_momentum(best.x),
+        motions.polynomials,
+        motions.coefficients(best.x),
+        motions.momentum(best.x),
         status="optimal" if best.converged else "feasible",
         ok=True,
         explanation="Every constraint holds at all times.",
-        solver=solver,
+        solver={
+            "starts": len(solutions),
+            "solved": sum(solution.converged for _, solution in solutions),
+            "iterations": sum(solution.steps for _, solution in solutions),
+            "seed": seed,
+            "seconds": time.perf_counter() - began,
+        },
     )
     violation = max(plan.whole.missed, best.violation)  # (14) by the plan's own dynamics
     if violation <= ORIENTATION:
@@ -90,23 +89,24 @@ def plan(problem: Problem | str | Path, *, seed: int = 0) -> Plan:
 
 def refuse(problem: Problem) -> None:
     """Refuse what is not taken: InputError names the key."""
-    others: dict[str, Any] = {
+    refused = {
         "robot.base": problem.robot.in_plane is None,
         "ground": problem.ground,
-        "jump": problem.jump,
-        "self_clearance": problem.self_clearances,
+        "jump": problem.jump is not None,
+        "self_clearance": bool(problem.self_clearances),
         "motion.clip": problem.reference is not None,
     }
     for end, state in (("start", problem.initial), ("goal", problem.final)):
-        others |= {f"{end}.velocities": state.frame_rests, f"{end}.accelerations": state.free_accelerations}
+        refused[f"{end}.velocities"] = state.frame_rests
+        refused[f"{end}.accelerations"] = state.free_accelerations
     for index, obstacle in enumerate(problem.obstacles):
-        others[f"obstacles.{index}.kind"] = not isinstance(obstacle, Circle | HalfPlane)
-        others[f"obstacles.{index}.window"] = obstacle.window
+        refused[f"obstacles.{index}.kind"] = not isinstance(obstacle, Circle | HalfPlane)
+        refused[f"obstacles.{index}.window"] = obstacle.window is not None
     for limit in problem.limit_shares:
-        others[f"limits.{'motor' if limit.also else limit.key}"] = limit.also or {*limit.used} - {*QUANTITIES}
+        refused[f"limits.{'motor' if limit.also else limit.key}"] = bool(limit.also or set(limit.used) - {*QUANTITIES})
     reason = "the reference method plans flights in a plane, between given states, past circles and half-planes, "
     reason += f"with limits of {', '.join(QUANTITIES)} alone"
-    for key in filter(others.get, others):
+    for key in filter(refused.get, refused):
         raise InputError(reason, element=key, advice='use the method "kernel"')
 
 
@@ -118,7 +118,7 @@ def starts(problem: Problem, rng: np.random.Generator) -> Iterator[tuple[Program
         for number in range(STARTS // len(rises)):
             branch = rng.choice([-1, 0, 0, 1] if number else [0], len(degrees))
             program = Program(problem, degrees, branch)
-            yield program, SPREAD * number * rng.normal(size=program.size)
+            yield program, rng.normal(scale=SPREAD * number, size=program.size)
 
 
 def solve(program: Program, x: Array) -> Solution:
@@ -135,9 +135,8 @@ def solve(program: Program, x: Array) -> Solution:
             x = solution.x
         instants = np.union1d(INSTANTS, np.append(instants, added))
     violation = max(solution.violation, between)
-    return solution._replace(
-        violation=violation, converged=solution.converged and violation <= ORIENTATION, steps=steps
-    )
+    is_minimum = solution.converged and violation <= ORIENTATION
+    return solution._replace(violation=violation, converged=is_minimum, steps=steps)
 
 
 def violated(program: Program, x: Array) -> tuple[float, Array]:

@@ -91,6 +91,7 @@ def elastic_step(here: Evaluation, B: Array, radius: float, penalty: float) -> t
     gradient = np.append(W.T @ here.gradient / penalty, 1.0)
     qp = proxqp.dense.QP(m + 1, 0, len(rows))
     qp.settings.eps_abs = 1e-10
+    qp.settings.max_iter = 60  # where rows depend on one another it stalls at 1e-6 or so: good enough for a step
     qp.init(np.diag(np.append(np.ones(m), 0.0)), gradient, None, None, rows, low, high)
     qp.solve()
     multipliers = np.zeros(len(here.rows))

@@ -29,7 +29,6 @@ HERMITE = (  # powers of s of the quintics with p, p', p'' at 0 and at 1 equal t
     (0, 0, 0, -8, 14, -6),
     (0, 0, 0, 1, -2, 1),
 )
-BUBBLE = (0, 0, 0, 1, -3, 3, -1)  # s^3 (1-s)^3
 FIXED_POINT = 256  # [bits] after the point
 
 
@@ -42,13 +41,14 @@ def basis_columns(free: int) -> npt.NDArray[np.object_]:
     """
     size = CONDITIONS + free
     columns = np.full((size, size), Fraction(0))
+    bubble = np.array([0, 0, 0, 1, -3, 3, -1], dtype=object)  # powers of s^3 (1-s)^3
     for index, quintic in enumerate(HERMITE):
         columns[:CONDITIONS, index] = [Fraction(value, 2) for value in quintic]
     for k in range(free):
         jacobi = [Fraction(1)]
         for j in range(k):
             jacobi.append(jacobi[-1] * (j - k) * (k + 13 + j) / ((7 + j) * (j + 1)))
-        powers = np.convolve(np.array(BUBBLE, dtype=object), np.array(jacobi, dtype=object))
+        powers = np.convolve(bubble, np.array(jacobi, dtype=object))
         square = np.convolve(powers, powers)
         length = math.sqrt(sum(value / (power + 1) for power, value in enumerate(square)))
         columns[: len(powers), CONDITIONS + k] = powers / Fraction(length)
@@ -63,7 +63,7 @@ def powers_of_seconds(combination: Sequence[float], duration: float) -> list[flo
     not suffer from the rounding of large terms, and p hardly does.
     """
     size = len(combination)
-    factors = [_fixed(value) for value in combination]
+    factors = list(map(_fixed, combination))
     rows = _fixed_rows(basis_columns, size - CONDITIONS)
     lost = _fixed_rows(compensations, size)
     remainder = [sum(map(operator.mul, row, factors)) >> FIXED_POINT for row in rows]

@@ -16,13 +16,7 @@ from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.pool import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
-FINENESS = 8  # points of the search grid per node
-NEWTON_STEPS = 4
-GRID = 257  # instants of the first look for the least value of a function that is not smooth
-AT_ONCE = 32  # candidates: the function gives all its columns for every one
-CLOSER_LOOKS = 4  # times that the look at a candidate narrows, 8-fold
-LOOKED_AT = 17  # instants about a candidate at each of them
-LOWEST = 8  # candidates
+AT_ONCE = 32  # [-] candidates: the function gives all its columns for every one
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +105,7 @@ def coefficient_map(count: int) -> Array:
 @one_thread
 def _search(count: int) -> tuple[Array, Array, Array]:
     """Return a grid, the matrix from values at the nodes to those on it, and that to coefficients of a derivative."""
-    grid = chebyshev_nodes(FINENESS * (count - 1) + 1)
+    grid = chebyshev_nodes(8 * (count - 1) + 1)  # 8 points per node: minima lie between neighbours
     at_grid = chebyshev_values(2 * grid - 1, count - 1) @ coefficient_map(count)
     slopes = np.zeros((count, count))
     slopes[:-1] = chebyshev.chebder(np.eye(count), scl=2)
@@ -152,7 +146,7 @@ def local_minima(values: Array) -> tuple[IntArray, Array, Array]:
     first = slopes @ coefficients
     series = np.stack((first, slopes @ first))[:, :, column]
     refined = s.copy()
-    for _ in range(NEWTON_STEPS):
+    for _ in range(4):  # steps of Newton's method, each of which squares what is left: to rounding
         slope, curvature = np.einsum("lk,dkl->dl", chebyshev_values(2 * refined - 1, count - 1), series)
         safe = np.where(curvature > 0, curvature, 1.0)
         refined = np.clip(np.where(curvature > 0, refined - slope / safe, refined), low, high)
@@ -185,12 +179,13 @@ def least_by_grids(values: Callable[[Array], Array], duration: float, instants: 
 
     ``instants`` are looked at too: where the function may jump. Infinite where it is infinite throughout.
     """
-    grid = distinct(np.clip([*np.linspace(0, duration, GRID), *instants], 0, duration))
+    intervals = 256  # [-] of the first look at a function that is not smooth
+    grid = distinct(np.clip([*np.linspace(0, duration, intervals + 1), *instants], 0, duration))
     values_there = values(grid)
     lowest, _ = lowest_of_neighbours(values_there[:, None])
-    lowest = lowest[np.argsort(values_there[lowest])[:LOWEST]]
+    lowest = lowest[np.argsort(values_there[lowest])[:8]]  # those that are looked at closely
     column = np.zeros(len(lowest), dtype=np.int64)
-    span = duration / (GRID - 1)
+    span = duration / intervals
     when, least = narrowed(lambda t: values(t)[:, None], column, grid[lowest], values_there[lowest], span, duration)
     if not lowest.size:
         return np.inf, 0.0
@@ -219,12 +214,14 @@ def narrowed(
         where, least = map(np.concatenate, zip(*minima, strict=True))
         return where, least
     chosen = np.arange(len(where))
-    for _ in range(CLOSER_LOOKS if len(where) else 0):
-        around = np.clip(where[:, None] + span * np.linspace(-1, 1, LOOKED_AT), 0, last)
-        near = values(around.ravel()).reshape(len(where), LOOKED_AT, -1)[chosen, :, column]
+    narrowing = 8  # [-] of the look at a candidate, each of four times
+    instants = 2 * narrowing + 1
+    for _ in range(4 if len(where) else 0):
+        around = np.clip(where[:, None] + span * np.linspace(-1, 1, instants), 0, last)
+        near = values(around.ravel()).reshape(len(where), instants, -1)[chosen, :, column]
         best = np.argmin(near, axis=1)
         better = near[chosen, best] < least
         where = np.where(better, around[chosen, best], where)
         least = np.where(better, near[chosen, best], least)
-        span /= 8
+        span /= narrowing
     return where, least

@@ -13,6 +13,7 @@ quintic with p'' there is one of the free functions, scaled to the same length.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -25,6 +26,7 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.motion import exact_polynomials as exact
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.quadrature import chebyshev_values
+from floatplan.problem.problem import Problem
 
 END_LENGTH = math.sqrt(1 / 9240)  # [-] root mean square of the quintic with p'' = 1 at one end
 EDGE = 1e-12  # [-] of the amplitude: nearer to the end of its range than this, a joint stands on the edge
@@ -137,6 +139,8 @@ class SinePolynomials:
         Which entries of a flattened z (n, width) the joints have; the others stay zero.
     fixed_boundary : (n, g)
         The conditions (13) that are not free.
+    nominal_coefficients : (n, width)
+        Free coefficients of the nominal, Hermite motion: zeros.
     """
 
     centre: Array
@@ -149,6 +153,7 @@ class SinePolynomials:
     width: int = field(init=False)
     free_indices: IntArray = field(init=False)
     fixed_boundary: Array = field(init=False)
+    nominal_coefficients: Array = field(init=False)
 
     def __post_init__(self) -> None:
         """Derive what every motion of the class needs."""
@@ -159,12 +164,27 @@ class SinePolynomials:
             width=width,
             free_indices=np.flatnonzero(np.arange(width) < np.array(self.free)[:, None]),
             fixed_boundary=self.boundary[:, basis(form).fixed] if self.free_ends else self.boundary,
+            nominal_coefficients=read_only(np.zeros((len(self.free), width))),
         )
 
-    @property
-    def nominal_coefficients(self) -> Array:
-        """Free coefficients (n, width) of the nominal, Hermite motion: zeros."""
-        return np.zeros((len(self.free), self.width))
+    @classmethod
+    def between_ends(cls, problem: Problem, free: Sequence[int], branch: IntArray) -> SinePolynomials:
+        """Return the motions between a problem's start and goal, (13), that land on branches (n,) of the arcsine.
+
+        Joints have ``free`` (n,) polynomials each. An acceleration that the search chooses is taken as zero.
+        """
+        low, high = problem.position_limits.T
+        centre = (low + high) / 2
+        amplitude = (high - low) / 2
+        duration = problem.flight.duration
+        conditions: list[Array] = []
+        for state, on_branch in ((problem.initial, np.zeros_like(branch)), (problem.final, branch)):
+            accelerations = np.nan_to_num(state.accelerations)
+            p, rate, curvature = boundary_arguments(
+                state.positions, state.velocities, accelerations, centre, amplitude, on_branch
+            )
+            conditions += [p, duration * rate, duration**2 * curvature]
+        return cls(centre, amplitude, duration, np.array(conditions).T, tuple(free))
 
     def motion(self, z: Array, values: tuple[Array, Array, Array]) -> JointMotion:
         """Joint motion from free coefficients z (n, width) at the instants of the basis values."""

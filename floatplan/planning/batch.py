@@ -21,7 +21,7 @@ from floatplan.motion.sine_polynomial import Form, SinePolynomials, boundary_arg
 from floatplan.planning.constraints import limit
 from floatplan.planning.kernel_input.numbers import Numbers, key
 from floatplan.planning.kernel_input.rows import SumRows
-from floatplan.planning.kernel_problem import INFEASIBLE, OPTIMAL, STATUS, KernelProblem
+from floatplan.planning.kernel_problem import KernelProblem, Status
 from floatplan.planning.options import ATTEMPTS, SearchOptions
 from floatplan.planning.result import AttemptResult
 from floatplan.planning.search import Search
@@ -208,13 +208,15 @@ class Batch:
     def solved(self) -> IntArray:
         """Those that need no more starts: the best of several holds, or the nominal motion led to the optimum."""
         status = self.status
-        return np.flatnonzero(status == OPTIMAL if self.template.rows.rows else status != INFEASIBLE)
+        return np.flatnonzero(
+            status == Status["optimal"] if self.template.rows.rows else status != Status["infeasible"]
+        )
 
     @property
     def status(self) -> IntArray:
-        """INFEASIBLE, FEASIBLE or OPTIMAL (N,)."""
+        """A ``Status`` of the kernel (N,)."""
         numbers = self.searches.numbers
-        return np.where(numbers["violation"] <= 0, numbers["status"], INFEASIBLE)
+        return np.where(numbers["violation"] <= 0, numbers["status"], Status["infeasible"])
 
     @property
     def residual(self) -> Array:
@@ -229,7 +231,7 @@ class Batch:
             return None
         b = self.coefficients[row]
         return PlanEntry(
-            status=STATUS[search.status],
+            status=Status(search.status).name,
             objective=search.objective if search.wanted else float(np.linalg.norm(b)),
             angular_momentum=float(self.motions.momentum[row]),
             residual=abs(search.missed[0]),

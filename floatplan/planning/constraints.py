@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from itertools import chain
+from typing import TypeAlias, get_args
 
 import numpy as np
 
@@ -20,14 +21,11 @@ from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Shares
 from floatplan.tables import CLEARANCE, RELATIVE
 
-FIRST_LOOK = 129  # [-] instants of the first look between the nodes
-NEAR = 0.05  # [-] of a row's scale: local minima above this are left alone
-FIRST_GRID = read_only(np.linspace(0, 1, FIRST_LOOK))
+FIRST_GRID = read_only(np.linspace(0, 1, 129))  # [-] instants of the first look between the nodes
 LENGTH_SCALE = 0.1  # [m] of clearance, worth as much as the whole of a torque or rate limit
 
 Window: TypeAlias = tuple[float, float]  # fractions of the flight, within [0, 1], both included
 ALWAYS: Window = (0.0, 1.0)
-EVERYTHING: frozenset[AtEnds] = frozenset({"momentum", "velocities", "accelerations"})
 Pairs: TypeAlias = tuple[tuple[int, ...], tuple[int, ...]]  # indices of capsules: every first one with every second
 
 
@@ -39,7 +37,7 @@ class MotionQuantity:
     times the kernel's quantities it is written, where it is none of these itself.
     """
 
-    depends_at_ends_on: frozenset[AtEnds] = EVERYTHING
+    depends_at_ends_on: frozenset[AtEnds] = frozenset(get_args(AtEnds))
     sums: Callable[[FlightDynamics], Mapping[str, Array]] = lambda flight: {}
 
 
@@ -160,18 +158,18 @@ class RowTable:
     tolerance: Array
     window_ends: tuple[float, ...]
     grid: Array
-    near: float = NEAR
-    span: float = 1 / (FIRST_LOOK - 1)
+    near: float = 0.05  # [-] of a row's scale: local minima above this are left alone
+    span: float = 1 / (len(FIRST_GRID) - 1)
 
     @classmethod
     def of(cls, blocks: Sequence[Constraint]) -> RowTable:
         """Return the rows of blocks."""
         rows = [len(block.labels) for block in blocks]
-        ends = sorted({end for block in blocks for end in block.window if end not in ALWAYS})
+        ends = sorted(set().union(*(block.window for block in blocks)).difference(ALWAYS))
         low, high = np.repeat([block.window for block in blocks] or np.empty((0, 2)), rows, axis=0).T
         return cls(
             block=np.repeat(np.arange(len(rows)), rows),
-            row=np.array([row for count in rows for row in range(count)], np.int64),
+            row=np.array(list(chain.from_iterable(map(range, rows))), np.int64),
             low=low,
             high=high,
             tolerance=np.repeat([block.tolerance for block in blocks], rows),

@@ -15,15 +15,14 @@ from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
-INTERRUPTED = "The search was interrupted before it found a plan; there may be one."
-NEARLY = 1e-3  # [-] of a row's scale: a smaller violation is nearly a plan
-
 
 def explain(result: SearchResult) -> str:
     """Say, in sentences for a person, why the result of a search is no plan."""
     problem = result.spec.problem
     reasons = result.impossible
-    interrupted = [INTERRUPTED] if result.interrupted and not reasons else []
+    interrupted = []
+    if result.interrupted and not reasons:
+        interrupted = ["The search was interrupted before it found a plan; there may be one."]
     flight = result.spec.flight
     sentences = [*interrupted, *reasons, *flight.difficulties(), *_nearest(result)]
     momentum = result.best.start_variables.angular_momentum(result.best.x)
@@ -57,7 +56,7 @@ def _near_miss(result: SearchResult) -> list[str]:
     """
     best = result.best
     residual = _residual(result)
-    if not best.violation < NEARLY:
+    if not best.violation < 1e-3:  # [-] of a row's scale: a smaller violation is nearly a plan
         return []
     wishes = [f"the goal's orientation {_numbers(residual, '+.6g')} rad further"] if residual.any() else []
     for number, block in enumerate(result.spec.constraints):

@@ -16,10 +16,12 @@ from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.lifting import (
     LIFTING,
+    TO_A_MINIMUM,
     LiftedFlight,
     LiftedMotion,
     close,
     descend,
+    descend_far,
     is_least,
     nearby,
     refined,
@@ -36,12 +38,12 @@ from floatplan.planning.search import (
     Search,
     expiry,
 )
-from floatplan.planning.variables import Start, decision_variables
+from floatplan.planning.spec import nominal_start
+from floatplan.planning.variables import Start
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
 MOST_STARTS = 300  # [-]
-LEAST_BY_VARIABLES = ("coefficients", "clip")  # objectives that are the norm of the variables x
 
 
 @dataclass(frozen=True)
@@ -162,8 +164,7 @@ class SpatialSearch(Search):
         seeds = np.random.SeedSequence(self.options.seed)
         lifted: list[Iterator[LiftedMotion | None]] = []
         for degrees in degrees_tried(self.spec.problem, flight):
-            variables = decision_variables(self.spec.problem, degrees, None, self.spec.momentum)
-            of_degree = LiftedFlight(self.spec, variables, self.work)
+            of_degree = LiftedFlight(self.spec, nominal_start(self.spec, degrees).variables, self.work)
             lifted.append(starts(of_degree, int(seeds.generate_state(1)[0]) + len(lifted)))
         is_left = True
         while is_left:
@@ -192,13 +193,14 @@ class SpatialSearch(Search):
         motion = close(start)
         usable = motion.is_closed() and motion.makes_right_turns
         objective = self.spec.problem.motion.objective
+        is_norm = objective in ("coefficients", "clip")  # of the variables x
         if usable and objective == "robust":
             result = self._robust(motion, stop, before + most_work)
-        elif usable and (self.spec.constraints or objective not in LEAST_BY_VARIABLES):
+        elif usable and (self.spec.constraints or not is_norm):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:
-            final = refined(descend(motion)) if usable else None
+            final = refined(descend_far(motion)) if usable else None
             status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
             result = self._judged(final or motion, status)
         result.work = self.work.done - before
@@ -214,22 +216,42 @@ class SpatialSearch(Search):
         results = [self._within_limits(small, stop, until)] if self.spec.constraints else []
         if results and not results[0].holds:
             return results[0]
-        least = refined(descend(small, RobustCost.of))
-        keeps_limits = False
+        lower = descend(small, RobustCost.of)
+        least = refined(lower)
+        of_least = None
         if least is not None:
-            result = self._judged(about(least), "feasible")
-            keeps_limits = result.holds
-            if self.spec.constraints and not keeps_limits:
-                result = self._within_limits(about(least), stop, until)
-            results.append(result)
+            of_least = self._judged(about(least), "feasible")
+            results.append(of_least)
+            if self.spec.constraints and not of_least.holds:
+                results.append(self._within_limits(about(least), stop, until))
         holding = [result for result in results if result.holds]
         if not holding:
             return results[-1] if results else self._judged(motion, "infeasible")
         best = min(holding, key=lambda result: result.objective_value)
-        if self.spec.constraints and not keeps_limits:
+        if self.spec.constraints and not (of_least is not None and of_least.holds):
             best = self._descend_within(best, stop, until)
-        best.status = "feasible"  # it is least of those tried, and not proved to be least of those near
+        elif best is of_least:
+            best = self._at_a_minimum(lower, best)
+        best.status = "optimal" if self._is_least_robust(best) else "feasible"
         return best
+
+    def _at_a_minimum(self, lower: LiftedMotion, best: AttemptResult) -> AttemptResult:
+        """Go on with the descent of the objective "robust" to a minimum; the result before where limits forbid that."""
+        final = refined(descend(lower, RobustCost.of, TO_A_MINIMUM))
+        if final is None:
+            return best
+        result = self._judged(about(final), "feasible")
+        return result if result.holds and result.objective_value < best.objective_value else best
+
+    def _is_least_robust(self, result: AttemptResult) -> bool:
+        """Whether a motion, which keeps the limits, is a minimum of the objective "robust" even without them."""
+        if result.variables.momentum.axes.shape != self.spec.momentum.axes.shape:
+            return False  # its h was fixed at the edge of the box
+        lifted = LiftedFlight(self.spec, result.variables, self.work)
+        try:
+            return RobustCost.of(close(nearby(lifted, result.x))).is_least
+        except IntegrationError:
+            return False
 
     def _descend_within(self, best: AttemptResult, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Make the objective "robust" smaller within limits.

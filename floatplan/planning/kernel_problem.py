@@ -28,15 +28,9 @@ from floatplan.planning.variables import Boundary, DecisionVariables, Start, sca
 from floatplan.problem.problem import Problem
 from floatplan.tables import ORIENTATION
 
-INFEASIBLE, FEASIBLE, OPTIMAL = enumeration("Status")
-STATUS: dict[int, str] = {INFEASIBLE: "infeasible", FEASIBLE: "feasible", OPTIMAL: "optimal"}
+Status = enumeration("Status")
 # Of the reach of h from its middle: nominal starts.
 MOMENTUM_FRACTIONS = (-1.0, 1.0, -0.5, 0.5, -0.25, 0.25, -0.75, 0.75)
-MOTIONS_PER_VARIABLE = 10  # [-] random ones, of which a start violates least; fewer find worse plans of many joints
-SAMPLING_LEVEL = 2  # of grids, where they are measured
-SPREADS = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)  # [rad] standard deviations of random motions, cyclically
-CHEAP = 192  # [-] bodies times nodes, below which the time of an evaluation hardly depends on them
-EXPIRED = -1.0  # [instants of one body] of work that may be done: the start is judged as it is
 AnyStruct: TypeAlias = Any  # a Struct, StructArray, or one of these: what has a pointer
 
 
@@ -109,9 +103,10 @@ class KernelProblem:
         fractions = MOMENTUM_FRACTIONS if spec.constraints else ()
         sampling = Struct(
             "SamplingOptions",
-            level=SAMPLING_LEVEL,
-            random=MOTIONS_PER_VARIABLE * variables.size,
-            spreads=SPREADS,
+            level=2,  # of grids, where random motions are measured
+            # Of so many random motions a start violates least; fewer find worse plans of many joints.
+            random=10 * variables.size,
+            spreads=(0.1, 0.2, 0.4, 0.8, 1.6, 3.2),  # [rad] standard deviations of these, cyclically
             fractions=len(fractions),
             fraction=doubles(fractions),
             offset_map=None if variables.offset_map is None else doubles(variables.offset_map),
@@ -179,7 +174,7 @@ class KernelProblem:
         search.first = numbers.start
         search.count = len(numbers)
         search.wanted = 0
-        search.most_work = EXPIRED if expired else most_work
+        search.most_work = -1.0 if expired else most_work  # without any work, the start is judged as it is
         search.reach = reach
         self.sampling.pointer.seed = seed
         self.call()
@@ -198,7 +193,7 @@ class KernelProblem:
             spec=spec,
             start_variables=self.start.variables,
             x=self.x.copy(),
-            status=STATUS[search.status],
+            status=Status(search.status).name,
             iterations=search.iterations,
             evaluations=search.evaluations,
             level=search.judged_level,
@@ -246,7 +241,10 @@ def _numbers_of_search(
     settings: Settings, exchange: Exchange, node_counts: tuple[int, ...], bodies: int
 ) -> tuple[Struct, Struct]:
     """Return every number of a search: settings, and the rules of exchange."""
-    cheap = max((level for level, count in enumerate(node_counts) if count * bodies <= CHEAP), default=0)
+    cheap = 0
+    for level, count in enumerate(node_counts):
+        if count * bodies <= 192:  # [-] below that the time of an evaluation hardly depends on nodes and bodies
+            cheap = level
     return (
         Struct.of_numbers(replace(settings, tolerance=ORIENTATION, levels=len(node_counts))),
         Struct.of_numbers(replace(exchange, cheap_level=cheap)),
@@ -259,7 +257,7 @@ def powers_of_basis(width: int) -> Struct:
     arrays = {}
     for name, fractions in (("columns", basis_columns(width)), ("lost", compensations(CONDITIONS + width))):
         high = fractions.astype(np.float64)
-        exact = np.array([Fraction(value) for value in high.ravel().tolist()], dtype=object).reshape(high.shape)
+        exact = np.array(list(map(Fraction, high.ravel().tolist())), dtype=object).reshape(high.shape)
         arrays[name] = high
         arrays[f"{name}_low"] = (fractions - exact).astype(np.float64)  # as sums of two doubles
     return Struct("Powers", **arrays)
@@ -292,7 +290,7 @@ def motions_struct(problem: Problem, variables: DecisionVariables, of_coefficien
         size=variables.size,
         axes=momentum.axes.shape[1],
         columns=series.shape[2],
-        given=len(fixed),
+        fixed_columns=len(fixed),
         terms=series.shape[1],
         duration=polynomials.duration,
         orientation=orientation,

@@ -68,11 +68,15 @@ class LiftingSettings:
     closing_steps_again: int = 5  # [-] at most, after a step of the descent
     least_gain: float = 1e-3  # [-] of the size of the motion
     no_gradient: float = 1e-3  # [-] of the size of the motion: a smaller projected gradient ends the descent
+    steep: float = 0.09  # [-] the same, above which small gains do not end the descent: of levelling mostly
     optimal_gradient: float = 1e-2  # [-] the same, of a motion that is called optimal
     recorded: float = 1e-3  # [rad] root mean square from a recorded motion: shares of less are no difference
 
 
 LIFTING = LiftingSettings()
+IN_A_VALLEY = replace(LIFTING, descent_steps=200, least_gain=1e-4)
+# Of a descent to what may be called optimal: it ends where hardly anything is left to gain.
+TO_A_MINIMUM = replace(LIFTING, descent_steps=200, least_gain=1e-5, no_gradient=1e-5, shortest_step=1e-4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,16 +307,18 @@ class SizeCost:
         return downhill
 
 
-def descend(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = SizeCost) -> LiftedMotion:
-    """Make the cost of a closed motion smaller, along closed motions with the same turns."""
-    radius = LIFTING.first_radius
+def descend(
+    motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = SizeCost, rules: LiftingSettings = LIFTING
+) -> LiftedMotion:
+    """Make the cost of a closed motion smaller, along closed motions with the same turns; ``rules`` say how far."""
+    radius = rules.first_radius
     cost = cost_of(motion)
     least = LIFTING.recorded if motion.lifted.variables.has_reference else 0.0
-    for _ in range(LIFTING.descent_steps):
+    for _ in range(rules.descent_steps):
         downhill = cost.downhill(radius)
         change, turns = motion.step(np.zeros_like(motion.gaps), downhill)
         length = float(np.linalg.norm(change))
-        if length <= LIFTING.no_gradient * max(motion.size, least):
+        if length <= rules.no_gradient * max(motion.size, least):
             break
         farthest = max(float(np.linalg.norm(turns, axis=1).max()), LIFTING.rounding)
         share = min(1.0, radius / length, LIFTING.largest_rotation / farthest)
@@ -324,23 +330,38 @@ def descend(motion: LiftedMotion, cost_of: Callable[[LiftedMotion], Cost] = Size
         except IntegrationError:
             other = motion
             other_cost = cost
-        is_less = other_cost.value < cost.value * (1 - LIFTING.least_gain)
+        is_less = other_cost.value < cost.value * (1 - rules.least_gain)
         if other.is_closed() and is_less and other.makes_right_turns:
             motion = other
             cost = other_cost
             radius = 2 * min(radius, share * length)
         else:
             radius = LIFTING.shorter * min(radius, share * length)
-            if radius < LIFTING.shortest_step:
+            if radius < rules.shortest_step:
                 break
     return motion
 
 
-def is_least(motion: LiftedMotion) -> bool:
-    """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
+def descend_far(motion: LiftedMotion) -> LiftedMotion:
+    """Make a closed motion smaller; where steps gain little although it is steep, in small steps.
+
+    A Go2 that levels out goes through a curved valley, in which the size is 1.44 rad where a step first gains less than
+    a thousandth, and 1.13 at the bottom.
+    """
+    smaller = descend(motion)
+    return descend(smaller, rules=IN_A_VALLEY) if steepness(smaller) > LIFTING.steep else smaller
+
+
+def steepness(motion: LiftedMotion) -> float:
+    """The shortest way to smaller free coefficients of closed motions, to first order, relative to their size."""
     least = LIFTING.recorded if motion.lifted.variables.has_reference else LIFTING.rounding
     change, _ = motion.step(np.zeros_like(motion.gaps), SizeCost(motion).downhill(np.inf))
-    return float(np.linalg.norm(change)) <= LIFTING.optimal_gradient * max(motion.size, least)
+    return float(np.linalg.norm(change)) / max(motion.size, least)
+
+
+def is_least(motion: LiftedMotion) -> bool:
+    """Whether no closed motion near a closed one has smaller free coefficients, to first order."""
+    return steepness(motion) <= LIFTING.optimal_gradient
 
 
 def refined(motion: LiftedMotion) -> LiftedMotion | None:
@@ -405,7 +426,7 @@ def path(lifted: LiftedFlight, x: Array, s: Array, bump: Bump) -> Array:
             last = turning.ends[-1]
         residual = logarithm((flight.final_attitude @ last.T)[None])
         return np.asarray(exponential(steady[:, None] * residual) @ before)
-    first, second, third = np.eye(3)[["xyz".index(letter) for letter in axes]]
+    first, second, third = np.eye(3)[list(map("xyz".index, axes))]
     polynomials = lifted.variables.polynomials
     start = polynomials.motion(polynomials.nominal_coefficients, basis(polynomials.form).values(np.zeros(1)))
     inertia = flight.dynamics.momentum_maps(start.positions)[0][0]

@@ -16,7 +16,7 @@ from floatplan.certificate.certificate import certify
 from floatplan.errors import InputError
 from floatplan.planning.batch import Batch, follow_batch, follow_unconstrained
 from floatplan.planning.kernel_input.numbers import Numbers, is_batchable, is_batchable_family, key
-from floatplan.planning.kernel_problem import INFEASIBLE, STATUS
+from floatplan.planning.kernel_problem import Status
 from floatplan.planning.options import JOBS, SearchOptions
 from floatplan.planning.planner import planned, search_for, searched_numbers
 from floatplan.planning.repair import judged, proved_plan
@@ -31,8 +31,6 @@ from floatplan.problem.problem import Problem
 
 CHUNK = 2048  # [-] problems of a batch without inequalities
 WITH_ROWS = 256  # [-] the same with inequalities
-AT_ONCE = 8  # [-] problems with a search of their own, which a process gets at a time
-SHARES = 4  # [-] of a batch with inequalities, that each process has, so that all end at about the same time
 LONGER = "search=True searches longer"
 _T = TypeVar("_T")
 PATIENCE = 1 / 20  # [-] of the usual work, before a start is solved: about 0.05 s in a plane
@@ -124,7 +122,9 @@ def plan_batches(
         if _like(problems, first).is_plain:
             single += _plan_unconstrained(plans, indices, options, jobs)
         else:
-            size = WITH_ROWS if jobs == 1 else min(WITH_ROWS, -(-len(indices) // (SHARES * jobs)))
+            size = WITH_ROWS
+            if jobs > 1:  # four tasks for each process, so that all end at about the same time
+                size = min(WITH_ROWS, -(-len(indices) // (4 * jobs)))
             tasks += [_Task(chunk.tolist(), first) for chunk in _chunks(indices, size)]
     _finish(plans, [*tasks, *_single(single)], brief, jobs, seed)
     if search:
@@ -213,7 +213,7 @@ def _chunks(indices: IntArray, size: int) -> list[IntArray]:
 def _single(indices: Iterable[int], plans: Plans | None = None) -> list[_Task]:
     """Tasks of problems with a search of their own, with the solutions to prove."""
     tasks = []
-    for chunk in _chunks(np.array(sorted(indices), np.int64), AT_ONCE):
+    for chunk in _chunks(np.array(sorted(indices), np.int64), 8):  # so many a process gets at a time
         numbers = chunk.tolist()
         tasks.append(_Task(numbers, solutions=[plans.answer(index) for index in numbers] if plans else ()))
     return tasks
@@ -224,9 +224,10 @@ def _take(plans: Plans, indices: IntArray, batch: Batch) -> None:
     numbers = batch.searches.numbers
     status = batch.status
     started = numbers["started"]
-    solved = status != INFEASIBLE
-    for code, word in STATUS.items():
-        plans.status[indices[status == code]] = "not_found" if code == INFEASIBLE else word
+    solved = status != Status["infeasible"]
+    plans.status[indices[~solved]] = "not_found"
+    for code in ("feasible", "optimal"):
+        plans.status[indices[status == Status[code]]] = code
     plans.objective[indices[solved]] = numbers["objective"][solved]
     plans.angular_momentum[indices] = batch.motions.momentum
     plans.residual[indices] = batch.residual
@@ -242,7 +243,7 @@ def _finish(
     plans: Plans, tasks: Sequence[_Task], options: SearchOptions, jobs: int, seed: Callable[[int], int]
 ) -> None:
     """Plan problems in this process or several; see :func:`_planner`."""
-    seeded = [(task, [seed(index) for index in task.indices]) for task in tasks]
+    seeded = [(task, list(map(seed, task.indices))) for task in tasks]
     shared = (plans.problems, options)
     several = jobs > 1 and len(tasks) > 1
     with processes(jobs, (__name__,), _planner, *shared) if several else nullcontext() as pool:

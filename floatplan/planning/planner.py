@@ -31,7 +31,6 @@ from floatplan.problem.jump import ONLY_THE_FLIGHT
 from floatplan.problem.problem import Problem
 
 LOG = logging.getLogger(__name__)
-LOGGED = ("starts", "solved", "iterations")
 SHARE = 0.5  # [-] of the budget that the motion at hand may take before another is searched, and that this has at least
 
 
@@ -111,7 +110,8 @@ def search_for(problem: Problem, options: SearchOptions, near: Plan | None = Non
         batch = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
         if solution := batch.answer(0):
             plan = solution.plan(problem, options.seed, time.perf_counter() - started)
-            LOG.info("starts %d, solved %d, steps %d: %s", *map(plan.solver.get, LOGGED), plan.status)
+            counts = [plan.solver[name] for name in ("starts", "solved", "iterations")]
+            LOG.info("starts %d, solved %d, steps %d: %s", *counts, plan.status)
             return SearchedPlan(plan, lambda: batch.result(0, problem), work=batch.searches.pointer[0].work)
         search = batch.search(0, problem, options)
     elif problem.robot.in_plane is None:

@@ -28,13 +28,7 @@ from floatplan.problem.problem import Problem
 from floatplan.tables import LIMIT_TABLE
 
 LOG = logging.getLogger(__name__)
-ROUNDS = 3  # [-] tightened problems at most
-TIGHTENING = 1.5  # [-] over the shortfall
-LARGEST_SHORTFALL = 1e-3  # [-] of a limit, [m] or [rad]: beyond it a plan is refused, not corrected
-VERDICTS = ("proved", "undecided", "refuted")  # best first
 RELATIVE: tuple[Kind, ...] = (*LIMIT_TABLE, "generalized_torque", "motor")
-CORRECTABLE: tuple[Kind, ...] = (*RELATIVE, "obstacle", "self_clearance")
-CONSEQUENCES: tuple[Kind, ...] = ("landing", "recorded")  # hold again where what they follow from does
 ORIENTATION: tuple[Kind, Subject] = ("goal", ("orientation",))
 Shortfalls: TypeAlias = Mapping[tuple[Kind, Subject], float]
 
@@ -63,7 +57,8 @@ def proved_plan(searched: SearchedPlan) -> Plan:
         if certificate.proved and plan.objective_value <= other.best.objective_value:
             break
         answers = (plan, certificate), proved(other)
-        plan, certificate = min(answers, key=lambda one: (VERDICTS.index(one[1].verdict), one[0].objective_value))
+        verdicts = ("proved", "undecided", "refuted")  # the best first
+        plan, certificate = min(answers, key=lambda one: (verdicts.index(one[1].verdict), one[0].objective_value))
     return judged(plan, certificate)
 
 
@@ -71,7 +66,7 @@ def proved(searched: SearchedPlan) -> tuple[Plan, Certificate]:
     """Prove a plan, correcting it where little is missing; the best plan and its certificate."""
     requested = tighter = searched.plan.problem
     plan, certificate = _claims_proved(searched.plan, certify(searched.plan))
-    for _ in range(ROUNDS):
+    for _ in range(3):  # tightened problems at most
         if certificate.proved:
             break
         missing = shortfalls(certificate)
@@ -133,7 +128,7 @@ def judged(plan: Plan, certificate: Certificate) -> Plan:
     if certificate.proved:
         sentence = "The flight is proved: all that is asked of it holds at all times."
         return plan.with_record(replace(record, explanation=sentence))
-    sentence = "; ".join(_sentence(finding) for finding in failed)
+    sentence = "; ".join(map(_sentence, failed))
     if certificate.verdict == "refuted":
         return plan.with_record(replace(record, ok=False, status="infeasible", explanation=f"Refuted: {sentence}."))
     return plan.with_record(replace(record, explanation=f"{plan.explanation} Not proved: {sentence}."))
@@ -143,15 +138,17 @@ def shortfalls(certificate: Certificate) -> Shortfalls | None:
     """The shortfall of each finding that is not proved; None where one is large, or the search cannot correct it."""
     missing = {}
     for finding in certificate.unproved:
-        if finding.kind in CONSEQUENCES:
+        if finding.kind in ("landing", "recorded"):  # hold again where what they follow from does
             continue
         is_goal = (finding.kind, finding.subject) == ORIENTATION
-        correctable = finding.kind in CORRECTABLE or (is_goal and certificate.attitude_bound is None)
+        correctable = finding.kind in (*RELATIVE, "obstacle", "self_clearance") or (
+            is_goal and certificate.attitude_bound is None
+        )
         if finding.bound is None or finding.limit is None or not correctable:
             return None
         shortfall = abs(finding.bound - finding.limit)
         scale = finding.limit if finding.kind in RELATIVE else 1.0
-        if not shortfall <= LARGEST_SHORTFALL * scale:
+        if not shortfall <= 1e-3 * scale:  # of a limit, [m] or [rad]: beyond that a plan is refused, not corrected
             return None
         missing[finding.kind, finding.subject] = shortfall
     return missing or None
@@ -161,10 +158,13 @@ def tightened(problem: Problem, missing: Shortfalls, rotation: float) -> Problem
     """Return the problem with limits and margins tighter by the shortfalls, and the goal ``rotation``, rad, further."""
 
     def more(kind: Kind, *subject: str | int) -> float:
-        return TIGHTENING * missing.get((kind, subject), 0.0)
+        return 1.5 * missing.get((kind, subject), 0.0)
 
     def less(kind: Kind, names: Sequence[str], values: Array) -> dict[str, float]:
-        return {name: value - more(kind, name) for name, value in zip(names, values, strict=True)}
+        tighter = {}
+        for name, value in zip(names, values, strict=True):
+            tighter[name] = value - more(kind, name)
+        return tighter
 
     robot = problem.robot
     limits = problem.limits

@@ -64,6 +64,18 @@ class RobustCost:
             slope[:, index] = (after - before) / (2 * DIFFERENCE)
         return slope
 
+    @property
+    def is_least(self) -> bool:
+        """Whether no closed motion near has a smaller cost, to first order.
+
+        The undamped step takes hardly anything off the squares, as far as the growth changes linearly.
+        """
+        step = self.downhill(np.inf)
+        coefficients = self._coefficients + step[: len(self._coefficients)]
+        growth = self.growth + self._growth_slope @ step
+        foretold = np.hypot(np.linalg.norm(coefficients), np.linalg.norm(growth)) / self.value
+        return bool(1 - foretold**2 <= LIFTING.optimal_gradient**2)
+
     def downhill(self, radius: float) -> Array:
         """The damped Gauss-Newton step (size,) that does not change the attitude at landing.
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from itertools import accumulate
+from itertools import accumulate, compress
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -17,7 +17,6 @@ from floatplan.motion.sine_polynomial import CURVATURES, Form, SinePolynomials, 
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import REFERENCE_NODES, reference_at
 
-LEAST_COSINE = 0.1  # [-] of cos p in weights of differences: at the edge of its range a joint hardly moves with p
 AtEnds: TypeAlias = Literal["momentum", "velocities", "accelerations"]
 
 
@@ -189,7 +188,7 @@ def decision_variables(
         duration=problem.flight.duration,
         branches=np.zeros((2, len(degrees)), np.int64) if branches is None else branches,
     )
-    free_ends = tuple(end for end, free in zip(CURVATURES, conditions.free[:, 0].tolist(), strict=True) if free)
+    free_ends = tuple(compress(CURVATURES, conditions.free[:, 0].tolist()))
     polynomials = SinePolynomials(
         conditions.centre,
         conditions.amplitude,
@@ -232,7 +231,8 @@ def near_reference(reference: Array, polynomials: SinePolynomials) -> tuple[Arra
     sine = np.clip((recorded - polynomials.centre) / polynomials.amplitude, -1.0, 1.0)
     arguments = np.arcsin(sine)
     weights = np.sqrt(grid.weights / len(polynomials.free))[:, None] * polynomials.amplitude
-    weights = weights * np.maximum(np.cos(arguments), LEAST_COSINE)
+    # At the edge of its range a joint hardly moves with p; it counts by a tenth at least.
+    weights = weights * np.maximum(np.cos(arguments), 0.1)
     offset = np.zeros(sum(polynomials.free))
     scaling = np.zeros((len(offset), len(offset)))
     for joint, (width, end) in enumerate(zip(polynomials.free, accumulate(polynomials.free), strict=True)):

@@ -119,4 +119,7 @@ def _confirmed(pairs: LinkPairs, pair: int, positions: Callable[[Array], Array],
     """The first of some instants at which a pair overlaps: of meshes the surfaces have to meet, not only the hulls."""
     if not pairs.is_mesh(pair):
         return instants[0]
-    return next((time for time in instants if pairs.meet(pair, positions(np.array([time]))[0])), None)
+    for time in instants:
+        if pairs.meet(pair, positions(np.array([time]))[0]):
+            return time
+    return None

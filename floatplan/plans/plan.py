@@ -22,11 +22,12 @@ from floatplan.plans.measures import PlanWarning, Utilisation, measured_warnings
 from floatplan.plans.outputs import Outputs, output
 from floatplan.plans.planned_motion import PlannedMotion
 from floatplan.plans.reading import check_meshes, load_record, recorded_robot, robot_record
-from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, JOINTS_AT_ENDS, PlanRecord, check_requested
+from floatplan.plans.record import FORMAT, FORMAT_IN_SPACE, PlanRecord, check_requested
 from floatplan.plans.verdicts import Certificate
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict, problem_to_dict
 from floatplan.problem.problem import Problem
+from floatplan.tables import JOINT_VALUES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -255,7 +256,7 @@ def _check_stated(plan: Plan, record: PlanRecord) -> None:
     h = plan.problem.flight.angular_momentum
     state = plan.at([0.0, plan.duration])
     at_ends: dict[str, dict[str, Array]] = {"start": {}, "goal": {}}
-    for name in JOINTS_AT_ENDS:
+    for name in JOINT_VALUES:
         at_ends["start"][name], at_ends["goal"][name] = getattr(state, name)
     computed = {
         "problem": at_ends,

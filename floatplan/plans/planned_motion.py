@@ -24,7 +24,7 @@ from floatplan.robot.leak import leak_along
 from floatplan.robot.robot import Robot
 from floatplan.tables import JOINT_LIMITS, OBJECTIVE_TABLE
 
-PEAK_NODES = (33, 65, 129, 257)  # the nodes of each lie among those of the next
+PEAK_NODES = (33, 65, 129, 257)  # [-] the nodes of each lie among those of the next
 
 
 def least_distances(segments: PlacedShapes, obstacle: Obstacle, instants: Array) -> Array:
@@ -194,9 +194,14 @@ class PlannedMotion(flight.MotionInFile):
         for obstacle in self.problem.obstacles:
             ends += obstacle.window or ()
         clearance = least_by_grids(self.clearances, self.duration, ends)[0] if self.problem.obstacles else np.inf
+        peaks_of_joints: dict[str, Array] = {}
+        instants_of_joints: dict[str, Array] = {}
+        for row, peak, when in zip(JOINT_LIMITS, peaks, instants, strict=True):
+            peaks_of_joints[row.key] = read_only(peak)
+            instants_of_joints[row.key] = read_only(when)
         return Peaks(
-            joints={row.key: read_only(peak) for row, peak in zip(JOINT_LIMITS, peaks, strict=True)},
-            joint_instants={row.key: read_only(when) for row, when in zip(JOINT_LIMITS, instants, strict=True)},
+            joints=peaks_of_joints,
+            joint_instants=instants_of_joints,
             torque=read_only(torque),
             clearance=clearance if np.isfinite(clearance) else None,
             motor_torque=read_only(motor_torque),

@@ -18,11 +18,10 @@ from floatplan.problem.problem import Problem
 SOLVED = ("optimal", "feasible")
 GOAL_MET = "The goal is met."
 ALL_HOLDS = "Every constraint holds at all times."
-WORDS = ("status", "verdict")
 NUMBERS = ("objective", "angular_momentum", "residual")
 COUNTS = ("evaluations", "iterations", "starts", "solved")
 MOST_SHOWN = 20  # [-] rows of the table that notebooks show
-COLUMNS = (*WORDS, *NUMBERS, *COUNTS)  # what Plans has an array of, and a PlanEntry one of
+COLUMNS = ("status", "verdict", *NUMBERS, *COUNTS)  # what Plans has an array of, and a PlanEntry one of
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +139,7 @@ class Plans(Outlined, Sequence[Plan]):
         count = len(problems)
         arrays: dict[str, Any] = {name: np.full(count, np.nan) for name in NUMBERS}
         arrays |= {name: np.zeros(count, np.int64) for name in COUNTS}
-        arrays |= {name: np.full(count, word, "<U10") for name, word in zip(WORDS, ("not_found", ""), strict=True)}
+        arrays |= {"status": np.full(count, "not_found", "<U10"), "verdict": np.full(count, "", "<U10")}
         return cls(problems, coefficients=np.full((count, joints, columns), np.nan), seed=seed, **arrays)
 
     def keep(self, index: int, entry: PlanEntry) -> None:

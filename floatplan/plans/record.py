@@ -36,11 +36,18 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import json_value, write_atomically
 from floatplan.keys import Key, Keyed, is_needed
-from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, MOST_OBSTACLES, OBJECTIVE_TABLE, Range, RobotKind
+from floatplan.tables import (
+    FLIGHT_EVENTS,
+    JOINT_LIMITS,
+    JOINT_VALUES,
+    MOST_OBSTACLES,
+    OBJECTIVE_TABLE,
+    Range,
+    RobotKind,
+)
 
 FORMAT, FORMAT_IN_SPACE = "floatplan.plan/1", "floatplan.plan/2"
 NO_KEY = "must not be there: a plan file has no such key"
-UNIT = 1e-9  # [-] of the length of a quaternion, and 1
 
 number = FINITE
 non_negative = number_in(Range(0.0, math.inf, ""))
@@ -92,7 +99,7 @@ def direction(numbers: Check) -> Check:
 def quaternion(value: Any, element: str) -> None:
     """Check a unit quaternion."""
     pair(number, count=4)(value, element)
-    if not abs(math.hypot(*value) - 1) < UNIT:
+    if not abs(math.hypot(*value) - 1) < 1e-9:  # rounding of a file's digits
         raise InputError(f"must have length 1, not {math.hypot(*value):g}", element=element)
 
 
@@ -220,7 +227,9 @@ class RobotRecord(Record):
         cls.in_files(needed={kind, space}, absent=absent | ({"resolved"} if kind == "urdf" else set()))(
             content, "robot"
         )
-        values: dict[str, Any] = {n: tuple(value) if isinstance(value, list) else value for n, value in content.items()}
+        values: dict[str, Any] = {}
+        for name, value in content.items():
+            values[name] = tuple(value) if isinstance(value, list) else value
         return cls(**values)
 
     def to_dict(self) -> dict[str, Any]:
@@ -335,7 +344,7 @@ class PlanRecord(Record):
     @property
     def asks_clearance(self) -> bool:
         """Whether the problem asks for a distance, so that the links' shapes matter."""
-        return any(self.problem.get(name) for name in ("obstacles", "self_clearance", "ground"))
+        return any(map(self.problem.get, ("obstacles", "self_clearance", "ground")))
 
     def with_checks(
         self, certificate: Mapping[str, Any] | None = None, replay: Mapping[str, Any] | None = None
@@ -374,7 +383,7 @@ FILES = {  # by their format
 
 def attitude(value: Any, element: str) -> None:
     """Check an attitude of a problem in space: a quaternion of any length but zero, or three angles about axes."""
-    ATTITUDE_KEYS(value, element)
+    KeyedTable({}, {"quaternion_xyzw": pair(number, count=4), "angles": TRIPLE, "axes": text})(value, element)
     if ("quaternion_xyzw" in value) == ("angles" in value) or ("angles" in value) != ("axes" in value):
         raise InputError("must have either quaternion_xyzw, or angles and axes", element=element)
     if "quaternion_xyzw" in value and not any(value["quaternion_xyzw"]):
@@ -397,8 +406,6 @@ def speed_in_space(value: Any, element: str) -> None:
     (POINT if isinstance(value, list | tuple) else number)(value, element)
 
 
-ATTITUDE_KEYS = KeyedTable({}, {"quaternion_xyzw": pair(number, count=4), "angles": TRIPLE, "axes": text})
-JOINTS_AT_ENDS = ("positions", "velocities", "accelerations")
 SHARED: Mapping[str, Check] = {"margin": non_negative, "velocity": POINT, "window": optional(POINT)}
 OBSTACLES: Mapping[str, Mapping[str, Check]] = {
     "circle": {"center": POINT, "radius": non_negative},
@@ -460,7 +467,7 @@ def problem_table(joints: tuple[str, ...], moving: tuple[str, ...], format_: str
     postures = {}
     for end, event in FLIGHT_EVENTS.items():
         postures[end] = KeyedTable(
-            {"orientation": own["orientation"], **dict.fromkeys(JOINTS_AT_ENDS, numbers)},
+            {"orientation": own["orientation"], **dict.fromkeys(JOINT_VALUES, numbers)},
             optional={"velocities_asked": one_of(event), "accelerations_asked": one_of("free")},
         )
     flight: dict[str, Check] = {

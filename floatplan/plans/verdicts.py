@@ -132,6 +132,12 @@ class Certificate:
         """What is refuted or undecided."""
         return tuple(finding for finding in self.findings if finding.verdict != "proved")
 
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the attitude of a flight in space is not proved, and what may help."""
+        terms = [finding for finding in self.unproved if finding.kind == "attitude" and finding.bound is None]
+        return tuple(str(finding.subject[0]) for finding in terms)
+
     def __repr__(self) -> str:
         """A line, and one for each of the first constraints that are not proved."""
         lines = [
@@ -184,7 +190,7 @@ class Certificate:
                 torque_peak=read_only(torques),
                 velocity_peak=read_only(rates),
                 motor_torque_peak={str(name): _number(peak) for name, peak in motors},
-                findings=tuple(Finding.from_dict(finding) for finding in content["findings"]),
+                findings=tuple(map(Finding.from_dict, content["findings"])),
                 subintervals=int(content["subintervals"]),
                 seconds=_number(content["seconds"]),
                 attitude_bound=_number(content.get("attitude_bound"), None),

@@ -17,10 +17,10 @@ from floatplan.keys import in_files
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.problem.resolution import motor_limits, of_motors
+from floatplan.problem.resolution import finite_limits, motor_limits, of_motors
 from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, LimitRow
 
-MOST_PROBLEMS = 10_000_000  # of a family
+MOST_PROBLEMS = 10_000_000  # [-] of a family, which are arrays in memory
 BY_MOTOR: Mapping[str, LimitRow] = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
 
 
@@ -64,7 +64,7 @@ class Family(Checked, Outlined, Sequence[Problem]):
         arrays = self.arrays
         for path in arrays:
             _with_values(self.base, {path: 0.0})
-        lengths = {len(array) for array in arrays.values()}
+        lengths = set(map(len, arrays.values()))
         if len(lengths) > 1:
             listed = ", ".join(f"{path} has {len(array)}" for path, array in arrays.items())
             raise InputError(f"the arrays differ in length: {listed}", element="Family")
@@ -189,7 +189,6 @@ def _spelt_out(base: Problem, path: str, key: str, value: Any) -> Any:
         return value if isinstance(value, Mapping) else tuple(map(tuple, value))
     if head == "limits" and key in BY_MOTOR and path.count(".") > 1:
         if isinstance(value, str | int | float):
-            limits = motor_limits(robot, BY_MOTOR[key], value).tolist()
-            return {name: limit for name, limit in zip(robot.motors, limits, strict=True) if np.isfinite(limit)}
+            return finite_limits(robot.motors, motor_limits(robot, BY_MOTOR[key], value))
         return value if isinstance(value, Mapping) else tuple(value)
     return value

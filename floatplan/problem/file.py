@@ -19,6 +19,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
 from floatplan.problem.reference import read_reference
+from floatplan.problem.resolution import finite_limits
 from floatplan.problem.spatial_obstacles import SpatialObstacle
 from floatplan.robot.chosen import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
@@ -262,7 +263,7 @@ def _popped(content: dict[str, Any], table: str, keys: Sequence[str]) -> list[An
     if not isinstance(content_there, Mapping):
         return [None] * len(keys)
     content[table] = without(content_there, keys)
-    return [content_there.get(key) for key in keys]
+    return list(map(content_there.get, keys))
 
 
 def problem_to_dict(problem: Problem) -> dict[str, Any]:
@@ -290,7 +291,7 @@ def problem_to_dict(problem: Problem) -> dict[str, Any]:
         },
         "limits": limits,
         "obstacles": [{"kind": obstacle.kind, **asdict(obstacle)} for obstacle in problem.obstacles],
-        "self_clearance": [asdict(pair) for pair in problem.self_clearances],
+        "self_clearance": list(map(asdict, problem.self_clearances)),
         **({} if problem.jump is None else {"jump": table_of(problem.jump)}),
     }
     values: dict[str, Any] = json_value(content)
@@ -306,9 +307,7 @@ def _of_motors(problem: Problem) -> dict[str, Any]:
             curves[motor] = {"stall": stall, "slope": slope}
     if len(motors) <= len(problem.robot.joints) or not np.isfinite(problem.motor_torque_limits).any():
         return {"motor": curves}
-    torques = zip(motors, problem.motor_torque_limits.tolist(), strict=True)
-    limits = {motor: limit for motor, limit in torques if math.isfinite(limit)}
-    return {"motor": curves, "motor_torque": limits}
+    return {"motor": curves, "motor_torque": finite_limits(motors, problem.motor_torque_limits)}
 
 
 def save_problem(problem: Problem, path: str | Path) -> Path:
@@ -334,8 +333,8 @@ def problem_text(problem: Problem, path: str | Path) -> str:
         "flight": table_of(problem.flight),
         "motion": table_of(problem.motion),
         "limits": table_of(problem.limits),
-        "obstacles": [table_of(obstacle) for obstacle in problem.obstacles],
-        "self_clearance": [table_of(pair) for pair in problem.self_clearances],
+        "obstacles": list(map(table_of, problem.obstacles)),
+        "self_clearance": list(map(table_of, problem.self_clearances)),
         "jump": problem.jump and table_of(problem.jump),
     }
     return tomli_w.dumps(_without_gaps(content))
@@ -367,7 +366,10 @@ def _problem(
     tables: ProblemTables, wrong: Sequence[InputError], robot: Robot, default_name: str, written: str | None
 ) -> Problem:
     """The problem; or all that is wrong, in its tables and with what they ask of the robot."""
-    values = {name: getattr(tables, name) for name in ProblemTables.keys if name in Problem.checks}
+    values: dict[str, Any] = {}
+    for name in ProblemTables.keys:
+        if name in Problem.checks:
+            values[name] = getattr(tables, name)
     values |= {"name": tables.name or default_name, "self_clearances": tables.self_clearance}
     try:
         problem = Problem(robot, **values, written=written)
@@ -409,15 +411,19 @@ def _robot_table(robot: Robot, path: Path) -> dict[str, Any]:
         "armature": dict(robot.armature),
         "damping": dict(robot.damping),
         "balance_inertias": robot.balance_inertias or None,
-        "payload": [table_of(payload) for payload in robot.payload],
+        "payload": list(map(table_of, robot.payload)),
     }
 
 
 def _without_gaps(value: Any) -> Any:
     """Leave out of tables what is empty, and what is None: TOML knows no null."""
     if isinstance(value, list):
-        return [_without_gaps(item) for item in value]
+        return list(map(_without_gaps, value))
     if not isinstance(value, dict):
         return value
-    filled = {key: _without_gaps(item) for key, item in value.items()}
-    return {key: item for key, item in filled.items() if item is not None and item not in ({}, [])}
+    filled = {}
+    for key, item in value.items():
+        content = _without_gaps(item)
+        if content is not None and content not in ({}, []):
+            filled[key] = content
+    return filled

@@ -17,7 +17,7 @@ Durations: TypeAlias = Sequence[Sequence[float]]
 
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
-MOST_PHASES = 2  # on each side of the flight
+MOST_PHASES = 2  # [-] on each side of the flight
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 

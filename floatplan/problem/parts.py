@@ -28,7 +28,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
 from floatplan.problem.attitude import Attitude, Triple
-from floatplan.tables import FLIGHT_EVENTS, Objective, Range, describe_objectives
+from floatplan.tables import FLIGHT_EVENTS, GRAVITY, Objective, Range, describe_objectives
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
 Pair: TypeAlias = tuple[float, float]
@@ -64,9 +64,8 @@ def pair_or_three(key: str) -> Check:
     return check
 
 
-SHORTEST_NORMAL = 1e-9  # as written
-LOWEST_DEGREE = 5
-HIGHEST_DEGREE = 15  # above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
+LOWEST_DEGREE = 5  # [-] that the six boundary conditions (13) take
+HIGHEST_DEGREE = 15  # [-] above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +216,7 @@ class Flight(Keyed):
         float | Pair,
         Key(unit="m/s", check=in_plane_or_space("horizontal_velocity", pair(number("horizontal_velocity")))),
     ] = 0.0
-    gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = 9.81
+    gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = GRAVITY
 
     @property
     def momentum_in_plane(self) -> float | Literal["midpoint", "free"]:
@@ -414,20 +413,12 @@ class Obstacle(Keyed):
             yield "window", f"the window ends ({end} s) before it begins ({start} s)"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Circle(Obstacle):
-    """A disc: centre (horizontal, vertical) and radius, m."""
+class RoundObstacle(Obstacle):
+    """A disc, or a ball in space."""
 
-    kind: ClassVar[str] = "circle"
-    about: ClassVar[str] = "A disc"
-    center: Annotated[Pair, Key("Horizontal, vertical", "m")]
-    radius: Annotated[float, Key("Of the disc", "m")]
+    center: Sequence[float]
+    radius: float
     bounded = True
-
-    @classmethod
-    def example(cls, position: complex, size: float) -> Self:
-        """A disc of a tenth of the size."""
-        return cls(center=(position.real, position.imag), radius=0.1 * size)
 
     @property
     def where(self) -> str:
@@ -435,20 +426,26 @@ class Circle(Obstacle):
         return f"at ({shortened(self.center, 6)}) m, radius {self.radius:g} m"
 
 
-@dataclass(frozen=True, kw_only=True)
-class HalfPlane(Obstacle):
-    """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
+class RoundBar(Obstacle):
+    """A bar with round ends, in a plane or in space."""
 
-    kind: ClassVar[str] = "half-plane"
-    about: ClassVar[str] = "Ground or a wall, solid on one side of a line"
-    point: Annotated[Pair, Key("A point on the line: horizontal, vertical", "m")] = (0.0, 0.0)
-    normal: Annotated[Pair, Key("Direction away from what is solid: horizontal, vertical; of any length")] = (0.0, 1.0)
+    start: Sequence[float]
+    end: Sequence[float]
+    radius: float
+    bounded = True
+
+    @property
+    def where(self) -> str:
+        """Ends and radius."""
+        return f"from ({shortened(self.start, 6)}) to ({shortened(self.end, 6)}) m, radius {self.radius:g} m"
+
+
+class Wall(Obstacle):
+    """Ground or a wall, in a plane or in space: solid where ``normal . (x - point) < 0``."""
+
+    point: Sequence[float]
+    normal: Sequence[float]
     bounded = False
-
-    @classmethod
-    def example(cls, position: complex, size: float) -> Self:
-        """A ceiling."""
-        return cls(point=(position.real, position.imag), normal=(0.0, -1.0))
 
     @property
     def where(self) -> str:
@@ -458,8 +455,38 @@ class HalfPlane(Obstacle):
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle, and a normal that has no direction."""
         yield from super().contradictions()
-        if math.hypot(*self.normal) < SHORTEST_NORMAL:
+        if math.hypot(*self.normal) < 1e-9:  # as written, of any length
             yield "normal", "the normal has length zero"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle(RoundObstacle):
+    """A disc: centre (horizontal, vertical) and radius, m."""
+
+    kind: ClassVar[str] = "circle"
+    about: ClassVar[str] = "A disc"
+    center: Annotated[Pair, Key("Horizontal, vertical", "m")]
+    radius: Annotated[float, Key("Of the disc", "m")]
+
+    @classmethod
+    def example(cls, position: complex, size: float) -> Self:
+        """A disc of a tenth of the size."""
+        return cls(center=(position.real, position.imag), radius=0.1 * size)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfPlane(Wall):
+    """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
+
+    kind: ClassVar[str] = "half-plane"
+    about: ClassVar[str] = "Ground or a wall, solid on one side of a line"
+    point: Annotated[Pair, Key("A point on the line: horizontal, vertical", "m")] = (0.0, 0.0)
+    normal: Annotated[Pair, Key("Direction away from what is solid: horizontal, vertical; of any length")] = (0.0, 1.0)
+
+    @classmethod
+    def example(cls, position: complex, size: float) -> Self:
+        """A ceiling."""
+        return cls(point=(position.real, position.imag), normal=(0.0, -1.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -468,7 +495,7 @@ class Ground(HalfPlane):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bar(Obstacle):
+class Bar(RoundBar):
     """A capsule: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 
     kind: ClassVar[str] = "capsule"
@@ -476,18 +503,12 @@ class Bar(Obstacle):
     start: Annotated[Pair, Key("One end of its middle line: horizontal, vertical", "m")]
     end: Annotated[Pair, Key("The other end", "m")]
     radius: Annotated[float, Key("Of the bar", "m")]
-    bounded = True
 
     @classmethod
     def example(cls, position: complex, size: float) -> Self:
         """A level bar."""
         ends = (position.real - 0.2 * size, position.imag), (position.real + 0.2 * size, position.imag)
         return cls(start=ends[0], end=ends[1], radius=0.04 * size)
-
-    @property
-    def where(self) -> str:
-        """Ends and radius."""
-        return f"from ({shortened(self.start, 6)}) to ({shortened(self.end, 6)}) m, radius {self.radius:g} m"
 
 
 OBSTACLE_KINDS: dict[str, type[Obstacle]] = {kind.kind: kind for kind in (Circle, HalfPlane, Bar)}

@@ -291,7 +291,7 @@ class Problem(Checked):
             "torque_limits": ("limits", lambda: resolution.torque_limits(robot, limits.torque)),
             "motor_torque_limits": (
                 "limits",
-                lambda: resolution.motor_limits(robot, resolution.TORQUE, limits.torque),
+                lambda: resolution.motor_limits(robot, LIMIT_TABLE["torque"], limits.torque),
             ),
             "motor_stall": ("limits", lambda: resolution.motor_values(robot, limits, "stall", math.inf)),
             "motor_slope": ("limits", lambda: resolution.motor_values(robot, limits, "slope", 0.0)),
@@ -436,7 +436,7 @@ def shares_of_limits(problem: Problem) -> Iterator[Shares]:
     ]
     for key, what, limits, subjects, rows, slope in kinds:
         first = limits if limits.ndim == 1 else limits[0]
-        limited = [number for number, limit in enumerate(first.tolist()) if limit < math.inf]
+        limited = np.flatnonzero(first < math.inf).tolist()
         if limited:
             row, limit = LIMIT_TABLE[key], limits[..., limited]
             names = tuple(f"{what} of {subjects[i]}" for i in limited)

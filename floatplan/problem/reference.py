@@ -15,7 +15,6 @@ from floatplan.problem.parts import ClipReference
 from floatplan.robot.robot import Robot
 
 REFERENCE_NODES = 32  # [-] of the quadrature of differences from a recorded motion: of degree 15 it is exact
-TIME, POSITION = "time", "_position"  # names of columns, the latter after that of the joint
 
 
 def reference_at(positions: Array, s: Array, order: int = 0) -> Array:
@@ -51,13 +50,13 @@ def read_reference(clip: ClipReference, folder: Path, robot: Robot) -> ClipRefer
     path = folder / clip.file
     lines = list(csv.reader(io.StringIO(read_text(path, 50_000_000, "a table of a motion"))))
     names = [name.strip() for name in lines[0]] if lines else []
-    required = [TIME, *(joint + POSITION for joint in robot.joints)]
+    required = ["time", *(f"{joint}_position" for joint in robot.joints)]
     missing = [name for name in required if name not in names]
     if missing:
         raise InputError(
             f"has no column {missing[0]!r}", source=path, advice="give the table of a motion of this robot"
         )
-    columns = [names.index(name) for name in required]
+    columns = list(map(names.index, required))
     rows = []
     try:
         for line in filter(None, lines[1:]):

@@ -22,12 +22,10 @@ from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
 from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, STEEPEST, LimitRow
 
-MOST_DISTANCES = 800  # between shapes of links and obstacles
-MOST_JOINTS = 60
-NARROWEST = 1e-6  # rad, of a joint's range
+MOST_DISTANCES = 800  # [-] between shapes of links and obstacles
+MOST_JOINTS = 60  # [-] that are planned: humanoids without their hands have about 30
+NARROWEST = 1e-6  # [rad] of a joint's range
 FULL_RANGE = (-math.pi, math.pi)
-TORQUE = LIMIT_TABLE["torque"]
-NOT_IN_SPACE = "is for flights in a plane, and not yet for those in space"
 TOUCHING = 2e-3  # [m] what is no higher over the ground than that may be meant to touch it
 
 
@@ -43,7 +41,9 @@ def joint_state(robot: Robot, posture: parts.Posture, element: str) -> JointStat
         raise _not_so(robot, f"{element}.orientation", "an angle", "an Attitude: quaternion_xyzw, or angles and axes")
     if frame_rests and robot.in_plane is None:
         raise InputError(
-            f"{FLIGHT_EVENTS[element]!r} {NOT_IN_SPACE}", element=f"{element}.velocities", advice="give the rates"
+            f"{FLIGHT_EVENTS[element]!r} is for flights in a plane, and not yet for those in space",
+            element=f"{element}.velocities",
+            advice="give the rates",
         )
     return JointState(
         orientation=math.nan if isinstance(posture.orientation, Attitude) else float(posture.orientation),
@@ -139,7 +139,7 @@ def reference_of(robot: Robot, motion: parts.Motion) -> Array | None:
     element = "motion.clip.positions"
     if motion.clip.positions is None:
         raise InputError("are missing", element=element, advice="load the problem from its file, which reads clip.file")
-    widths = {len(row) for row in motion.clip.positions}
+    widths = set(map(len, motion.clip.positions))
     if widths != {len(robot.joints)}:
         reason = f"has {min(widths)} numbers an instant, for {len(robot.joints)} planned joints"
         raise InputError(reason, element=element)
@@ -282,7 +282,7 @@ def motor_limits(robot: Robot, row: LimitRow, values: str | JointValues) -> Arra
 def torque_limits(robot: Robot, values: str | JointValues) -> Array:
     """Return limits (n,) N m of the generalised torques: as stated, or what those of the motors add up to."""
     if isinstance(values, str | Mapping | int | float):
-        return read_only(sum_of_motors(robot, motor_limits(robot, TORQUE, values)))
+        return read_only(sum_of_motors(robot, motor_limits(robot, LIMIT_TABLE["torque"], values)))
     return read_only(_in_order(robot, values, "limits.torque"))
 
 
@@ -307,8 +307,10 @@ def of_motors(robot: Robot, values: Mapping[str, Any], element: str, default: An
         if joint not in robot.motors:
             reason = f"{joint!r} is not a planned joint of the robot, nor one coupled to it"
             raise InputError(reason, element=element, advice=f"joints: {', '.join(robot.motors)}")
-    leaders = [robot.joints[index] for index in _leaders(robot).tolist()]
-    return [values.get(motor, values.get(leader, default)) for motor, leader in zip(robot.motors, leaders, strict=True)]
+    of_motors = []
+    for motor, leader in zip(robot.motors, _leaders(robot).tolist(), strict=True):
+        of_motors.append(values.get(motor, values.get(robot.joints[leader], default)))
+    return of_motors
 
 
 def end_errors(
@@ -355,7 +357,8 @@ def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]
             if tilt(axes, second) > STEEPEST:
                 reason = f"its second angle about {axes!r} is {math.degrees(second):.4g} degrees"
                 near = "-70 to 70" if axes[0] != axes[2] else "20 to 160"
-                advice = f"it must be within {near}: rotate about other axes, or give the goal as a quaternion"
+                other = "rotate about other axes, the largest rotation's first, or give the goal as a quaternion"
+                advice = f"it must be within {near}: {other}"
                 yield InputError(reason, element=f"{element}.orientation", advice=advice)
         return
     cosine = abs(float(start.attitude.quaternion @ goal.attitude.quaternion))
@@ -403,7 +406,8 @@ def surroundings_errors(
             if link not in shaped_links:
                 element, advice = f"self_clearance[{index}].links", f"links: {sorted(shaped_links)}"
                 yield InputError(f"no link {link!r} with a shape", element=element, advice=advice)
-            thickness += max((capsule.radius for capsule in robot.capsules if capsule.link == link), default=0.0)
+            radii = [capsule.radius for capsule in robot.capsules if capsule.link == link]
+            thickness += max(radii, default=0.0)
         if not in_plane and thickness + pair.margin == 0 and shaped_links.issuperset(pair.links):
             reason = f"{pair.links[0]!r} and {pair.links[1]!r} are lines, which never touch in space"
             advice = "give a margin, or <collision> geometry"
@@ -474,3 +478,8 @@ def _heights(robot: Robot, bodies: Sequence[int], local: Sequence[complex], stat
     angles = robot.tree.absolute_angles(np.array(state.orientation), state.positions)
     weights = robot.tree.point_weights(np.array(bodies), np.array(local))
     return np.asarray((weights @ robot.tree.rotations(angles)).imag)
+
+
+def finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
+    """Return the limits (m,) of motors by their names, those that there are."""
+    return {motor: limit for motor, limit in zip(motors, limits.tolist(), strict=True) if math.isfinite(limit)}

@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 from floatplan.arguments import shortened
 from floatplan.keys import Key
 from floatplan.problem.attitude import Triple
-from floatplan.problem.parts import SHORTEST_NORMAL, Obstacle
+from floatplan.problem.parts import Obstacle, RoundBar, RoundObstacle, Wall
 
 NO_VOLUME = "is 0, and what has no volume keeps nothing away"
 
@@ -31,31 +31,25 @@ class SpatialObstacle(Obstacle):
 
     velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # not two
 
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Those of every obstacle, and a ball that is a point, or a bar that is a line."""
+        yield from super().contradictions()
+        if getattr(self, "radius", None) == 0:
+            yield "radius", NO_VOLUME
+
 
 @dataclass(frozen=True, kw_only=True)
-class Sphere(SpatialObstacle):
+class Sphere(SpatialObstacle, RoundObstacle):
     """A ball: centre (x, y, z) and radius, m."""
 
     kind: ClassVar[str] = "sphere"
     about: ClassVar[str] = "A ball, in space"
     center: Annotated[Triple, Key("Its middle: x, y, z", "m")]
     radius: Annotated[float, Key("Of the ball", "m")]
-    bounded = True
-
-    @property
-    def where(self) -> str:
-        """Centre and radius."""
-        return f"at ({shortened(self.center, 6)}) m, radius {self.radius:g} m"
-
-    def contradictions(self) -> Iterator[tuple[str, str]]:
-        """Those of every obstacle, and a ball that is a point."""
-        yield from super().contradictions()
-        if self.radius == 0:
-            yield "radius", NO_VOLUME
 
 
 @dataclass(frozen=True, kw_only=True)
-class Capsule(SpatialObstacle):
+class Capsule(SpatialObstacle, RoundBar):
     """A bar with round ends: all points within ``radius`` of the segment from ``start`` to ``end``, m."""
 
     kind: ClassVar[str] = "capsule"
@@ -63,29 +57,16 @@ class Capsule(SpatialObstacle):
     start: Annotated[Triple, Key("One end of its middle line: x, y, z", "m")]
     end: Annotated[Triple, Key("The other end", "m")]
     radius: Annotated[float, Key("Of the bar", "m")]
-    bounded = True
-
-    @property
-    def where(self) -> str:
-        """Ends and radius."""
-        return f"from ({shortened(self.start, 6)}) to ({shortened(self.end, 6)}) m, radius {self.radius:g} m"
-
-    def contradictions(self) -> Iterator[tuple[str, str]]:
-        """Those of every obstacle, and a bar that is a line."""
-        yield from super().contradictions()
-        if self.radius == 0:
-            yield "radius", NO_VOLUME
 
 
 @dataclass(frozen=True, kw_only=True)
-class HalfSpace(SpatialObstacle):
+class HalfSpace(SpatialObstacle, Wall):
     """Ground or a wall: solid where ``normal . (x - point) < 0``; the normal is made a unit vector."""
 
     kind: ClassVar[str] = "half-space"
     about: ClassVar[str] = "Ground or a wall in space, solid on one side of a plane"
     point: Annotated[Triple, Key("A point on the plane: x, y, z", "m")] = (0.0, 0.0, 0.0)
     normal: Annotated[Triple, Key("Direction away from what is solid: x, y, z; of any length")] = (0.0, 0.0, 1.0)
-    bounded = False
 
     @property
     def unit_normal(self) -> Triple:
@@ -93,17 +74,6 @@ class HalfSpace(SpatialObstacle):
         length = math.hypot(*self.normal)
         x, y, z = self.normal
         return x / length, y / length, z / length
-
-    @property
-    def where(self) -> str:
-        """Point and normal."""
-        return f"at ({shortened(self.point, 6)}) m, normal ({shortened(self.normal, 6)})"
-
-    def contradictions(self) -> Iterator[tuple[str, str]]:
-        """Those of every obstacle, and a normal that has no direction."""
-        yield from super().contradictions()
-        if math.hypot(*self.normal) < SHORTEST_NORMAL:
-            yield "normal", "the normal has length zero"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -382,7 +382,7 @@ class Robot:
         """Links' and joints' origins by name, on the bodies of ``tree``; refused in space."""
         return MappingProxyType(dict(self.layout.frames))
 
-    @property
+    @cached_property
     def model_joints(self) -> tuple[str, ...]:
         """Names of the joints of ``model`` that move, in its order."""
         return tuple(self.model.names)[1 + len(set(self.model.names) - self.joint_tree.joint.keys() - {"universe"}) :]

@@ -17,7 +17,7 @@ from floatplan.tables import POINT_FEET
 
 SOLE = 0.05  # [m] a foot that is shorter is a point
 HIGHEST = 0.1  # [m] over the ground, of the frame of such a foot that stands on it; others stand on their tips
-FLAT = 5e-3  # [m] within which corners of a sole are on the ground
+FLAT = 5e-3  # [m] within which corners of a sole, or points of a foot's shape, are on the ground
 ROLLED = np.pi / 3  # [rad] by which a foot that rolls may rotate either way
 HEEL = ".heel"  # suffixes of points that have no frames of their own
 TOE = ".toe"

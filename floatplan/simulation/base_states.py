@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.jumps.spatial.stance import continuous
 from floatplan.problem.attitude import required
 from floatplan.problem.problem import Problem
 from floatplan.robot.planar.model import BASE_COORDINATES
@@ -27,10 +28,12 @@ class PlanarBase:
     ----------
     size : B
     rotations : how many numbers rotate it
+    astray : angle from the planned orientation, rad, beyond which a robot does not stand in it
     """
 
     size = BASE_COORDINATES
     rotations = 1
+    astray = 0.5
 
     def joined(self, q: Array, v: Array) -> Array:
         """Return the state (2, B + J) of a configuration and its velocity."""
@@ -68,12 +71,21 @@ class PlanarBase:
         """Return the orientation at landing that is required."""
         return problem.final.orientation
 
+    def apart(self, one: Any, other: Any) -> float:
+        """Return the angle between two orientations, rad, whole turns included."""
+        return abs(float(one - other))
+
+    def continuous(self, positions: Array) -> Array:
+        """Return configurations (N, 3 + J) of a motion, whose orientation goes on from one to the next."""
+        return positions
+
 
 class SpatialBase:
     """The base in space; members as of :class:`PlanarBase`."""
 
     size = 7
     rotations = 3
+    astray = np.pi / 2  # feet that slid may have yawed it
     quaternion = slice(3, 7)
     angular = slice(4, 7)
 
@@ -114,6 +126,14 @@ class SpatialBase:
     def goal(self, problem: Problem) -> Any:
         """Return the attitude at landing that is required, a quaternion."""
         return required(problem.final.attitude).quaternion
+
+    def apart(self, one: Any, other: Any) -> float:
+        """Return the angle between two quaternions of one motion, rad: 360 degrees in between change the sign."""
+        return float(2 * np.arccos(np.clip(one @ other, -1.0, 1.0)))
+
+    def continuous(self, positions: Array) -> Array:
+        """Return configurations (N, 7 + J) of a motion, whose quaternions do not change their signs."""
+        return continuous(np.array(positions))
 
 
 BaseStates: TypeAlias = PlanarBase | SpatialBase

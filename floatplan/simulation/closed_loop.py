@@ -33,10 +33,9 @@ from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_moti
 from floatplan.tables import Range
 
 PERIOD = 1e-3  # [s] of the joints' control
-MOST_FLIGHTS = 10_000
+MOST_FLIGHTS = 10_000  # [-] of one call
 MOST_PERIODS = 100_000  # [-] of a flight
 BUDGET = 60.0  # [s]
-MOST_RATE = 1000.0  # [Hz] corrections: one each period of the joints' control
 
 
 @one_thread
@@ -78,7 +77,7 @@ def closed_loop(
     start_time = clock.perf_counter()
     check_engine(engine)
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
-    rate = positive(MOST_RATE, "Hz")(rate, "replan")
+    rate = positive(1 / PERIOD, "Hz")(rate, "replan")
     feedback = positive(FASTEST, "rad/s")(feedback, "feedback")
     seed = SEED(seed, "seed")
     budget = optional(positive(unit="s"))(budget, "budget")
@@ -144,7 +143,7 @@ class _Loop:
         self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         robot = plan.robot
         names = self.reduced.joints
-        self.motor_columns = np.array([[float(name == motor) for motor in robot.motors] for name in names])
+        self.motor_columns = (np.array(names)[:, None] == np.array(robot.motors)).astype(np.float64)
         limits = dict(zip(robot.motors, robot.motor_torque_limits.tolist(), strict=True))
         unlimited = np.full(len(names), np.inf)
         self.motors = Motors(

@@ -1,10 +1,12 @@
-"""A robot on a free base in MuJoCo, with the ground: its links' hulls as prisms, its feet as spheres.
+"""A robot on a free base in MuJoCo, with the ground: its links' hulls, of jumps in a plane as prisms; feet as spheres.
 
 Every joint of the file moves, those that plans lock too, between its stops, and has its armature, damping and friction.
 Links touch the ground, not one another.
 """
 
+from collections.abc import Iterator
 from math import atan2, pi, remainder
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,16 +15,19 @@ from floatplan.arrays import Array
 from floatplan.jumps.check import LIGHT
 from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, point_in_joint
+from floatplan.jumps.motion import point_in_joint
+from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
+from floatplan.jumps.spatial.standing import feet_links
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
-from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec
+from floatplan.robot.shapes.solids import evenly
+from floatplan.simulation.base_states import base_states
+from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
 from floatplan.simulation.reduced_model import ReducedModel
 
-LINK = "link "  # before the name of its shape, since a foot may be called as its link
+LINK = "link "  # before the name of its shape, since a foot may be called as its link; a number is after it
 SMALLEST = 5e-3  # [m] radius of a foot's sphere
-STEP = 5e-4  # [s] of the simulation
 STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
 
 
@@ -51,26 +56,39 @@ class ContactRobot:
         self.forces = np.zeros((0, 3))
         self.points = np.zeros((0, 3))
         self.slips = np.zeros(0)
-        self.pitch = 0.0
+        self.is_spatial = isinstance(jump, SpatialJumpMotion)
+        self.base = base_states(reduced)
+        self.orientation: Any = None  # of the base, which goes on in time
         self.ground = jump.ground
 
     def begin(self, base: Array, positions: Array) -> None:
         """Stand with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``."""
         self.data.qpos[:7] = base
-        self.data.qpos[self.mujoco_robot.positions] = positions[BASE:]
-        self.pitch = float(positions[BASE - 1])
+        self.data.qpos[self.mujoco_robot.positions] = positions[self.base.size :]
+        self.orientation = self.base.orientation(positions[None])
         self.mujoco_robot.mujoco.mj_forward(self.model, self.data)
 
     def state(self) -> tuple[Array, Array]:
-        """Positions and velocities (BASE + J,) of all coordinates of ``robot.model``, in its plane."""
+        """Positions and velocities of all coordinates of ``robot.model``, in its plane or in space."""
+        if self.is_spatial:
+            q, v = self.mujoco_robot.reduced_state(self.data.qpos, self.data.qvel)
+            sign = 1.0 if self.orientation @ q[3:7] > 0 else -1.0  # as the one before
+            q[3:7] *= sign
+            self.orientation = q[3:7]
+            return q, v
         quaternion = self.data.qpos[3:7]
         pitch = 2 * atan2(quaternion[1:] @ self.robot.plane.normal, quaternion[0])
-        self.pitch += remainder(pitch - self.pitch, 2 * pi)  # whole turns included
-        positions = (self.axes @ self.data.qpos[:3], [self.pitch], self.data.qpos[self.mujoco_robot.positions])
+        self.orientation += remainder(pitch - self.orientation, 2 * pi)  # whole turns included
+        positions = (self.axes @ self.data.qpos[:3], [self.orientation], self.data.qpos[self.mujoco_robot.positions])
         return np.concatenate(positions), self._in_plane(self.data.qvel)
 
     def accelerations(self) -> Array:
-        """Accelerations (BASE + J,) of the same coordinates."""
+        """Accelerations of the same coordinates; in space of the base as Pinocchio has them, in the base's axes."""
+        if self.is_spatial:
+            _, v = self.mujoco_robot.reduced_state(self.data.qpos, self.data.qvel)
+            _, a = self.mujoco_robot.reduced_state(self.data.qpos, self.data.qacc)
+            a[:3] -= np.cross(v[3:6], v[:3])
+            return a
         return self._in_plane(self.data.qacc)
 
     def _in_plane(self, rates: Array) -> Array:
@@ -100,26 +118,31 @@ class ContactRobot:
                     self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
         return bool(np.isfinite(data.qpos).all())
 
+    def presses(self) -> bool:
+        """Whether any foot presses on the ground."""
+        return bool((self.forces @ self.robot.up > self.light).any())
+
     def links(self) -> tuple[str, ...]:
         """Names of links other than feet that touched the ground."""
         geoms = [geom for geom in self.touched if geom not in self.foot_of]
-        return tuple(sorted(self.model.geom(geom).name.removeprefix(LINK) for geom in geoms))
+        names = {self.model.geom(geom).name.removeprefix(LINK).rpartition(" ")[0] for geom in geoms}
+        return tuple(sorted(names))
 
-    def stands(self, base: Array, orientation: float) -> bool:
+    def stands(self, base: Array, orientation: Any) -> bool:
         """Whether the base is oriented as planned in the end, whole turns included, but for its yaw, and as high.
 
-        Arguments are those of :meth:`begin`, of the end.
+        Of ``base`` as of :meth:`begin`, and the ``orientation`` there, at the end.
         """
-        up = np.asarray(self.robot.plane.vertical)
+        up = np.asarray(self.robot.up)
         up_now = pin.Quaternion(*self.data.qpos[3:7]).matrix().T @ up
         up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
         height_now = self.data.qpos[:3] @ up - self.ground
         height_planned = base[:3] @ up - self.ground
         tipped = 0.5  # [rad] of the base: one that is further off does not stand
-        has_pitch = abs(self.pitch - orientation) < tipped
+        has_turned = self.base.apart(self.orientation, orientation) < self.base.astray
         is_level = (up_now * up_planned).sum() > np.cos(tipped)
         is_high = height_now > 0.6 * height_planned
-        return bool(has_pitch and is_level and is_high)
+        return bool(has_turned and is_level and is_high)
 
 
 def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sample: Sample) -> MujocoSpec:
@@ -136,7 +159,7 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     mujoco = import_mujoco()
     geoms = mujoco.mjtGeom
     robot = jump.problem.robot
-    up = np.asarray(robot.plane.vertical, dtype=np.float64)
+    up = np.asarray(robot.up, dtype=np.float64)
     mujoco_spec = MujocoSpec(robot, reduced, sample, free=True)
     spec = mujoco_spec.spec
     spec.option.timestep = STEP
@@ -146,7 +169,7 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0  # stiffness of friction over that of the normal force: feet do not creep
     spec.compiler.degree = False
-    stops = np.stack((robot.model.lowerPositionLimit, robot.model.upperPositionLimit), axis=1)[BASE:]
+    stops = np.stack((robot.model.lowerPositionLimit, robot.model.upperPositionLimit), axis=1)[reduced.of_joints[0]]
     for number, (name, stop) in enumerate(zip(reduced.joints, stops, strict=True), reduced.base_joint + 1):
         joint = spec.joint(f"joint{number}")
         if np.isfinite(stop).all():
@@ -169,20 +192,19 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     for name, (number, centre, radius) in _feet(jump).items():
         body = mujoco_spec.bodies[number]
         body.add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **touching)
-    standing = links_of(robot, jump.contacts)
-    for link in robot.link_hulls:
-        prism = None if link in standing else _prism(robot, link)
-        if prism is not None:
-            number, corners = prism
-            shape = f"{LINK}{link}"
-            spec.add_mesh(name=shape, uservert=corners.ravel())
-            mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
+    hulls = _solid_hulls(jump) if isinstance(jump, SpatialJumpMotion) else _prisms(jump)
+    for count, (link, number, corners) in enumerate(hulls):
+        shape = f"{LINK}{link} {count}"
+        spec.add_mesh(name=shape, uservert=corners.ravel())
+        mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
     return mujoco_spec
 
 
 def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     """The joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
     robot = jump.problem.robot
+    if isinstance(jump, SpatialJumpMotion):
+        return _feet_in_space(jump)
     y = jump.before[0].grid.y[:, 0]
     upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(y[0], y[1:]))
     feet: dict[str, tuple[int, Array, float]] = {}
@@ -194,17 +216,40 @@ def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     return feet
 
 
-def least_heights(jump: JumpMotion, positions: Array) -> Array:
-    """How high (N,), m, the lowest foot is above the ground, of all coordinates (N, BASE + J) of ``robot.model``."""
+def _feet_in_space(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
+    """The same of a jump in space."""
+    model = jump.robot.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, jump.at(0.0).positions[0])
+    feet: dict[str, tuple[int, Array, float]] = {}
+    for foot in jump.contacts:
+        radius = max(foot.depth, SMALLEST)
+        upwards = data.oMi[foot.body].rotation.T @ jump.robot.up
+        feet[foot.frame] = (foot.body, foot.local + (radius - foot.depth) * upwards, radius)
+    return feet
+
+
+def _prisms(jump: JumpMotion) -> Iterator[tuple[str, int, Array]]:
+    """Links but those that stand, the joints that carry them, and corners (c, 3) m of prisms in these joints' axes."""
     robot = jump.problem.robot
-    feet = _feet(jump).values()
-    data = robot.model.createData()
-    lowest = []
-    for row in positions:
-        pin.forwardKinematics(robot.model, data, row)
-        heights = [data.oMi[joint].act(centre) @ robot.plane.vertical - radius for joint, centre, radius in feet]
-        lowest.append(min(heights) - jump.ground)
-    return np.array(lowest)
+    standing = links_of(robot, jump.contacts)
+    for link in robot.link_hulls:
+        prism = None if link in standing else _prism(robot, link)
+        if prism is not None:
+            yield link, *prism
+
+
+def _solid_hulls(jump: JumpMotion) -> Iterator[tuple[str, int, Array]]:
+    """The same in space: points on the solids of links."""
+    robot = jump.problem.robot
+    standing = feet_links(robot, jump.contacts)
+    directions = evenly(60)  # so many points make a round solid round to 3 % of its radius
+    for solid in robot.solids:
+        around = directions @ solid.axes.T if solid.axes.any() else np.zeros((1, 3))
+        points = (solid.points[:, None] + around).reshape(-1, 3)
+        thickness = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1]
+        if solid.link not in standing and thickness > 1e-4:  # m: what is flat has no hull
+            yield solid.link, solid.body, points
 
 
 def _prism(robot: Robot, link: str) -> tuple[int, Array] | None:

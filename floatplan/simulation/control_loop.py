@@ -111,20 +111,17 @@ class Corrections:
         period: float,
         com: Callable[[Array, Array], tuple[Array, Array]] | None,
         begin: float = 0.0,
-        clear: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """Corrections of a flight that takes off at ``begin``, s.
 
         ``com`` measures position and velocity of the centre of mass, in a plane by its axes, from a state as it was and
-        as it was measured. Corrections are made from what was measured at ``clear[0]``, s, or later, until the time
-        ``clear[1]``, s, before the landing.
+        as it was measured.
         """
         self.replanner = replanner
         self.reduced = reduced
         self.period = period
         self.com = com
         self.begin = begin
-        self.clear = clear
         # Rounded upwards: at a call that comes too early a replanner learns only.
         rounding = 1e-9  # [-] of the periods between corrections
         self.every = math.ceil(1 / (replanner.rate * period) - rounding)
@@ -140,8 +137,7 @@ class Corrections:
     def correct(self, tick: int, now: float, sensors: Sensors) -> None:
         """Correct the motion at a tick, where that is due."""
         late = tick - sensors.delay
-        after, before = self.clear
-        if tick % self.every or late < 0 or late * self.period < after or now >= self.landing - before:
+        if tick % self.every or late * self.period < self.begin or now >= self.landing:
             return
         measured = sensors.measured[late]
         base = sensors.base

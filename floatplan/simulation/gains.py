@@ -10,7 +10,8 @@ from floatplan.arguments import by_name, number
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.robot.planar.model import BASE_COORDINATES, FREE_FLYER
+from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.urdf.base import FREE_FLYER
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))
@@ -64,7 +65,7 @@ def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
     model = robot.model
     com = pin.centerOfMass(model, model.createData(), jump.at(0.0).positions[0]) @ robot.up
     standing = robot.mass * jump.problem.flight.gravity * float(com - jump.ground)
-    takeoff, landing = next((phase.begin, phase.end) for phase in jump.phases if phase.kind == "flight")
+    takeoff, landing = jump.flight_span
     postures = jump.at(np.linspace(takeoff, landing, 33)).positions
     lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
     stiffness = float(f"{max(late_bandwidth**2 * lightest, standing):.2g}")

@@ -7,7 +7,7 @@ in the air. The ground pushes as MuJoCo's contacts do.
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,15 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.inflight.replanner import Replanner
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import BASE, JumpState
+from floatplan.jumps.motion import JumpState
+from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.simulation.base_states import base_states
-from floatplan.simulation.contact_model import ContactRobot, least_heights
+from floatplan.simulation.contact_model import ContactRobot
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.results import SimulatedFlight
-from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
+from floatplan.simulation.simulated_jump import STANDING, SimulatedJump, SimulatedSpatialJump
 
 PERIOD = 2e-3  # [s] of the joints' control
 
@@ -38,12 +39,19 @@ class JumpControl:
         robot = jump.problem.robot
         self.robot = robot
         self.reduced = reduced_model(robot, jump.problem.flight.gravity, rigid=())
+        self.base = base_states(self.reduced)
         self.times = np.arange(int((jump.duration + STANDING) / PERIOD) + 1) * PERIOD
-        self.planned = jump.at(np.minimum(self.times, jump.duration))
+        planned = jump.at(np.minimum(self.times, jump.duration))
+        self.planned = replace(planned, positions=self.base.continuous(planned.positions))
+        of_positions, of_velocities = self.reduced.of_joints
+        # Positions and rates (N, 2, J) of the joints.
+        self.planned_joints = np.stack(
+            (self.planned.positions[:, of_positions], self.planned.velocities[:, of_velocities]), axis=1
+        )
         # Quaternions with w first, as MuJoCo has them.
         self.base_ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
         self.joints = self.reduced.joints
-        self.motor_joints = [self.joints.index(name) for name in robot.motors]
+        self.motor_joints = list(map(self.joints.index, robot.motors))
         self.motors = Motors(
             effort=np.array([robot.joint_tree.joint[name].effort for name in self.joints]),
             stall=np.full(len(self.joints), np.inf),
@@ -52,17 +60,10 @@ class JumpControl:
         self.motors.effort[self.motor_joints] = jump.problem.motor_torque_limits
         self.motors.stall[self.motor_joints] = jump.problem.motor_stall
         self.motors.slope[self.motor_joints] = jump.problem.motor_slope
-        self.torques = self.planned.torques[:, BASE:] + self.reduced.lost(self.planned.velocities[:, BASE:])
+        self.torques = self.planned.torques[:, of_velocities] + self.reduced.lost(self.planned_joints[:, 1])
         self.motor_torques = self.planned.torques @ robot.transmission
         self.takeoff = jump.takeoff_time
         self.landing = jump.takeoff_time + jump.flight.duration
-        flying = (self.times >= self.takeoff) & (self.times < self.landing)
-        heights = least_heights(jump, self.planned.positions[flying])
-        least = 5e-3  # [m] as planned: a lower foot of a robot that is not as planned may touch the ground
-        clear = self.times[flying][heights > least]
-        # When all feet are clear of the ground, s, and how long before the landing one no longer is.
-        self.clear_from = float(clear[0]) if len(clear) else self.takeoff
-        self.clear_until_before_landing = float(self.landing - clear[-1]) if len(clear) else 0.0
         self.last_in_air = int(np.searchsorted(self.times, self.landing)) - 1  # row of the planned motion
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
         self._data = robot.model.createData()
@@ -89,35 +90,35 @@ class JumpControl:
         corrections = None
         if correct and self.replanner is not None:
             self.replanner.reset()
-            clear = (self.clear_from, self.clear_until_before_landing)
-            corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff, clear)
-        sensors = Sensors(perturbation, sample, PERIOD, base_states(self.reduced))
-        guide = _JumpGuide(self, corrections)
+            corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff)
+        base = self.base
+        sensors = Sensors(perturbation, sample, PERIOD, base)
+        guide = _JumpGuide(self, corrections, robot)
         control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
-        goal = self.jump.flight.problem.final.orientation
+        goal = base.goal(self.jump.flight.problem)
         pitch = np.nan
         tilt = 0.0
         share = 0.0
         slid = np.zeros(len(robot.feet))
         rows = []
         for tick in control.fly(robot, PERIOD):
-            orientation = float(tick.state[0, BASE - 1])
-            share = max(share, self.motors.share(tick.requested, tick.state[1, BASE:]))
+            share = max(share, self.motors.share(tick.requested, tick.state[1, base.size :]))
             if tick.now >= guide.landing:
                 if np.isnan(pitch):
-                    pitch = orientation - goal
-                tilt = max(tilt, abs(orientation - float(self.planned.positions[tick.number, BASE - 1])))
+                    pitch = float(base.off(tick.state[:1], goal)[0])
+                planned = base.orientation(self.planned.positions[[tick.number]])
+                tilt = max(tilt, base.apart(base.orientation(tick.state), planned))
             if not tick.finite:
                 tilt = np.inf
                 break
             if tick.now < self.jump.duration:
                 slid += robot.slips * PERIOD
             if record:
-                torques = np.append(np.zeros(BASE), sample.torque * tick.torques)
-                rows.append((*tick.state, robot.accelerations(), torques, robot.forces, robot.points))
+                torques = np.pad(sample.torque * tick.torques, (self.reduced.of_joints[1].start, 0))
+                rows.append((*base.parts(tick.state), robot.accelerations(), torques, robot.forces, robot.points))
         return SimulatedFlight(
             landing={
-                "stands": robot.stands(self.base_ends[1], self.planned.positions[-1, BASE - 1]),
+                "stands": robot.stands(self.base_ends[1], base.orientation(self.planned.positions[-1:])),
                 "touched": robot.links(),
                 "pitch": pitch,
                 "torque": share,
@@ -130,8 +131,8 @@ class JumpControl:
         )
 
     def measured_com(self, state: Array, measured: Array) -> tuple[Array, Array]:
-        """Position and velocity (2,) of the centre of mass, m and m/s: of the planned masses, from noisy joints."""
-        pin.centerOfMass(self.robot.model, self._data, *measured)
+        """Position and velocity of the centre of mass, along the axes: of planned masses, from noisy joints."""
+        pin.centerOfMass(self.robot.model, self._data, *self.base.parts(measured))
         return self.reduced.axes @ self._data.com[0], self.reduced.axes @ self._data.vcom[0]
 
     def _recorded(self, rows: Sequence[tuple[Array, ...]], robot: ContactRobot) -> SimulatedJump:
@@ -145,11 +146,12 @@ class JumpControl:
                 positions=positions,
                 velocities=velocities,
                 accelerations=accelerations,
-                forces={name: in_plane[:, foot] for foot, name in enumerate(robot.feet)},
+                forces=dict(zip(robot.feet, in_plane.swapaxes(0, 1), strict=True)),
                 torques=torques,
-                points={name: points[:, foot] for foot, name in enumerate(robot.feet)},
+                points=dict(zip(robot.feet, points.swapaxes(0, 1), strict=True)),
             )
-        return SimulatedJump(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
+        simulated = SimulatedSpatialJump if isinstance(jump, SpatialJumpMotion) else SimulatedJump
+        return simulated(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +160,8 @@ class _JumpGuide:
 
     control: JumpControl
     corrections: Corrections | None
+    robot: ContactRobot
+    presses: list[bool] = field(default_factory=list)  # whether any foot did, at each tick
 
     @property
     def end(self) -> float:
@@ -172,14 +176,15 @@ class _JumpGuide:
     def target(self, tick: int, now: float, sensors: Sensors) -> tuple[Array, Array]:
         """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
         control = self.control
-        planned = control.planned
+        self.presses.append(self.robot.presses())
         if self.corrections is None or not control.takeoff <= now < self.landing:
             # What follows the flight begins as much earlier or later as the robot lands.
             early = 0 if now < control.takeoff else round((control.landing - self.landing) / PERIOD)
             row = min(tick + early, len(control.times) - 1)
-            target = np.stack((planned.positions[row, BASE:], planned.velocities[row, BASE:]))
-            return target, control.torques[row]
-        self.corrections.correct(tick, now, sensors)
+            return control.planned_joints[row], control.torques[row]
+        # What feet that press on the ground make of a flight is not corrected: they are felt as late as all else.
+        if not self.presses[-1 - min(sensors.delay, len(self.presses) - 1)]:
+            self.corrections.correct(tick, now, sensors)
         reference = self.corrections.replanner.reference(now - control.takeoff)
         # Joints without motors get the flight's planned torques, the others what their joints lose in it; in a flight
         # that lasts longer than planned the last ones: the rows that follow are of the stance.

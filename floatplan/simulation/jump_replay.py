@@ -25,7 +25,7 @@ from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlig
 from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
 from floatplan.tables import Range
 
-MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # of gains
+MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # [-] of gains
 
 
 def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = None) -> tuple[Array, int]:
@@ -163,8 +163,6 @@ def replay_jump(
 def _jump_to_fly(jump: Jump | str | Path) -> Jump:
     """The jump, or that of a file; an error where its check does not hold, or where it lasts too long."""
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
-    if jump.robot.base == "free-flyer":
-        raise jump.robot.not_in_plane
     jump.refuse_unless_ok("fly")
     if jump.duration + STANDING > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")

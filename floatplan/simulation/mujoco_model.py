@@ -18,6 +18,7 @@ from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.spatial_motion import quaternion_rate
 
 LEAST = 1e-14  # [kg m^2] moment of inertia, or [kg] mass, of a body that moves: MuJoCo refuses 1e-15
+STEP = 5e-4  # [s] of MuJoCo's simulation, which is fixed
 GYRATION = 1e-3  # [m] least radius of gyration of a body that is free in space, where the file has a point or a line
 
 

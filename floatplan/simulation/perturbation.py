@@ -14,13 +14,12 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.tables import Range
 
-DEGREE = math.pi / 180
 RELATIVE = number(Range(-0.9, 0.9, "")), {"%": 0.01, "": 1.0}  # masses and torques keep their sign
 KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, and what one of each unit is in SI units
     **dict.fromkeys(("h", "mass", "inertia", "torque", "rise", "friction"), RELATIVE),
     "armature": (number(Range(0.0, 1e3, "kg m^2")), {"kg m^2": 1.0, "": 1.0}),
-    "noise": (number(Range(0.0, 1.0, "rad")), {"deg": DEGREE, "rad": 1.0, "": 1.0}),
-    "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": DEGREE, "rad/s": 1.0, "": 1.0}),
+    "noise": (number(Range(0.0, 1.0, "rad")), {"deg": math.radians(1), "rad": 1.0, "": 1.0}),
+    "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": math.radians(1), "rad/s": 1.0, "": 1.0}),
     "delay": (number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0}),
 }
 MEASURED = ("noise", "rate_noise", "delay")  # of corrections and feedback at a rate, not of a replay
@@ -163,7 +162,8 @@ def given_perturbation(perturb: str | Perturbation) -> Perturbation:
 
 def _number(name: str, text: str) -> float:
     _, units = KINDS[name]
-    unit = next(unit for unit in sorted(units, key=len, reverse=True) if text.endswith(unit))
+    longest_first = sorted(units, key=len, reverse=True)  # the last of them is ""
+    unit = next(filter(text.endswith, longest_first))
     try:
         value = float(text.removesuffix(unit)) * units[unit]
     except ValueError:

@@ -198,7 +198,7 @@ def _recentred(coefficients: Array, middle: float) -> Array:
     shift = flint.fmpq_poly([_fraction(middle), 1])
     powers = np.zeros(coefficients.shape[::-1])
     for joint, row in enumerate(coefficients.tolist()):
-        shifted = flint.fmpq_poly([_fraction(value) for value in row])(shift)
+        shifted = flint.fmpq_poly(list(map(_fraction, row)))(shift)
         for power, value in enumerate(shifted.coeffs()):
             powers[power, joint] = int(value.p) / int(value.q)
     return powers

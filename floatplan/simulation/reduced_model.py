@@ -110,10 +110,13 @@ def reduced_model(robot: Robot, gravity: float, rigid: Collection[str] | None = 
         model.appendBodyToJoint(carrier[number][0], source.inertias[number], carrier[number][1])
     model.armature = source.armature[velocities]
     names = [name for name in robot.model_joints if name not in rigid]
+    losses = np.zeros((2, len(names)))
+    for joint, name in enumerate(names):
+        losses[:, joint] = robot.damping.get(name, 0.0), robot.friction.get(name, 0.0)
     return ReducedModel(
         model=model,
         reference=read_only(robot.reference[positions]),
         selection=read_only(robot.selection[velocities]),
         axes=read_only([robot.plane.horizontal, robot.plane.vertical] if robot.in_plane else np.eye(3)),
-        losses=read_only([[of_kind.get(name, 0.0) for name in names] for of_kind in (robot.damping, robot.friction)]),
+        losses=read_only(losses),
     )

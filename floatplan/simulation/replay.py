@@ -38,14 +38,13 @@ from floatplan.simulation.integration import (
     fly_in_steps,
     whole_step,
 )
-from floatplan.simulation.mujoco_model import balanced_in_words
+from floatplan.simulation.mujoco_model import STEP, balanced_in_words
 from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
-STEP = 5e-4  # [s] of MuJoCo's fixed steps
 
 
 @dataclass(frozen=True, eq=False)

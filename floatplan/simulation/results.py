@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
+from itertools import chain
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 import numpy as np
@@ -115,7 +116,8 @@ class JumpLandings(Landings):
         end.
     touched : (F) names of links other than feet that touched the ground
     pitch : (F,) rad
-        Orientation where the flight should end, less the planned one; NaN of a motion that diverged before.
+        Orientation where the flight should end, less the planned one, in space the angle between the two attitudes; NaN
+        of a motion that diverged before.
     torque : (F,)
         The largest request of a motor over its limit at its speed; what is over 1 was cut off.
     slid : (F,) m
@@ -136,7 +138,7 @@ class JumpLandings(Landings):
     @property
     def links(self) -> Counter[str]:
         """How many flights touched the ground with which link."""
-        return Counter(link for links in self.touched for link in links)
+        return Counter(chain.from_iterable(self.touched))
 
     @property
     def pitch_rms(self) -> float:

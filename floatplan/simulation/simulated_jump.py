@@ -1,6 +1,6 @@
 """The motion that a simulated robot made of a jump: pictures, pages and exports read it as they read a plan's."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +9,14 @@ import numpy.typing as npt
 from floatplan.arrays import read_only
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
+from floatplan.jumps.spatial.jump_motion import JOINTS, SpatialJumpMotion
 
 STANDING = 1.0  # [s] that a jump is to stand at the end
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SimulatedJump(JumpMotion):
-    """What a robot made of a jump: its motion between recorded instants; it goes on for ``STANDING``."""
+    """What a robot made of a jump in a plane: its motion between recorded instants; it goes on for ``STANDING``."""
 
     recorded: JumpState | None = None
 
@@ -37,3 +38,15 @@ class SimulatedJump(JumpMotion):
 
         values = [between(getattr(self.recorded, row.name)) for row in fields(self.recorded)[1:]]
         return JumpState(read_only(instants), *values)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SimulatedSpatialJump(SimulatedJump, SpatialJumpMotion):
+    """The same of a jump in space."""
+
+    def at(self, times: npt.ArrayLike) -> JumpState:
+        """State at times (N,) s from the jump's start; errors as of a jump's."""
+        state = super().at(times)
+        positions = state.positions.copy()
+        positions[:, 3:JOINTS] /= np.linalg.norm(positions[:, 3:JOINTS], axis=1, keepdims=True)
+        return replace(state, positions=read_only(positions))

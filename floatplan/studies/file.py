@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from floatplan.arguments import without
 from floatplan.arrays import Array
-from floatplan.errors import InputError, naming, refuse
+from floatplan.errors import PACKAGE, InputError, naming, refuse
 from floatplan.files import json_value, read_regular, runs_folder
 from floatplan.kernel.library import description
 from floatplan.keys import read_tables
@@ -26,7 +26,6 @@ from floatplan.problem.problem import Problem
 from floatplan.studies import schema
 from floatplan.tables import ROBOT_KINDS
 
-PACKAGE = Path(__file__).resolve().parents[1]
 MOST_ROWS = 1_000_000  # [-] of a study
 LARGER_IS_BETTER = ("clearance",)  # columns of a map
 OF_JUMPS = {"height": "m", "jump_duration": "s", "friction_used": ""}  # columns that only jumps have, and their units

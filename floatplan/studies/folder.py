@@ -218,7 +218,7 @@ class StudyFolder:
         """Chunks, all of the folder if left out, as one table."""
         pa, _ = arrow()
         paths = [path for path, _ in self._chunks()] if chunks is None else chunks
-        tables = [_read(path) for path in paths]
+        tables = list(map(_read, paths))
         for path, table in zip(paths, tables, strict=True):
             if table is None:
                 raise InputError("was damaged meanwhile", source=path, advice="give the same command again")

@@ -124,7 +124,7 @@ def _edges(study: StudyFile, axis: Axis) -> Array:
 def _statuses(table: Any) -> IntArray:
     """Index (N,) into :data:`STATUSES` of each row's status."""
     names, status = words(table, "status")
-    return np.array([STATUSES.index(name) for name in names])[status]
+    return np.array(list(map(STATUSES.index, names)))[status]
 
 
 def study_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
@@ -162,7 +162,9 @@ def _cells(edges: Array, values: Array) -> IntArray:
 def units_of(table: Any) -> dict[str, str]:
     """Unit of each column for readers, exponents raised; empty where it has none, as a sum of different quantities."""
     units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in table.schema}
-    return {name: "" if unit == "mixed" else raised(unit) for name, unit in units.items()}
+    for name, unit in units.items():
+        units[name] = "" if unit == "mixed" else raised(unit)
+    return units
 
 
 def _label(key: str, units: dict[str, str]) -> str:

@@ -146,7 +146,11 @@ def _entries(index: Path, about: Mapping[str, Any]) -> dict[int, dict[str, Any]]
     with suppress(ValueError, KeyError, TypeError, AttributeError):
         content = read_json(index, 500_000_000, "an index of motions")
         if {key: content[key] for key in about} == about:
-            return {int(entry["row"]): entry for entry in content["motions"] if entry["sha256"]}
+            entries = {}
+            for entry in content["motions"]:
+                if entry["sha256"]:
+                    entries[int(entry["row"])] = entry
+            return entries
     return {}
 
 

@@ -17,7 +17,7 @@ from floatplan.planning.kernel_input.numbers import Numbers
 from floatplan.planning.kernel_input.rows import DistanceRows, PlanarRows, can_write
 from floatplan.problem.problem import Problem
 
-NODES = (64, 128, 256)  # Chebyshev nodes, as many as the motion needs
+NODES = (64, 128, 256)  # [-] Chebyshev nodes, as many as the motion needs
 ORDERS = ("velocity", "acceleration")  # of joints, as limits are named
 
 

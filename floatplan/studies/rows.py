@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import LARGEST_SEED
+from floatplan.arguments import LARGEST_SEED, without
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, InputError, printable
@@ -160,11 +160,11 @@ def _measured(problems: Family, plans: Plans, rows: IntArray) -> tuple[Array, Ar
     else:
         of = [problems[index] for index in rows.tolist()]
         durations = np.array([problem.flight.duration for problem in of])
-        of_each = [limits_of_motors(problem) for problem in of]
+        of_each = list(map(limits_of_motors, of))
         limits = {}
         for name in limits_of_motors(base):
             limits[name] = np.array([own[name] for own in of_each])
-    limits = {name: values for name, values in limits.items() if np.isfinite(values).any()}
+    limits = without(limits, [name for name, values in limits.items() if not np.isfinite(values).any()])
     by_kernel = base.robot.in_plane and limits.keys() <= {"torque", *ORDERS} and can_measure(base)
     if by_kernel and rows.size:
         orders = 0  # of the derivatives that have a limit

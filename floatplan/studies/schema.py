@@ -82,7 +82,10 @@ def with_sampling(content: Mapping[str, Any]) -> Mapping[str, Any]:
     vary = content.get("vary")
     if not isinstance(vary, Mapping):
         return content
-    lifted = {key: vary[key] for key in SAMPLING_KEYS if key in vary and key not in content}
+    lifted = {}
+    for key in SAMPLING_KEYS:
+        if key in vary and key not in content:
+            lifted[key] = vary[key]
     numbers = without(vary, lifted)
     return {**content, **lifted, "vary": numbers}
 

@@ -143,7 +143,9 @@ class Inputs:
     def forget(self, handles: Sequence[Any]) -> None:
         """Remove inputs that are gone."""
         self._shown = [shown for shown in self._shown if shown.handle not in handles]
-        self.sliders = {path: slider for path, slider in self.sliders.items() if slider not in handles}
+        for path, slider in list(self.sliders.items()):
+            if slider in handles:
+                del self.sliders[path]
 
     def follow(self, problem: fp.Problem) -> bool:
         """Show what a problem has; return whether the user still moves an input. In the thread of the user's events."""

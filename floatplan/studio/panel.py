@@ -21,7 +21,6 @@ from floatplan.studio.stage import Player, Stage
 from floatplan.studio.tasks import COLUMNS, ROWS
 from floatplan.tables import LIMIT_TABLE, OBJECTIVES, LimitKey
 
-DEGREE = math.pi / 180  # [rad]
 SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 A_NUMBER = "a number"
 DEGREES = ("auto", "7", "9", "11", "13")
@@ -31,7 +30,7 @@ DEGREES = ("auto", "7", "9", "11", "13")
 class SliderEnds:
     """How far sliders reach, so that a usual change is neither too small to hit nor out of reach."""
 
-    orientation: float = 400 * DEGREE  # [rad] to both sides of the present value
+    orientation: float = math.radians(400)  # [rad] to both sides of the present value
     speed: float = 4.0  # [m/s] horizontal, to both sides
     position: float = 2.0  # [m] of obstacles, to both sides
     least_limit: float = 0.01  # [-] of the upper end of a limit's slider
@@ -113,7 +112,10 @@ class Controls:
         self._limits.draw(view)
         self._obstacles.draw(view)
         self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
-        longest = max(shown.motion.duration for shown in (view.result, view.compared) if shown is not None)
+        longest = 0.0
+        for shown in (view.result, view.compared):
+            if shown is not None:
+                longest = max(longest, shown.motion.duration)
         self.time.max = math.ceil(1e3 * longest) / 1e3
         return in_turn(self._server, lambda: self.inputs.follow(view.problem)) or postponed
 
@@ -168,9 +170,11 @@ class Controls:
         path = f"{end}.orientation"
         angle = edits.number_at(problem, path)
         hint = "360° more is one somersault more."
-        self.inputs.slider("base, °", (path,), angle - ENDS.orientation, angle + ENDS.orientation, DEGREE, hint)
+        self.inputs.slider(
+            "base, °", (path,), angle - ENDS.orientation, angle + ENDS.orientation, math.radians(1), hint
+        )
         for joint, (low, high) in zip(problem.robot.joints, problem.position_limits.tolist(), strict=True):
-            self.inputs.slider(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, DEGREE)
+            self.inputs.slider(f"{joint}, °", (f"{end}.positions.{joint}",), low, high, math.radians(1))
         root = self._stage.ghosts[end].root
         hint = "Drag its links to change it."
         shown = self._gui.add_checkbox(f"show the {end}", initial_value=root.visible, hint=hint)
@@ -347,7 +351,10 @@ class LimitsTab:
     def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
         self._session = session
         self._inputs = inputs
-        self._sliders = {key: self._add(key) for key, row in LIMIT_TABLE.items() if row.of != "base"}
+        self._sliders = {}
+        for key, row in LIMIT_TABLE.items():
+            if row.of != "base":
+                self._sliders[key] = self._add(key)
         self._table = gui.add_html("")
 
     def draw(self, view: View) -> None:

@@ -166,9 +166,8 @@ class Stage:
     def _body(self, segment: int) -> int:
         """The first body of a segment."""
         capsules = outlines.rendered_capsules(self._robot)
-        owners = self._shapes.segment.tolist()
-        bodies = [capsule.body for capsule, owner in zip(capsules, owners, strict=True) if owner == segment]
-        return min(bodies, default=0)
+        own = np.flatnonzero(np.asarray(self._shapes.segment) == segment).tolist()
+        return min((capsules[number].body for number in own), default=0)
 
     def pivot(self, view: View, end: str, segment: int) -> tuple[complex, float]:
         """Pivot of a segment of the posture at an end, m, and its angle, rad: the base's is the centre of mass."""

@@ -12,9 +12,9 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Certificate
 from floatplan.tables import JOINT_LIMITS, LimitRow
-from floatplan.view.jumps import efforts, footing
+from floatplan.view.jumps import efforts, flies_in_space, footing
 from floatplan.view.outlines import robot_size
-from floatplan.view.sampled import SampledPlan, attitude_axes, flies_in_space, limits_in_use
+from floatplan.view.sampled import SampledPlan, attitude_axes, limits_in_use
 from floatplan.view.style import PALETTE, palette
 
 INTERVAL = "h without turning back"  # name of the interval (9)
@@ -153,9 +153,11 @@ def charts(sampled: SampledPlan, other: SampledPlan | None = None) -> list[Chart
     result += [_limited(plan, row) for row in limited]
     result.append(Chart("torques", "Torques", "N m", [Panel("torque", _motors(sampled))]))
     if flies_in_space(plan):
-        result = [_attitude(plan), *result, *_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
-    elif isinstance(plan, JumpMotion):
+        result.insert(0, _attitude(plan))
+    if isinstance(plan, JumpMotion):
         result = [*_of_jump(sampled, plan), *result]
+    elif isinstance(plan, Plan) and flies_in_space(plan):
+        result += [*_shares_in_space(sampled, plan), *_momentum_in_space(plan)]
     elif isinstance(plan, Plan):
         inertia = _of_segments(plan, [f"inertia.{segment}" for segment in range(len(joints) + 1)])
         result += [_momentum(plan), Chart("inertia", "Inertia row D", "kg m²", [Panel("D", inertia)])]
@@ -177,7 +179,8 @@ def _of_jump(sampled: SampledPlan, jump: JumpMotion) -> list[Chart]:
     locks = [
         Curve(name, "", colour) for (_, name), colour in zip(by_use, PALETTE.obstacles, strict=False)
     ]  # the most used
-    cone = Panel("|Fx| over μ Fz", friction, fixed=[ReferenceLine("limit", PALETTE.ink, np.array(1.0))])
+    horizontal = "horizontal force" if flies_in_space(jump) else "|Fx|"
+    cone = Panel(f"{horizontal} over μ Fz", friction, fixed=[ReferenceLine("limit", PALETTE.ink, np.array(1.0))])
     height = Panel("height", [Curve("CM", "com_height", PALETTE.ink)])
     result = [
         Chart("contacts", "On the ground", "", [Panel("", stands)], of_each=False),
@@ -222,10 +225,11 @@ def _shares(
     return Chart(name, title, "%", [Panel(title.lower(), shares, fixed=lines)], factor=100)
 
 
-def _attitude(plan: Plan) -> Chart:
+def _attitude(plan: Trajectory) -> Chart:
     """Angles of the base, with whole turns; where the problem gives two quaternions yaw, pitch and roll."""
-    axes, names = attitude_axes(plan.problem)
-    states = (plan.problem.initial, plan.problem.final)
+    problem = plan.whole_problem
+    axes, names = attitude_axes(problem)
+    states = (problem.initial, problem.final)
     ends = [np.zeros(3) if state.attitude is None else state.attitude.angles_about(axes) for state in states]
     curves = []
     for index, (name, axis, start, goal) in enumerate(zip(names, axes, *ends, strict=True)):

@@ -1,7 +1,8 @@
 """Forces on the feet during a whole jump, for pictures and pages."""
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from itertools import cycle
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -10,10 +11,19 @@ from floatplan.arrays import Array, ComplexArray
 from floatplan.jumps.check import LIGHT, JumpCheck
 from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.spatial.standing import Foot
 from floatplan.motion.dynamics import FlightState
+from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
+from floatplan.robot.shapes.capsules import convex_hull
+from floatplan.view.solids import CAMERA
 from floatplan.view.style import PALETTE, round_below
+
+
+def flies_in_space(motion: Trajectory) -> bool:
+    """Whether a robot moves in space."""
+    return motion.robot.in_plane is None
 
 
 @runtime_checkable
@@ -46,14 +56,14 @@ class Footing:
     """
 
     jump: JumpMotion
-    contacts: dict[str, GroundContact]
+    contacts: dict[str, GroundContact | Foot]
     times: Array
     sizes: Array
 
     @property
     def colours(self) -> dict[str, str]:
         """Of the contacts, by their names."""
-        return {name: PALETTE.contacts[index % len(PALETTE.contacts)] for index, name in enumerate(self.contacts)}
+        return dict(zip(self.contacts, cycle(PALETTE.contacts), strict=False))
 
     @property
     def metres_per_newton(self) -> float:
@@ -68,44 +78,79 @@ class Footing:
         return f"force: {force:g} N are {force * self.metres_per_newton:.2g} m; cone: friction {friction:g}"
 
     @property
-    def cone(self) -> ComplexArray:
-        """Corners (3,) of a friction cone in pictures, m, its tip at 0; 0.3 of the greatest height of the CM long."""
-        side = complex(self.jump.request.friction, 1.0)
-        return np.array([0j, side, -side.conjugate()], np.complex128) / abs(side) * 0.3 * self.jump.height
+    def axes(self) -> dict[str, Array]:
+        """Axes (3,) of the world along which components of forces are listed, by the letters of their names."""
+        if flies_in_space(self.jump):
+            return dict(zip("xyz", np.eye(3), strict=True))
+        plane = self.jump.robot.plane
+        return {"x": plane.horizontal, "z": plane.vertical}
 
-    def forces(self, times: Array) -> ComplexArray:
-        """Forces (N, contacts) N, summed over the points of a contact, horizontal + i vertical; NaN where none acts."""
+    @cached_property
+    def cone_in_world(self) -> Array:
+        """Corners (k, 3) of a friction cone in pictures, m: its rim, and the tip, which is at 0.
+
+        It is as long as 0.3 of the greatest height of the centre of mass.
+        """
+        side = np.array([self.jump.request.friction, 1.0])
+        radius, height = 0.3 * self.jump.height * side / np.linalg.norm(side)
+        angles = np.linspace(0.0, 2 * np.pi, 33)  # of the rim's corners, the last on the first
+        axes = self.axes
+        across = np.cross(axes["z"], axes["x"])
+        rim = np.outer(np.cos(angles), axes["x"]) + np.outer(np.sin(angles), across)
+        return np.vstack((radius * rim + height * axes["z"], np.zeros(3)))
+
+    @property
+    def cone(self) -> ComplexArray:
+        """Corners (k,) of a friction cone in pictures, m, its tip at 0."""
+        return convex_hull(self.seen(self.cone_in_world))
+
+    def seen(self, points: Array) -> ComplexArray:
+        """Positions (...) in pictures of points (..., 3), m: in a plane horizontal + i vertical, else by the camera."""
+        if flies_in_space(self.jump):
+            return CAMERA(points)
+        plane = self.jump.robot.plane
+        return np.asarray(points @ plane.horizontal + 1j * (points @ plane.vertical))
+
+    def forces_in_world(self, times: Array) -> Array:
+        """Forces (N, contacts, 3) N, summed over the points of a contact; NaN where none acts."""
         return _forces(self.jump, self.contacts, times)
 
-    def feet(self, times: Array) -> ComplexArray:
-        """Positions (N, contacts) m where these forces act, between left and right; NaN where nothing stands."""
-        plane = self.jump.robot.plane
+    def feet_in_world(self, times: Array) -> Array:
+        """Positions (N, contacts, 3) m where these forces act, between left and right; NaN where nothing stands."""
         points = self.jump.at(times).points
-        feet = np.empty((len(times), len(self.contacts)), dtype=np.complex128)
+        feet = np.empty((len(times), len(self.contacts), 3))
         for index, contact in enumerate(self.contacts.values()):
-            middle = np.mean([points[name] for name in contact.names], axis=0)
-            feet[:, index] = middle @ plane.horizontal + 1j * (middle @ plane.vertical)
+            feet[:, index] = np.mean([points[name] for name in contact.names], axis=0)
         return feet
+
+    def forces(self, times: Array) -> ComplexArray:
+        """The same forces (N, contacts) N, as they are seen in pictures."""
+        return self.seen(self.forces_in_world(times))
+
+    def feet(self, times: Array) -> ComplexArray:
+        """The same positions (N, contacts) m, as they are seen in pictures."""
+        return self.seen(self.feet_in_world(times))
 
 
 @lru_cache(maxsize=8)
 def footing(jump: JumpMotion) -> Footing:
     """Return what a jump stands on; there has to be a jump."""
-    contacts = {}
+    contacts: dict[str, GroundContact | Foot] = {}
     for stance in jump.stances:
         for contact in stance.contacts:
             contacts[" + ".join(contact.names)] = contact
     times = np.linspace(0.0, jump.duration, 601)  # forces are largest among 601 instants
-    return Footing(jump, contacts, times, np.abs(np.nan_to_num(_forces(jump, contacts, times))))
+    return Footing(jump, contacts, times, np.linalg.norm(np.nan_to_num(_forces(jump, contacts, times)), axis=2))
 
 
-def _forces(jump: JumpMotion, contacts: dict[str, GroundContact], times: Array) -> ComplexArray:
-    of_points = jump.at(times).forces
-    forces = np.zeros((len(times), len(contacts)), dtype=np.complex128)
+def _forces(jump: JumpMotion, contacts: dict[str, GroundContact | Foot], times: Array) -> Array:
+    of_points = jump.forces(times)
+    forces = np.zeros((len(times), len(contacts), 3))
     for index, contact in enumerate(contacts.values()):
         for name in contact.names:
-            forces[:, index] += of_points[name] @ [1, 1j]
-    return np.where(forces == 0, complex(np.nan, np.nan), forces)
+            forces[:, index] += of_points[name]
+    acts = forces.any(axis=2, keepdims=True)
+    return np.where(acts, forces, np.nan)
 
 
 def moments(jump: JumpMotion, flying: int = 2) -> Array:
@@ -135,27 +180,29 @@ def jump_columns(jump: JumpMotion, state: FlightState) -> dict[str, Array]:
     standing = footing(jump)
     problem = jump.whole_problem
     robot = jump.robot
-    forces = standing.forces(state.times)
-    feet = standing.feet(state.times)
+    forces = standing.forces_in_world(state.times)
+    feet = standing.feet_in_world(state.times)
     torque_use, rate_use = limit_shares(problem, state)
     light = LIGHT * robot.mass * problem.flight.gravity
-    cones = jump.request.friction * np.where(forces.imag > light, forces.imag, np.nan)
+    axes = standing.axes
+    vertical = forces @ axes["z"]
+    horizontal = np.linalg.norm(forces - vertical[:, :, None] * axes["z"], axis=2)
+    cones = jump.request.friction * np.where(vertical > light, vertical, np.nan)
     rows = [robot.model.idx_vs[robot.model.getJointId(name)] for name in robot.locked]
     tables = {
-        "stands": np.where(np.isnan(forces), np.nan, -np.arange(len(standing.contacts))),
-        "foot_x": feet.real,
-        "foot_z": feet.imag,
-        "force_x": forces.real,
-        "force_z": forces.imag,
-        "friction": np.abs(forces.real) / cones,
+        "stands": np.where(np.isnan(vertical), np.nan, -np.arange(len(standing.contacts))),
+        "friction": horizontal / cones,
         "torque_use": torque_use,
         "rate_use": rate_use,
         "held_use": jump.at(state.times).torques[:, rows] / [*efforts(jump).values()],
     }
+    for letter, axis in axes.items():
+        tables[f"foot_{letter}"] = feet @ axis
+        tables[f"force_{letter}"] = forces @ axis
     columns: dict[str, Array] = {}
     for name, table in tables.items():
         add_columns(columns, name, table)
-    columns["com_height"] = state.com_position[:, 1] - jump.ground
+    columns["com_height"] = state.com_position[:, -1] - jump.ground
     return columns
 
 

@@ -8,14 +8,12 @@ from itertools import islice
 import numpy as np
 import pinocchio as pin
 from matplotlib.colors import to_hex
-from scipy.spatial import ConvexHull
 
 from floatplan.arguments import html_table
-from floatplan.arrays import ComplexArray
 from floatplan.errors import InputError
+from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.robot.robot import Robot
-from floatplan.view.outlines import box_around, pairs
-from floatplan.view.solids import CAMERA, rendered_solids
+from floatplan.view.outlines import box_around, pairs, seen_robot
 from floatplan.view.style import palette
 
 
@@ -53,33 +51,27 @@ def robot_svg(robot: Robot) -> str:
     InputError
         The geometry of a link is wrong.
     """
-    outlines = _outlines(robot)
-    low, high = box_around(np.concatenate([outline for _, outline in outlines]), 0.04)
+    placed = seen_robot(robot, np.zeros(1), _resting_poses(robot), np.zeros(1, dtype=np.complex128))
+    outlines = placed.outlines(0)
+    low, high = box_around(np.concatenate(outlines), 0.04)
     width = (high - low).real
     height = (high - low).imag
     scale = 220 / max(width, height)  # [px/m] the longer side has 220 pixels
     colours = palette(1 + len(robot.joints))
     polygons = []
-    for segment, outline in outlines:
-        corners = pairs(outline - complex(low.real, high.imag)) * [scale, -scale]  # y points down in a drawing
+    for shape, _ in placed.painted(0):
+        corners = pairs(outlines[shape] - complex(low.real, high.imag)) * [scale, -scale]  # y points down in a drawing
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
-        polygons.append(f'<polygon points="{points}" fill="{to_hex(colours[segment])}"/>')
+        polygons.append(f'<polygon points="{points}" fill="{to_hex(colours[placed.segment[shape]])}"/>')
     size = f'width="{scale * width:.0f}" height="{scale * height:.0f}"'
     look = 'style="flex: none" stroke="#222" stroke-width="0.7" fill-opacity="0.85"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size} {look}>{"".join(polygons)}</svg>'
 
 
-def _outlines(robot: Robot) -> list[tuple[int, ComplexArray]]:
-    """Segment and outline of each solid as the camera sees it, the farthest first."""
+def _resting_poses(robot: Robot) -> BodyPoses:
+    """Poses of the bodies where the base is level and the joints are at zero."""
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.resting_configuration)
-    placed = []
-    for solid in rendered_solids(robot):
-        joint = data.oMi[solid.body]
-        placed.append((solid.segment, solid.points @ joint.rotation.T + joint.translation))
-    placed.sort(key=lambda solid: float((solid[1] @ CAMERA.toward).mean()))
-    outlines = []
-    for segment, points in placed:
-        seen = CAMERA(points)
-        outlines.append((segment, seen[ConvexHull(pairs(seen)).vertices]))
-    return outlines
+    places = [placement.translation for placement in data.oMi]
+    rotations = [placement.rotation for placement in data.oMi]
+    return BodyPoses(np.array([places]), np.array([rotations]))

@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
@@ -22,13 +24,9 @@ from floatplan.problem.spatial_obstacles import HalfSpace, SpatialObstacle
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
-from floatplan.view.jumps import moments
-from floatplan.view.sampled import flies_in_space
+from floatplan.view.jumps import flies_in_space, moments
 from floatplan.view.solids import CAMERA, face_normals, obstacle_corners, rendered_solids
 from floatplan.view.style import round_below
-
-if TYPE_CHECKING:
-    from floatplan.motion.spatial.bodies import BodyPoses
 
 ARC = 12  # [-] corners of the half circle at an end of a link or bar
 STANDING = 0.02  # [-] of the robot's size: how far it may reach below the ground that it stands on
@@ -54,6 +52,8 @@ class Postures:
     depth : (K, S, k) m, optional
         Of the corners, towards the viewer.
     faces : for each shape its triangles (f, 3), corners by their numbers
+    shadows : (K, S, k) complex, m, optional
+        Of the corners, on the ground straight below them.
     """
 
     times: Array
@@ -65,6 +65,7 @@ class Postures:
     landing: ComplexArray
     depth: Array | None = None
     faces: Sequence[IntArray] = ()
+    shadows: ComplexArray | None = None
 
     def painted(self, index: int) -> list[tuple[int, list[tuple[ComplexArray, float]]]]:
         """Return the shapes at an instant in the order of painting, from back to front, each with its visible faces.
@@ -104,7 +105,7 @@ class Postures:
     def outlines(self, index: int) -> list[ComplexArray]:
         """Closed outlines (points,) of the shapes at instant ``index``, m."""
         if self.depth is not None:
-            return [convex_hull(corners) for corners in self.corners[index]]
+            return list(map(convex_hull, self.corners[index]))
         shapes = zip(self.corners[index], self.radius.tolist(), strict=True)
         return [stadium(complex(start), complex(end), radius) for (start, end), radius in shapes]
 
@@ -112,9 +113,15 @@ class Postures:
 def postures(plan: Trajectory, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
     if flies_in_space(plan):
-        frames = (plan.problem.takeoff.frame, plan.problem.landing.frame)
-        return seen_robot(plan.robot, times, bodies(plan, times), com_path(plan, times), frames)
+        ground = plan.ground if isinstance(plan, JumpMotion) else None
+        return seen_robot(plan.robot, times, bodies(plan, times), com_path(plan, times), _frames(plan), ground)
     return placed_robot(plan.whole_problem, times, *coordinates(plan, times))
+
+
+def _frames(plan: Trajectory) -> tuple[str, str]:
+    """Frames that take off and land."""
+    problem = plan.whole_problem
+    return problem.takeoff.frame, problem.landing.frame
 
 
 def coordinates(plan: Trajectory, times: Array) -> tuple[Array, Array, ComplexArray]:
@@ -129,9 +136,7 @@ def posture_at(plan: Trajectory, state: JointState, time: float) -> Postures:
     """Return the robot in a posture of its own, its centre of mass where the motion has it at ``time``."""
     times = np.array([time])
     if flies_in_space(plan):
-        whole: Any = plan.whole
-        frames = (plan.problem.takeoff.frame, plan.problem.landing.frame)
-        return seen_robot(plan.robot, times, whole.posture(state, time), com_path(plan, times), frames)
+        return seen_robot(plan.robot, times, posed(plan, state, time), com_path(plan, times), _frames(plan))
     orientation = np.array([state.orientation])
     com = com_path(plan, times)
     return placed_robot(plan.whole_problem, times, orientation, state.positions[None], com)
@@ -160,19 +165,33 @@ def placed_robot(problem: Problem, times: Array, orientation: Array, positions: 
     )
 
 
-def bodies(plan: Plan, times: Array) -> BodyPoses:
+def bodies(plan: Trajectory, times: Array) -> BodyPoses:
     """Poses of the bodies of a robot in space at times (K,), s."""
-    whole: Any = plan.whole
-    poses: BodyPoses = whole.bodies(times)
-    return poses
+    if isinstance(plan, Plan):  # its state would compute torques as well, which takes longer
+        whole: Any = plan.whole
+        poses: BodyPoses = whole.bodies(times)
+        return poses
+    state = plan.state(times)
+    return BodyPoses.of(plan.robot, of_quaternions(state.orientation), state.positions, state.com_position)
+
+
+def posed(plan: Trajectory, state: JointState, time: float) -> BodyPoses:
+    """Poses of the bodies of a robot in space in a posture, its centre of mass where the motion has it at a time, s."""
+    return BodyPoses.posed(plan.robot, state, com_positions(plan, np.array([time]))[0])
 
 
 def seen_robot(
-    robot: Robot, times: Array, poses: BodyPoses, com: ComplexArray, frames: tuple[str, str] | None = None
+    robot: Robot,
+    times: Array,
+    poses: BodyPoses,
+    com: ComplexArray,
+    frames: tuple[str, str] | None = None,
+    ground: float | None = None,
 ) -> Postures:
     """Return a robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m.
 
-    ``frames`` take off and land; without any the centre of mass is marked instead.
+    ``frames`` take off and land; without any the centre of mass is marked instead. It casts a shadow on ``ground``, at
+    a height, m.
     """
     solids = rendered_solids(robot)
     corners = max(len(solid.points) for solid in solids)
@@ -181,6 +200,11 @@ def seen_robot(
         points = np.pad(solid.points, ((0, corners - len(solid.points)), (0, 0)), "edge")
         positions.append(poses.points(solid.body, points))
     placed = np.stack(positions, axis=1)
+    shadows = None
+    if ground is not None:
+        below = placed.copy()
+        below[..., 2] = ground
+        shadows = CAMERA(below)
     return Postures(
         times=times,
         com=com,
@@ -191,6 +215,7 @@ def seen_robot(
         landing=com if frames is None else CAMERA(poses.frame(robot, frames[1])),
         depth=placed @ CAMERA.toward,
         faces=[solid.faces for solid in solids],
+        shadows=shadows,
     )
 
 
@@ -224,7 +249,7 @@ def body_poses(robot: Robot, orientation: Array, positions: Array, com: ComplexA
     return Poses(places=com[:, None] + rotations @ origins.T, angles=angles, rotations=rotations)
 
 
-def turns(plan: Plan, times: Array) -> Array:
+def turns(plan: Trajectory, times: Array) -> Array:
     """Angles (K - 1, m), rad, between the attitudes of the bodies at one of the times (K,), s, and at the next."""
     if flies_in_space(plan):
         rotations = bodies(plan, times).rotations
@@ -233,13 +258,13 @@ def turns(plan: Plan, times: Array) -> Array:
     return np.asarray(np.abs(np.diff(body_poses(plan.robot, *coordinates(plan, times)).angles, axis=0)))
 
 
-def ball(plan: Plan) -> tuple[Array, float]:
-    """Return centre (3,) and radius, m, of a ball that contains a flight in space, and its bounded obstacles."""
-    state = plan.at(np.linspace(0.0, plan.duration, 33))
+def ball(plan: Trajectory) -> tuple[Array, float]:
+    """Return centre (3,) and radius, m, of a ball that contains a motion in space, and its bounded obstacles."""
+    state = plan.state(np.linspace(0.0, plan.duration, 33))
     size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
     low = state.com_position.min(axis=0) - size
     high = state.com_position.max(axis=0) + size
-    for obstacle in plan.problem.obstacles:
+    for obstacle in plan.whole_problem.obstacles:
         for time in obstacle_times(obstacle, plan.duration) if obstacle.bounded else ():
             corners = obstacle_corners(obstacle) + time * np.array(obstacle.velocity)
             low = np.minimum(low, corners.min(axis=0))
@@ -247,16 +272,16 @@ def ball(plan: Plan) -> tuple[Array, float]:
     return (low + high) / 2, float((high - low).max()) / 2
 
 
-def grids(plan: Plan) -> list[Array]:
-    """Lines (2, 3), m, of grids on the ground of a flight in space, and on its half-spaces at takeoff."""
+def grids(plan: Trajectory) -> list[Array]:
+    """Lines (2, 3), m, of grids on the ground of a motion in space, and on its half-spaces at its beginning."""
     lines = floor(plan)
-    for obstacle in plan.problem.obstacles:
+    for obstacle in plan.whole_problem.obstacles:
         if isinstance(obstacle, HalfSpace):
             lines += _wall(plan, obstacle)
     return lines
 
 
-def _wall(plan: Plan, obstacle: HalfSpace) -> list[Array]:
+def _wall(plan: Trajectory, obstacle: HalfSpace) -> list[Array]:
     """Lines (2, 3), m, of a grid on a half-space, nearest to the flight."""
     centre, radius = ball(plan)
     normal = np.array(obstacle.unit_normal)
@@ -272,12 +297,15 @@ def _wall(plan: Plan, obstacle: HalfSpace) -> list[Array]:
     return lines
 
 
-def floor(plan: Plan) -> list[Array]:
-    """Lines (2, 3), m, of a grid on the ground that a flight in space leaves, where it stands on it at takeoff."""
+def floor(plan: Trajectory) -> list[Array]:
+    """Lines (2, 3), m, of a grid on the ground on which a motion in space begins, where the robot stands on it."""
     poses = bodies(plan, np.linspace(0.0, plan.duration, 33))
     placed = np.concatenate([poses.points(solid.body, solid.points) for solid in rendered_solids(plan.robot)], axis=1)
     low = placed.min(axis=(0, 1))
     high = placed.max(axis=(0, 1))
+    if isinstance(plan, JumpMotion):
+        return floor_lines(low, high, plan.ground)
+    assert isinstance(plan, Plan)
     level = float(placed[0, :, 2].min())
     size = float((high - low).max())
     stands = poses.frame(plan.robot, plan.problem.takeoff.frame)[0, 2] <= level + 2 * STANDING * size
@@ -301,9 +329,14 @@ def floor_lines(low: Array, high: Array, level: float) -> list[Array]:
     return lines
 
 
+def com_positions(plan: Trajectory, times: Array) -> Array:
+    """Positions (K, 2), horizontal and vertical, or in space (K, 3), of the centre of mass at times (K,), m."""
+    return plan.ballistics.positions(times) if isinstance(plan, Plan) else plan.state(times).com_position
+
+
 def com_path(plan: Trajectory, times: Array) -> ComplexArray:
-    """Positions (K,) of the centre of mass at times (K,), m."""
-    positions = plan.ballistics.positions(times) if isinstance(plan, Plan) else plan.state(times).com_position
+    """The same (K,) in pictures."""
+    positions = com_positions(plan, times)
     return CAMERA(positions) if flies_in_space(plan) else np.asarray(positions @ [1, 1j])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeGuard, cast
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,11 +11,13 @@ from scipy.spatial.transform import Rotation
 from floatplan.arrays import Array
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.dynamics import FlightState
+from floatplan.motion.spatial.rotations import of_quaternions, unwrapped_angles
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
+from floatplan.problem.attitude import required
 from floatplan.problem.problem import Problem
 from floatplan.tables import JOINT_LIMITS
-from floatplan.view.jumps import add_columns, jump_columns
+from floatplan.view.jumps import add_columns, flies_in_space, jump_columns
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,12 @@ class SampledPlan:
         """Sample a plan at times (N,), s; with the obstacles and the order of motors of a ``reference`` or its own."""
         state = plan.state(times)
         reference = reference or plan
-        columns = _columns_in_space(plan, state) if flies_in_space(plan) else _columns_in_plane(plan, state)
+        if not flies_in_space(plan):
+            columns = _columns_in_plane(plan, state)
+        else:
+            columns = _columns_in_space(plan, state)
+            if isinstance(plan, Plan):
+                columns |= _columns_of_flight(plan, state)
         add_columns(columns, "positions", state.positions)
         for row in JOINT_LIMITS:
             add_columns(columns, row.quantity, getattr(state, row.quantity))
@@ -73,16 +80,18 @@ def _columns_in_plane(plan: Trajectory, state: FlightState) -> dict[str, Array]:
     return columns
 
 
-def flies_in_space(plan: Trajectory) -> TypeGuard[Plan]:
-    """Whether a robot flies in space."""
-    return isinstance(plan, Plan) and plan.robot.in_plane is None
+def attitude_axes(problem: Problem) -> tuple[str, tuple[str, ...]]:
+    """Axes of the base's angles, those of the goal or the start, and names of the rotations about them.
 
-
-def attitude_axes(problem: Problem) -> tuple[str, tuple[str, str, str]]:
-    """Axes of the base's angles, those of the goal or the start, and names of the rotations about them."""
+    Of jumps, whose x is forwards, they are roll, pitch and yaw; else those of the body in flight.
+    """
     for state in (problem.final, problem.initial):
         if state.attitude is not None and state.attitude.axes is not None:
-            return state.attitude.axes, ("somersault", "tilt", "twist")
+            axes = state.attitude.axes
+            if problem.jump is None:
+                return axes, ("somersault", "tilt", "twist")
+            names = {"x": "roll", "y": "pitch", "z": "yaw"}  # of what stands with x forwards and z up
+            return axes, tuple(names[axis] for axis in axes)
     return "zyx", ("yaw", "pitch", "roll")
 
 
@@ -97,25 +106,9 @@ def limits_in_use(plan: Plan) -> dict[str, Array]:
     return result
 
 
-def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
-    """Columns of positions and vectors end in x, y, z; moments of inertia rise."""
-    inertia, _ = plan.dynamics.momentum_maps(state.positions)
-    rotation = Rotation.from_quat(state.orientation)
-    of_base = rotation.apply(np.einsum("kab,kb->ka", inertia, state.orientation_rate))
-    h = np.asarray(plan.angular_momentum)
-    if np.linalg.norm(h) <= 1e-12 * np.linalg.norm(of_base, axis=1).max():  # h is 0 but for rounding
-        h = (rotation[-1] * rotation[0].inv()).as_rotvec()  # the axis of the base's whole rotation takes its role
-    along = h / (np.linalg.norm(h) or 1.0)
-    axes = attitude_axes(plan.problem)[0]
-    whole = cast("Any", plan.whole)
-    limits = limits_in_use(plan)
-    rates = state.velocities @ plan.robot.motor_ratios.T
-    columns = {
-        "orientation_rate": np.linalg.norm(state.orientation_rate, axis=1),
-        "momentum_base": of_base @ along,
-        "momentum": state.angular_momentum @ along,
-    }
-    columns["momentum_joints"] = columns["momentum"] - columns["momentum_base"]
+def _columns_in_space(plan: Trajectory, state: FlightState) -> dict[str, Array]:
+    """Positions, attitude and angles of the base; columns of positions and vectors end in x, y, z."""
+    columns = {"orientation_rate": np.linalg.norm(state.orientation_rate, axis=1)}
     vectors = {
         "com_": state.com_position,
         "base_": state.base_position,
@@ -124,9 +117,37 @@ def _columns_in_space(plan: Plan, state: FlightState) -> dict[str, Array]:
     for name, values in vectors.items():
         for axis, column in zip("xyz", values.T, strict=True):
             columns[name + axis] = column
+    add_columns(columns, "orientation", _angles(plan, state))
+    add_columns(columns, "quaternion", state.orientation)
+    return columns
+
+
+def _angles(plan: Trajectory, state: FlightState) -> Array:
+    """Angles (N, 3), rad, of the base, with whole turns, from those requested at the beginning."""
+    axes = attitude_axes(plan.whole_problem)[0]
+    if isinstance(plan, Plan):
+        whole: Any = plan.whole
+        return np.asarray(whole.angles_at(axes, state.times))
+    angles = unwrapped_angles(axes, of_quaternions(state.orientation))
+    requested = required(plan.whole_problem.initial.attitude).angles_about(axes)
+    turns = np.rint((requested - angles[0]) / (2 * np.pi))
+    return np.asarray(angles + 2 * np.pi * turns * [1, 0, 1])
+
+
+def _columns_of_flight(plan: Plan, state: FlightState) -> dict[str, Array]:
+    """Angular momentum of base and joints along h, moments of inertia, which rise, and shares of limits."""
+    inertia, _ = plan.dynamics.momentum_maps(state.positions)
+    rotation = Rotation.from_quat(state.orientation)
+    of_base = rotation.apply(np.einsum("kab,kb->ka", inertia, state.orientation_rate))
+    h = np.asarray(plan.angular_momentum)
+    if np.linalg.norm(h) <= 1e-12 * np.linalg.norm(of_base, axis=1).max():  # h is 0 but for rounding
+        h = (rotation[-1] * rotation[0].inv()).as_rotvec()  # the axis of the base's whole rotation takes its role
+    along = h / (np.linalg.norm(h) or 1.0)
+    limits = limits_in_use(plan)
+    rates = state.velocities @ plan.robot.motor_ratios.T
+    columns = {"momentum_base": of_base @ along, "momentum": state.angular_momentum @ along}
+    columns["momentum_joints"] = columns["momentum"] - columns["momentum_base"]
     rows = {
-        "orientation": whole.angles_at(axes, state.times),
-        "quaternion": state.orientation,
         "inertia": np.linalg.eigvalsh(inertia),
         "torque_use": state.motor_torques / limits["torque"],
         "rate_use": rates / limits["velocity"],

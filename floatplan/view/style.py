@@ -27,6 +27,7 @@ class Palette:
     ink: str = "#222222"
     grey: str = "#8a8a8a"
     pale: str = "#c9c9c9"
+    shadow: str = "#d6d3cb"
     alarm: str = "#b00020"
     hues: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")  # Okabe and Ito's
     obstacles: tuple[str, ...] = ("#444444", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00")  # of their curves

@@ -124,7 +124,7 @@ def transitions_of(flight, record, q):
     """Transitions near those of an approximation: any serve."""
     motion = flight.motion
     middles = q[:, 0] / np.linalg.norm(q[:, 0], axis=1, keepdims=True)
-    inverse, relative = motion.inverse.c[:, 0], motion.relative.c[:, 0, :, :, 0]
+    inverse, relative = motion.inverse.c[:, 0], motion.joint_momentum.c[:, 0, :, :, 0]
     return _series(inverse, relative, flight.cells.half.mid, np.array(record.angular_momentum), middles)[1]
 
 

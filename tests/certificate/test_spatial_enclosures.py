@@ -96,11 +96,11 @@ def enclosed(record, instants, rng):
         approximation = approximate(motion, cells, momentum, start, flight.quaternions[:, 0])
         approximated = bound._approximated(approximation, cells, momentum)
         residuals = bound.attitude_bound(motion, approximation, cells, momentum, start).residuals
-        found = forces(robot, motion, approximated.seen)
+        found = forces(robot, motion, approximated.momentum_in_base)
         shapes = capsules_of(recorded_robot(record.robot)) if robot.with_collision else None
         surroundings = Surroundings(robot, record, flight, shapes, None)
         segments = surroundings.segments[:MOST_SHAPES]
-        moving = surroundings.seen(*POINT)
+        moving = surroundings.from_com_in_base(*POINT)
         in_world = surroundings.to_base.transposed @ segments.start
     compared = Compared()
     with flint.ctx.workprec(BITS):
@@ -117,13 +117,13 @@ def enclosed(record, instants, rng):
             relative = sharp.momentum(q, dq, column("0 0 0"))
             compared.entries("inertia", motion.inertia, cell, u, inertia)
             compared.entries("inverse", motion.inverse, cell, u, inertia.inv())
-            compared.entries("relative", motion.relative, cell, u, relative)
+            compared.entries("relative", motion.joint_momentum, cell, u, relative)
             polynomials = [flint.arb_poly(column.tolist()) for column in approximation.quaternions[cell].T]
             quaternion = [polynomial(u) for polynomial in polynomials]
             attitude = turned(quaternion)
             seen = attitude.transpose() * h
             compared.entries("attitude", approximated.attitudes, cell, u, attitude)
-            compared.entries("seen", approximated.seen, cell, u, seen)
+            compared.entries("seen", approximated.momentum_in_base, cell, u, seen)
             omega = inertia.solve(seen - relative)
             compared.entries("rate", found.rate, cell, u, omega)
             compared.scalars("torque", found.motor_torques, cell, u, sharp.torques(q, dq, ddq, omega))

@@ -12,6 +12,7 @@ from typing import Any
 import clip_samples as samples
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 
@@ -89,6 +90,14 @@ def test_feet_and_ground_may_be_given(judge: Judge) -> None:
     assert verdicts(judge(hop, ground=1.0)) == []
     with pytest.raises(fp.InputError, match=r"feet.*nothing"):
         judge(hop, feet=("nothing",))
+
+
+def test_a_tilted_robot_stands_on_all_its_feet(judge: Judge) -> None:
+    hop = samples.hops(60, (0.4,))
+    tilt = Rotation.from_rotvec([math.radians(28.0), 0.0, 0.0])  # about the x axis: one leg is 11 cm longer
+    legs = np.tile([0.0, 0.0, -0.76, 1.52], (hop.frames, 1))
+    check = judge(replace(hop, attitudes=tilt * hop.attitudes, joints=legs))
+    assert check.clip.scene.foot_names == ("l_shank", "r_shank")
 
 
 def test_a_base_may_be_a_foot(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,30 @@ def test_a_flight_that_falls_wrongly_is_retimed(gravity: float, robot: fp.Robot,
     assert each.seam_base < 1e-6
     assert each.seam_turn < 1e-6
     assert each.seam_foot < 1e-4
+
+
+def test_a_flight_that_hardly_rises_is_raised(robot: fp.Robot, tmp_path: Path) -> None:
+    # legs are bent in the air, while the base moves up by 6 mm and aside by 6 cm and back
+    hop = samples.hops(60, (0.4,), gravity=0.3)
+    s = np.clip((np.arange(hop.frames) / hop.fps - samples.REST) / 0.4, 0.0, 1.0)
+    bump = np.sin(np.pi * s)[:, None] ** 2
+    aside = replace(
+        hop,
+        places=hop.places + bump * np.array([0.0, 0.06, 0.0]),
+        joints=hop.joints + bump * np.array([0.4, -0.8, -0.4, 0.8]),
+    )
+    clip = clip_of(aside, robot, tmp_path)
+    assert [judged.verdict for judged in fp.check_clip(clip).flights] == ["unphysical"]
+    same, told = fp.repair_clip(clip, "retime")
+    assert same is clip
+    (retimed,) = told.flights
+    assert retimed.repaired is not None
+    assert "too short for a flight" in retimed.repaired.reason
+    repaired, told = fp.repair_clip(clip)
+    (raised,) = told.flights
+    assert raised.repaired is not None
+    assert raised.repaired.choice == "raise"
+    assert [judged.verdict for judged in fp.check_clip(repaired).flights] == ["physical"]
 
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
@@ -85,7 +110,7 @@ def test_where_a_stance_presses(beyond: float, robot: fp.Robot, tmp_path: Path) 
     data = robot.model.createData()
     com = pin.centerOfMass(robot.model, data, q[0])
     feet = clip.curve.poses(times[:1])
-    places = [feet.points(solid.body, solid.points)[0] for solids in clip.scene.foot_solids for solid in solids]
+    places = [feet.points(solid.body, solid.points)[0] for solids in clip.scene.foot_solids.groups for solid in solids]
     standing = np.concatenate(places)
     still = stance_figures(clip, q, times, 0.01, 9.81)
     assert still.vertical_least == pytest.approx(1.0)

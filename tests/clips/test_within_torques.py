@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.clips.repaired_flight import flight_problem
+from floatplan.clips.repaired_flight import flight_problem, repaired_duration
 
 FPS = 60.0
 SHARE = 0.7  # [-] of what the nearest motion takes without limits
@@ -24,8 +24,8 @@ def problem(robot: fp.Robot, tmp_path: Path) -> fp.Problem:
     bent = still.joints + 0.5 * np.sin(np.pi * s)[:, None] ** 2 * np.array([-1.0, 1.0, -0.6, 0.8])
     path = samples.write_csv(replace(still, joints=bent), tmp_path / "clip.csv", digits=9)
     clip = fp.load_clip(path, model=robot, fps=FPS, quaternion="xyzw")
-    of_flight = flight_problem(clip, clip.flights[0], "retime")
-    assert of_flight is not None
+    judged = fp.check_clip(clip).flights[0]
+    of_flight = flight_problem(clip, judged.flight, repaired_duration(clip, judged, "retime"))
     plan = fp.plan(of_flight)
     torques = np.abs(plan.full_motion(np.linspace(0.0, plan.duration, 200)).torques).max(axis=0)
     limits = dict(zip(robot.motors, (SHARE * torques).tolist(), strict=True))

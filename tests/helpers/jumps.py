@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from once import made_once
@@ -9,6 +10,7 @@ from once import made_once
 import floatplan as fp
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
+from floatplan.jumps.spatial.jump import SpatialJump
 
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 
@@ -38,4 +40,11 @@ def go2_problem(turns: int = -1) -> fp.Problem:
 def backflip() -> Jump:
     """The Go2's backflip."""
     found: Jump = made_once("backflip of a Go2", lambda: jump(go2_problem(), starts=1))
+    return found
+
+
+def roll() -> SpatialJump:
+    """The Go2's roll, in space, from its right legs to its left ones."""
+    file = Path(__file__).parents[2] / "problems" / "jumps" / "space" / "go2_roll.toml"
+    found: SpatialJump = made_once("roll of a Go2", lambda: jump(fp.load_problem(file), starts=1))
     return found

@@ -6,7 +6,7 @@ import numpy as np
 from sampled_flight import Sampling, nodes_of, sample_also, trajectory, values_of
 
 from floatplan.motion.quadrature import lowest_of_neighbours, narrowed
-from floatplan.planning.constraints import NEAR, Constraint, RowTable, applies
+from floatplan.planning.constraints import Constraint, RowTable, applies
 from floatplan.planning.result import Worst
 from floatplan.planning.variables import DecisionVariables
 
@@ -14,7 +14,7 @@ from floatplan.planning.variables import DecisionVariables
 def local_minima(
     flight: Any, variables: DecisionVariables, constraints: tuple[Constraint, ...], level: int, x: np.ndarray
 ) -> Worst:
-    """True local minima below ``NEAR`` of every row of the motion x, between the nodes and at the ends.
+    """True local minima below ``RowTable.near`` of every row of the motion x, between the nodes and at the ends.
 
     ``level`` is that of a grid that resolves the motion.
     """
@@ -29,7 +29,7 @@ def local_minima(
 
     first = values(sample_also(nodes, table.grid))
     at, column = lowest_of_neighbours(first)
-    near = (first - _rise(first))[at, column] < NEAR
+    near = (first - _rise(first))[at, column] < RowTable.near
     at, column = at[near], column[near]
     begin = table.grid[at], first[at, column], table.span
     s, least = narrowed(lambda s: values(sample_also(nodes, s)), column, *begin, last=1.0)

@@ -36,7 +36,6 @@ def from_there(plan: fp.Plan) -> tuple[Program, Solution]:
 
 def plan_there(program: Program, x: Array) -> fp.Plan:
     """Return the plan with the motion of an x (m,)."""
-    z = program.motions.coefficients(x[: program.motions.size])
-    h = program.angular_momentum(x)
-    of_problem = (program.problem, program.motions.polynomials, z, h)
+    motions = program.motions
+    of_problem = (program.problem, motions.polynomials, motions.coefficients(x), motions.momentum(x))
     return fp.Plan.of_motion(*of_problem, status="feasible", ok=True, explanation="", solver={})

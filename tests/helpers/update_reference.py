@@ -39,11 +39,11 @@ def filtered(replanner: fp.Replanner, t: float, orientation: float, rate: float,
     aside = inertia[1:] @ (joints[0] - here) / inertia[0]
     angle = np.eye(len(state))[0]
     for h, value, variance in (
-        (angle, orientation + aside, replanner._update.gains.angle_noise**2 * noise / inertia[0] ** 2),
-        (row, momenta(joints[0], joints[1], rate)[0], replanner._update.gains.rate_noise**2 * noise),
+        (angle, orientation + aside, replanner._update.options.angle_noise**2 * noise / inertia[0] ** 2),
+        (row, momenta(joints[0], joints[1], rate)[0], replanner._update.options.rate_noise**2 * noise),
     ):
         gain = covariance @ h / (h @ covariance @ h + variance)
         state += gain * (value - h @ state)
         covariance = covariance - np.outer(gain, h @ covariance)
-    state[2:] = np.clip(state[2:], -replanner._update.gains.largest_error, replanner._update.gains.largest_error)
+    state[2:] = np.clip(state[2:], -replanner._update.options.largest_error, replanner._update.options.largest_error)
     return state, covariance

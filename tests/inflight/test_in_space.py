@@ -14,7 +14,7 @@ from flown_plans import DriftingInSpace
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
 from floatplan.inflight import prediction, update
-from floatplan.kernel.tolerances import CORRECTION_GAINS_IN_SPACE
+from floatplan.kernel.tolerances import CORRECTION_OPTIONS_IN_SPACE
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.motion.flight import flight_of
 from floatplan.planning.constraints import LENGTH_SCALE
@@ -130,8 +130,8 @@ def limited(plan):
 @pytest.mark.parametrize("name", ["diver", "go2", "bar"])
 def test_a_step_is_that_of_finite_differences(name, request, monkeypatch):
     """Of the miss, and of rows beyond their aims: of torques, rates and distances."""
-    gains = replace(CORRECTION_GAINS_IN_SPACE, evaluations_far=1, far=math.inf, most_rows=1000, weighed=1e3)
-    monkeypatch.setattr(update, "CORRECTION_GAINS_IN_SPACE", gains)
+    gains = replace(CORRECTION_OPTIONS_IN_SPACE, evaluations_far=1, far=math.inf, most_rows=1000, weighed=1e3)
+    monkeypatch.setattr(update, "CORRECTION_OPTIONS_IN_SPACE", gains)
     monkeypatch.setattr(prediction, "SHARE_AIM", 0.8)
     monkeypatch.setattr(prediction, "DISTANCE_AIM", 2.0)
     plan = limited(request.getfixturevalue(name))

@@ -3,11 +3,15 @@
 import json
 from dataclasses import replace
 
+import jumps
 import numpy as np
 import pinocchio as pin
 import pytest
 
 import floatplan as fp
+from floatplan.jumps.setup import NodeMargins
+from floatplan.jumps.spatial import planner
+from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.setup import spatial_setup
 
 
@@ -17,9 +21,9 @@ def problem(root):
 
 
 @pytest.fixture(scope="module")
-def roll(problem):
+def roll():
     """A Go2 that rolls once, from its right legs to its left ones."""
-    return fp.jump(problem, starts=1)
+    return jumps.roll()
 
 
 def test_it_is_found_and_checked(roll):
@@ -81,10 +85,13 @@ def test_it_is_handed_on(roll, tmp_path):
     sample = roll.sample(100.0)
     assert sample.q.shape == (len(sample.times), roll.robot.nq)
     assert roll.export("npz", tmp_path / "jump.npz").exists()
-    with pytest.raises(fp.InputError, match="pictures of jumps in space"):
-        roll.show(tmp_path / "report.html", browse=False)
-    with pytest.raises(fp.InputError, match="not yet for flights in space"):
-        fp.replay_jump(roll, flights=1)
+
+
+def test_what_is_for_jumps_in_a_plane_says_so(roll):
+    with pytest.raises(fp.InputError, match="searched for only with it"):
+        fp.launch(roll.flight)
+    with pytest.raises(fp.InputError, match="near: is for jumps in a plane"):
+        fp.jump(roll.problem, near=roll)
 
 
 @pytest.mark.parametrize(
@@ -99,8 +106,8 @@ def test_feet_over_which_it_tips_leave_last(root, name, before, after):
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
     phases = spatial_setup(problem, problem.jump).phases
     assert [phase.side for phase in phases] == ["takeoff", "takeoff", "flight", "landing", "landing"]
-    assert set(phases[1].frames) == before
-    assert set(phases[3].frames) == after
+    assert set(phases[1].names) == before
+    assert set(phases[3].names) == after
 
 
 @pytest.mark.parametrize("name", ["go2_quarter_turn", "go2_side", "a1_diagonal"])
@@ -108,6 +115,44 @@ def test_without_tilt_all_feet_stand(root, name):
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
     phases = spatial_setup(problem, problem.jump).phases
     assert [len(phase.feet) for phase in phases] == [4, 0, 4]
+
+
+def test_feet_are_held_where_they_stand(problem):
+    """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
+    program = spatial_setup(problem, problem.jump).program(planner.MARGINS)
+    raw = guess(program)
+    parameters = np.zeros(program.size + 1)
+    of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])
+    stiffness = 625.0 / 9.81  # [1/m] over g
+    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2)):
+        moved = raw.copy()
+        moved[program.begins[node]] += 0.01
+        change = np.subtract(*(np.array(program.assembly.evaluate(x, parameters)).ravel() for x in (moved, raw)))
+        assert np.count_nonzero(np.abs(change[of_feet] - 0.01 * stiffness) < 1e-9) == count
+
+
+@pytest.mark.long
+def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
+    """A program that allows rates of 0.84 of their limits where 0.7 are requested: the next one allows less."""
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
+    request = replace(problem.jump, margin={"torque": 0.85, "velocity": 0.7})
+    monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=0.95, velocity=1.2, friction=0.85))
+    completed = planner.completed
+    jumps = []
+
+    def recorded(*arguments):
+        jumps.append(completed(*arguments))
+        return jumps[-1]
+
+    monkeypatch.setattr(planner, "completed", recorded)
+    messages = []
+    jump = planner.jump_in_space(problem, request, 0, 1, messages.append)
+    assert not jumps[0].ok
+    assert jumps[0].check.figures["velocity"] > 0.7
+    assert jump is jumps[-1]
+    assert jump.ok, jump.check.sentences[0]
+    assert jump.check.figures["velocity"] <= 0.7
+    assert len(jumps) == 1 + sum("with more nodes" in message for message in messages)
 
 
 ALL = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")

@@ -5,12 +5,14 @@ import pytest
 
 import floatplan as fp
 from floatplan.jumps.model import casadi
+from floatplan.jumps.reading import read_spatial_stance
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
+from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.pendulum import Line, Pendulum
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.stance import shared_forces
-from floatplan.jumps.spatial.standing import foot_at
+from floatplan.jumps.spatial.standing import feet_at
 from floatplan.problem.attitude import Attitude
 
 FEET = ("FL_foot", "RR_foot")
@@ -26,7 +28,7 @@ def go2():
 @pytest.fixture(scope="module")
 def mechanics(go2):
     level = Attitude(angles=(0.0, 0.0, 0.0), axes="xyz")
-    feet = [foot_at(go2, frame, level, go2.resting, "contacts") for frame in FEET]
+    feet = [feet_at(go2, frame, level, go2.resting, "contacts")[0] for frame in FEET]
     return Mechanics(go2, "yxz", 9.81, feet)
 
 
@@ -92,6 +94,52 @@ def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
         assert abs(moment @ line.direction) < 1e-10 * np.abs(moment).max()
 
 
+BENT = np.array([-0.5, 0.0, 0.0, 1.0, -0.5, 0.0])  # a G1's left leg, rad
+
+
+@pytest.fixture(scope="module")
+def g1():
+    joints = [
+        f"left_{name}_joint" for name in ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+    ]
+    urdf = "example-robot-data:g1_description/urdf/g1_29dof_rev_1_0.urdf"
+    return fp.Robot.from_urdf(urdf, base="free-flyer", joints=joints)
+
+
+@pytest.fixture(scope="module")
+def feet(g1):
+    level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
+    return feet_at(g1, "left_ankle_roll_link", level, BENT, "contacts")
+
+
+def test_files_hold_points_of_soles(g1, feet):
+    arrays = {name: np.zeros((BASE + 6, 2)).tolist() for name in ("y", "v", "a")}
+    content = {"axes": "zyx", "friction": 0.6, "times": [0.0, 1.0], "shares": np.zeros((9, 2)).tolist(), **arrays}
+    content["contacts"] = [contact_table(foot) for foot in feet]
+    assert read_spatial_stance(content, g1, 9.81, "stances[0]").contacts == feet
+    del content["contacts"][1]["point"]
+    with pytest.raises(fp.InputError, match="by suffix and point, or by neither"):
+        read_spatial_stance(content, g1, 9.81, "stances[0]")
+
+
+def test_a_sole_stands_on_three_points(g1, feet):
+    """Heel and toes on the ground; where the base moves, the leg brings all three back to where they were."""
+    assert [foot.suffix for foot in feet] == [".heel", ".left_toe", ".right_toe"]
+    mechanics = Mechanics(g1, "zyx", 9.81, feet)
+    motion = np.zeros((3, BASE + 6, 1))
+    motion[0, BASE:, 0] = BENT
+    names = [foot.name for foot in feet]
+    places = mechanics.feet(motion, names)[0][0, 0]
+    assert np.ptp(places[:, 2]) < 1e-12
+    assert np.allclose(places[1] - places[2], [0.0, 0.06, 0.0], atol=1e-9)  # the width of its toes
+    moved = motion.copy()
+    moved[0, :BASE, 0] = [0.01, 0.02, -0.02, 0.1, 0.05, -0.05]
+    moved[1:, :BASE, 0] = [[0.1, -0.2, 0.3, 1.0, -1.0, 0.5], [1.0, 2.0, -3.0, 4.0, 5.0, -6.0]]
+    closed = mechanics.feet(mechanics.close(moved, dict(zip(names, places, strict=True))), names)[0][:, 0]
+    assert np.abs(closed[0] - places).max() < 1e-11
+    assert np.abs(closed[1:]).max() < 1e-8
+
+
 def test_forces_make_the_wrench_inside_the_cones():
     arms = np.array([[[0.2, 0.15, -0.3], [0.2, -0.15, -0.3], [-0.2, 0.15, -0.3], [-0.2, -0.15, -0.3]]])
     shares = np.zeros((1, 4, 3))
@@ -99,10 +147,29 @@ def test_forces_make_the_wrench_inside_the_cones():
     wrench = np.array([[60.0, -20.0, 150.0, 3.0, -18.0, 1.0]])
     forces = shared_forces(wrench, arms, shares, 150.0, 0.6)
     made = np.concatenate((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)), axis=1)
-    assert np.abs(made - wrench).max() < 1e-4 * 150.0
+    assert np.abs(made - wrench).max() < 1e-9 * 150.0
     assert (np.linalg.norm(forces[0, :, :2], axis=1) <= 0.6 * forces[0, :, 2] + 1e-6).all()
     unlimited = shared_forces(wrench, arms, shares, 150.0, 100.0)
     assert np.abs(unlimited.sum(axis=1) - wrench[:, :3]).max() < 1e-9
+
+
+def test_light_feet_do_not_keep_forces_from_making_the_wrench():
+    """Near the cones' edges, with one foot that bears next to nothing and is held to its share."""
+    rng = np.random.default_rng(0)
+    weight = 150.0
+    for _ in range(50):
+        arms = np.array([[0.2, 0.1, -0.3], [0.2, -0.1, -0.3], [-0.2, 0.1, -0.3], [-0.2, -0.1, -0.3]])
+        exact = 30.0 * rng.normal(size=(4, 3))
+        exact[:, 2] = np.abs(exact[:, 2]) + 0.01
+        exact[rng.integers(4)] *= 10 ** rng.uniform(-6, -1)
+        horizontal = np.linalg.norm(exact[:, :2], axis=1)
+        exact[:, :2] *= np.minimum(1.0, 0.55 * exact[:, 2] / horizontal)[:, None]
+        wrench = np.concatenate((exact.sum(axis=0), np.cross(arms, exact).sum(axis=0)))
+        shares = exact + 3.0 * rng.normal(size=(4, 3)) * (exact[:, 2:] > 1.0)
+        forces = shared_forces(wrench[None], arms[None], shares[None], weight, 0.6)[0]
+        made = np.concatenate((forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)))
+        assert np.abs(made - wrench).max() < 1e-8 * weight
+        assert (np.linalg.norm(forces[:, :2], axis=1) <= 0.6 * forces[:, 2] + 1e-9 * weight).all()
 
 
 def test_derivatives_of_pieces_are_those_of_differences():

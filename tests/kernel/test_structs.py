@@ -8,7 +8,7 @@ import pytest
 
 from floatplan.kernel import build, library
 from floatplan.kernel.structs import FFI, Struct, enumeration, layout
-from floatplan.kernel.tolerances import CORRECTION_GAINS, EXCHANGE, FINE, SETTINGS
+from floatplan.kernel.tolerances import CORRECTION_OPTIONS, EXCHANGE, FINE, SETTINGS
 
 
 def all_names(kind):
@@ -57,7 +57,7 @@ def test_kept_declarations_are_those_of_the_header(tmp_path):
     assert int(read.stdout) == FFI.sizeof("SearchProblem")
 
 
-@pytest.mark.parametrize("numbers", [FINE, SETTINGS, EXCHANGE, CORRECTION_GAINS], ids=lambda it: type(it).__name__)
+@pytest.mark.parametrize("numbers", [FINE, SETTINGS, EXCHANGE, CORRECTION_OPTIONS], ids=lambda it: type(it).__name__)
 def test_tolerances_are_those_of_the_structs(numbers):
     name = type(numbers).__name__
     assert [field.name for field in fields(numbers)] == list(layout(name).record.names)

@@ -13,7 +13,7 @@ import floatplan as fp
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "theory" / "method.md"
 MODULES = sorted((ROOT / "floatplan" / "method").glob("*.py"))
-MOST_LINES = 483  # that are not blank, with docstrings
+MOST_LINES = 466  # that are not blank, with docstrings
 
 
 def test_the_theory_page_quotes_what_is_there() -> None:

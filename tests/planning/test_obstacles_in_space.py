@@ -5,7 +5,7 @@ from dataclasses import replace
 import coal
 import numpy as np
 import pytest
-from obstructed_in_space import least_seen, obstructed
+from obstructed_in_space import least_seen, obstructed, obstructed_problem
 from places import SPACE
 from scipy.spatial.transform import Rotation
 
@@ -136,6 +136,14 @@ class TestPlans:
         plans = [fp.plan(problem) for problem in problems]
         assert sum(plan.ok for plan in plans) >= 3
         assert min(least_seen(plan, 2000) for plan in plans if plan.ok) > 0
+
+    def test_two_dips_between_two_instants_of_a_look_are_both_clear(self):
+        """A UR5's forearm comes near the ball twice within 0.17 s of a flight of 20 s."""
+        plan = fp.plan(obstructed_problem(39))
+        assert plan.ok
+        near = plan.clearances(np.linspace(13.5, 14.0, DENSE)) - plan.problem.obstacles[0].margin
+        assert ((near[1:-1] < near[:-2]) & (near[1:-1] < near[2:])).sum() >= 2
+        assert near.min() > 0
 
     def test_an_obstacle_on_the_start_is_said_to_be_impossible(self, diver):
         on_the_feet = fp.Sphere(center=(0.0, 0.0, 0.0), radius=0.1)

@@ -1,6 +1,7 @@
 """Problem files of flights in space: what their comments say, that they fly; and goals that are known to be reached."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -37,6 +38,15 @@ def test_they_are_planned_within_limits_and_land(plans, name):
     assert flown.landed
     assert flown.orientation_error < 1e-9
     assert flown.momentum_drift < 1e-9
+
+
+def test_without_limits_levelling_is_not_larger_than_with_them():
+    """Both go down the same curved valley, without limits by the descent alone."""
+    problem = fp.load_problem(SPACE / "go2_levels.toml")
+    within = fp.plan(problem)
+    without = fp.plan(replace(problem, limits=fp.Limits()))
+    assert without.ok
+    assert without.objective_value < 1.01 * within.objective_value
 
 
 def test_the_cat_rolls_by_bending_round_in_circles(plans):

@@ -14,8 +14,9 @@ from scipy.spatial.transform import Rotation
 import floatplan as fp
 from floatplan.motion.spatial.attitude import WEIGHT_OF_GROWTH
 from floatplan.motion.spatial.rotations import exponential
-from floatplan.planning.in_space import degrees_tried
-from floatplan.planning.lifting import LiftedFlight, close, descend, refined, starts
+from floatplan.planning.in_space import SpatialSearch, degrees_tried
+from floatplan.planning.lifting import LIFTING, LiftedFlight, close, descend, nearby, refined, starts
+from floatplan.planning.options import SearchOptions
 from floatplan.planning.robust import RobustCost
 from floatplan.planning.spec import spec_of
 from floatplan.planning.variables import decision_variables
@@ -69,6 +70,21 @@ def test_errors_at_takeoff_grow_less(name):
             for plan in (robust, usual)
         ]
         assert errors[0] < 0.65 * errors[1]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_optimal_cannot_be_made_smaller(name):
+    """However far a descent of the plan's motion goes, its value falls by less than a thousandth."""
+    plan = plan_of(name, "robust")
+    assert plan.status == "optimal"
+    problem = problem_of(name, "robust")
+    spec = spec_of(problem)
+    searched = SpatialSearch(problem, SearchOptions())
+    best = searched.run().best
+    motion = close(nearby(LiftedFlight(spec, best.variables), best.x))
+    assert RobustCost.of(motion).value == pytest.approx(plan.objective_value, rel=1e-6)
+    further = descend(motion, RobustCost.of, replace(LIFTING, least_gain=1e-9, descent_steps=400, shortest_step=1e-7))
+    assert RobustCost.of(further).value > plan.objective_value * (1 - 1e-3)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -128,6 +144,10 @@ def test_the_kernel_s_growth_is_that_of_the_whole_motion(lifted):
     for transition in own.carried[0]:
         through = transition @ through
     assert cost.growth[3:].reshape(3, 3) == pytest.approx(np.sqrt(WEIGHT_OF_GROWTH) * through, abs=1e-7)
+
+
+def test_a_small_motion_is_not_least(lifted):
+    assert not RobustCost.of(lifted).is_least
 
 
 def test_steps_go_downhill_as_far_as_they_promise(lifted):

@@ -1,6 +1,7 @@
 """Every bad input of a flight in space is refused with file, key and reason, in Python and on the command line."""
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,12 @@ BAD = [  # what is written under a key, the key that is named, and what is said 
     ),
     (OBSTACLE, [ball(center=[0, 0])], f"{OBSTACLE}[0].center", "three numbers"),
     (OBSTACLE, [ball(radius=0)], f"{OBSTACLE}[0].radius", "is 0, and what has no volume keeps nothing away"),
+    (
+        OBSTACLE,
+        [{"kind": "capsule", "start": [0, 0, 5], "end": [0, 1, 5], "radius": 0}],
+        f"{OBSTACLE}[0].radius",
+        "is 0, and what has no volume keeps nothing away",
+    ),
     (OBSTACLE, [ball(velocity=[0, 1])], f"{OBSTACLE}[0].velocity", "three numbers"),
     (OBSTACLE, [ball(window=[90, 91])], f"{OBSTACLE}[0].window", "lies outside the flight"),
     (OBSTACLE, [ball(window=[2, 1])], f"{OBSTACLE}[0].window", "the window ends"),
@@ -140,3 +147,22 @@ def test_it_is_refused_with_file_key_and_reason(written, key, value, named, reas
     assert (run.code, run.stdout) == (2, "")
     assert "".join(line.split()) in "".join(run.stderr.split())
     assert not Path("runs").exists()
+
+
+def test_a_goal_beyond_double_precision_is_named_at_once(floatplan, tmp_path):
+    problem = fp.load_problem(ROOT / "problems" / "space" / "diver_full_twist.toml")
+    orientation = problem.goal.orientation
+    somersault, tilt, twist = orientation.angles
+    goal = replace(problem.goal, orientation=replace(orientation, angles=(4 * somersault, tilt, twist)))
+    plan = fp.plan(replace(problem, goal=goal))
+    assert plan.ok
+    path = tmp_path / "plan.json"
+    plan.save(path)
+    run = floatplan("certify", path)
+    assert run.code == 1
+    said = " ".join(run.stdout.split())
+    assert "goal.orientation: the goal to within 1e-08 rad is beyond double precision: a small turn grows " in said
+    assert "fewer turns or a shorter flight may help" in said
+    certificate = fp.certify(plan, budget=4096)
+    assert certificate.verdict == "undecided"
+    assert certificate.subintervals < 100  # more of them would be rounding as well

@@ -42,7 +42,9 @@ def test_a_flight_that_lasts_longer_gets_no_torques_of_the_stance() -> None:
     control.torques[of_stance] = np.nan
     control.motor_torques = np.where(of_stance[:, None], np.nan, control.motor_torques)
     tick = int(np.flatnonzero(of_stance)[10])
-    target, torques = _JumpGuide(control, late).target(tick, control.times[tick], None)
+    on_ground = SimpleNamespace(presses=lambda: True)
+    guide = _JumpGuide(control, late, on_ground)
+    target, torques = guide.target(tick, control.times[tick], SimpleNamespace(delay=0))
     assert np.isfinite(target).all()
     assert np.isfinite(torques).all()
 

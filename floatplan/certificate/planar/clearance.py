@@ -18,14 +18,13 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.branch_and_bound import Items, bernstein, lower, may_be_least, upper
+from floatplan.certificate.branch_and_bound import ROUGH, Items, bernstein, lower, may_be_least, upper
 from floatplan.certificate.cells import ORDER, ComplexBalls, Vectors, join_vectors
 from floatplan.certificate.enclosure import PRECISION, ROUND, Balls, Taylor, up
 from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot, Point
 
 LinkShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
-ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
 
 
 @dataclass(frozen=True)
@@ -177,7 +176,7 @@ class PointSegments:
         square = length.mid * length.mid
         squared = Balls(square, up(2.0 * ROUND * square + (2.0 * length.mid + length.rad) * length.rad))
         far = near - point.x.times(Balls(2.0 * length.mid, 2.0 * length.rad)) + Taylor.constant(squared, ORDER)
-        return Items.on_cells([bernstein(model) for model in (point.x, point.y, near, far)], cell, pair)
+        return Items.on_cells(list(map(bernstein, (point.x, point.y, near, far))), cell, pair)
 
     def _possible(self, cells: IntArray) -> tuple[IntArray, IntArray]:
         """Cells and pairs that may hold the smallest distance.

@@ -19,14 +19,12 @@ from functools import cached_property
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
-from floatplan.certificate.cells import ORDER, TimeCells, Vectors
+from floatplan.certificate.cells import FIRST_CELLS, ORDER, TimeCells, Vectors
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, cos_sin, integral, products, reciprocal, up
 from floatplan.certificate.joints import joint_motion
 from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
-
-FIRST_CELLS = 24  # [-] before any is halved
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,9 +30,7 @@ from floatplan.certificate.robots.taken import as_recorded
 from floatplan.certificate.robots.urdf import Joint, Placement, Urdf, carriers, check_roles, is_geared, joint_ratios
 from floatplan.errors import InputError
 from floatplan.plans.record import RobotRecord
-
-LETTERS = "xyz"
-LARGEST_TILT = 1e-3  # [rad] an axis this close to the normal is taken for the normal
+from floatplan.tables import LARGEST_TILT
 
 
 def cached_robot(content: bytes, path: Path, record: RobotRecord) -> PlanarRobot:
@@ -141,9 +139,9 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
         urdf = as_recorded(urdf, record)
         check_roles(urdf, record)
         plane = record.plane or ""
-        if len(plane) != 2 or plane[0] == plane[1] or not set(plane) <= set(LETTERS):
+        if len(plane) != 2 or plane[0] == plane[1] or not set(plane) <= set("xyz"):
             raise InputError(f'"{plane}" is not two different letters of x, y and z', element="robot.plane")
-        horizontal, vertical = (LETTERS.index(letter) for letter in plane)
+        horizontal, vertical = map("xyz".index, plane)
         normal_axis = 3 - horizontal - vertical
         placed, signs = _placed(urdf, record, normal_axis)
         normal = -1.0 if sum(signs[joint] for joint in record.joints) < 0 else 1.0
@@ -175,7 +173,11 @@ def planar_robot(urdf: Urdf, record: RobotRecord) -> PlanarRobot:
             about = (normals * link.inertia * normals.transpose())[0, 0]
             body.masses.append((link.mass, in_plane(center.translation) - body.origin, about))
         weights, inertia = _weights_and_inertia(bodies)
-        rotors = _rotors(bodies, {body_of[joint.child]: joint for joint in urdf.joints if joint.name in signs}, record)
+        turning = {}
+        for joint in urdf.joints:
+            if joint.name in signs:
+                turning[body_of[joint.child]] = joint
+        rotors = _rotors(bodies, turning, record)
         points = {}
         for link_name, index in body_of.items():
             position = in_plane(placed[link_name].translation)
@@ -206,7 +208,11 @@ def _added(coefficients: Sequence[Any], sign: Any, ratios: Sequence[Any]) -> lis
 
 def _nonzero(coefficients: Sequence[Any]) -> list[tuple[int, Any]]:
     """Coefficients with their indices, those that are exactly zero left out."""
-    return [(index, coefficient) for index, coefficient in enumerate(coefficients) if not coefficient.is_zero()]
+    terms = []
+    for index, coefficient in enumerate(coefficients):
+        if not coefficient.is_zero():
+            terms.append((index, coefficient))
+    return terms
 
 
 def _rotors(bodies: Sequence[_Body], carriers: Mapping[int, Joint], record: RobotRecord) -> list[list[Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 import flint
 import numpy as np
 
-from floatplan.arrays import IntArray
+from floatplan.arrays import IntArray, indices_of
 from floatplan.certificate.branch_and_bound import Minimum
 from floatplan.certificate.cells import ORDER, Vectors, recentred
 from floatplan.certificate.clearance import existing_cells, least_distance, shapes_of_pair
@@ -112,8 +112,7 @@ class Surroundings:
 
         for carrier in self.carriers[takeoff["frame"]]:
             if carrier in links:
-                feet = [index for index, link in enumerate(links) if link == carrier]
-                level = above(0.0, hulls[feet]).least_at_start()
+                level = above(0.0, hulls[indices_of(carrier, links)]).least_at_start()
                 break
         return _finding(self, "ground", (), above(level, hulls), self.cells, 0.0)[0]
 

@@ -11,6 +11,8 @@ import numpy as np
 
 from floatplan.errors import InputError
 
+LETTERS = "xyz"  # names of the axes
+
 
 def diagonal(entries: Sequence[Any]) -> Any:
     """Matrix (3, 3) of these on its diagonal."""

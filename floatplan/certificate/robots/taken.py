@@ -16,9 +16,7 @@ from floatplan.certificate.robots.columns import cross, diagonal, dot, principal
 from floatplan.certificate.robots.urdf import Joint, Link, Placement, Urdf, number
 from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import RobotRecord
-
-FREE_KINDS = ("floating", "planar")  # of joints with more than one degree of freedom
-INDEPENDENT = 1e-3  # [-] sine between axes, or volume that three unit vectors span, from which on they differ
+from floatplan.tables import FREE_TYPES, INDEPENDENT
 
 
 class NotReadError(FloatplanError):
@@ -60,10 +58,10 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
     base = _free_base(urdf)
     names = [joint.name for joint in base]
     for joint in urdf.joints:
-        if joint.kind in FREE_KINDS and joint.name not in names:
+        if joint.kind in FREE_TYPES and joint.name not in names:
             raise InputError(f"is {joint.kind}, and carries only a part of the robot", element=f'joint "{joint.name}"')
     locked = [name for name in names if name in roles]
-    if not names or (locked == names and base[0].kind not in FREE_KINDS):
+    if not names or (locked == names and base[0].kind not in FREE_TYPES):
         return urdf
     if locked:
         raise InputError("is one of those by which the base floats", element=f'joint "{locked[0]}"')
@@ -74,7 +72,9 @@ def _with_free_base(urdf: Urdf, roles: Collection[str]) -> Urdf:
         link = carriers[link].parent
         frames.add(link)
     joints = tuple(replace(joint, kind="fixed", mimic=None) if joint.name in names else joint for joint in urdf.joints)
-    links = {name: replace(link, frame=True) if name in frames else link for name, link in urdf.links.items()}
+    links = dict(urdf.links)
+    for name in frames & links.keys():
+        links[name] = replace(links[name], frame=True)
     return replace(urdf, links=links, joints=joints)
 
 
@@ -106,7 +106,7 @@ def _is_massless(link: Link) -> bool:
 
 def _floats(chain: Sequence[tuple[Joint, Any]]) -> bool:
     """Whether joints, with their axes in the root link at zero, surely move freely in a plane or in space."""
-    if len(chain) == 1 and chain[0][0].kind in FREE_KINDS:
+    if len(chain) == 1 and chain[0][0].kind in FREE_TYPES:
         return True
     slides = [axis for joint, axis in chain if joint.kind == "prismatic"]
     turns = [axis for joint, axis in chain if joint.kind in ("revolute", "continuous")]

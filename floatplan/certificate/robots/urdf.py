@@ -121,7 +121,7 @@ def _tree(root: Element) -> Urdf:
         if link.name in links:
             raise InputError("there are two of this name", element=f'link "{link.name}"')
         links[link.name] = link
-    joints = [_joint(element) for element in root.findall("joint")]
+    joints = list(map(_joint, root.findall("joint")))
     children = [joint.child for joint in joints]
     for joint in joints:
         for end in (joint.parent, joint.child):
@@ -223,7 +223,7 @@ def numbers(text: str, count: int) -> list[Any]:
     words = text.split()
     if len(words) != count:
         raise InputError(f'"{text}" is not {count} numbers')
-    return [number(word) for word in words]
+    return list(map(number, words))
 
 
 def number(text: str | None) -> Any:

@@ -5,7 +5,7 @@ about the middle of each cell: from the attitude there, ``mu = R^T h`` and the q
 
     omega = I^-1 (mu - A q'),    mu' = mu x omega,    Q' = Q o omega / 2,                                          (S1)
 
-coefficient by coefficient, so that even the last ones have small relative errors, and so has the residual. The
+coefficient by coefficient, so that even the last ones have small joint_momentum errors, and so has the residual. The
 attitudes in the middles are unknowns: Newton's method closes the gaps between cells, and how much a turn of a middle
 turns both ends is a power series too. Quaternions are x, y, z, w.
 """
@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -26,11 +26,11 @@ from floatplan.certificate.spatial.models import cross_matrices, inverted
 
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
-SIGNS = (-1.0) ** np.arange(ORDER)
-STEPS = 4  # of Runge and Kutta's method in a cell, from whose result Newton's method begins
-MORE_STEPS = 16  # where that leads nowhere
+SIGNS = (-1.0) ** np.arange(ORDER)  # powers of u at the beginning of a cell, where it is -1
+STEPS = 4  # [-] of Runge and Kutta's method in a cell, from whose result Newton's method begins
+MORE_STEPS = 16  # [-] where that leads nowhere
 FAR = 1e-9  # [rad] of a gap where Newton's method came to no end
-SWEEPS = 8  # of Newton's method at most
+SWEEPS = 8  # [-] of Newton's method at most
 CLOSED = 2e-15  # [rad] of a gap between cells that is rounding
 
 
@@ -50,26 +50,26 @@ def approximate(
 ) -> Approximation:
     """Integrate the attitude from ``start`` (4,); ``middles`` (cells, 4) are first guesses, where there are any."""
     half = cells.half.mid
-    inverse, relative = motion.inverse.c[:, 0], motion.relative.c[:, 0, :, :, 0]
+    inverse, joint_momentum = motion.inverse.c[:, 0], motion.joint_momentum.c[:, 0, :, :, 0]
     if middles is None:
-        middles = _integrated(inverse, relative, half, momentum, start, STEPS)
-    approximation, gap = _by_newton(inverse, relative, half, momentum, start, middles)
+        middles = _integrated(inverse, joint_momentum, half, momentum, start, STEPS)
+    approximation, gap = _by_newton(inverse, joint_momentum, half, momentum, start, middles)
     if gap > FAR:
-        middles = _integrated(inverse, relative, half, momentum, start, MORE_STEPS)
-        again, gap_again = _by_newton(inverse, relative, half, momentum, start, middles)
+        middles = _integrated(inverse, joint_momentum, half, momentum, start, MORE_STEPS)
+        again, gap_again = _by_newton(inverse, joint_momentum, half, momentum, start, middles)
         if gap_again < gap:
             return again
     return approximation
 
 
 def _by_newton(
-    inverse: Array, relative: Array, half: Array, momentum: Array, start: Array, middles: Array
+    inverse: Array, joint_momentum: Array, half: Array, momentum: Array, start: Array, middles: Array
 ) -> tuple[Approximation, float]:
     """The approximation to which Newton's method leads from middles (cells, 4), and its largest gap, rad."""
     least = math.inf
     best = None
     for _ in range(SWEEPS):
-        quaternions, transitions = _series(inverse, relative, half, momentum, middles)
+        quaternions, transitions = _series(inverse, joint_momentum, half, momentum, middles)
         first, last = (np.einsum("k,ckx->cx", sign, quaternions) for sign in (SIGNS, np.ones(ORDER)))
         gaps = _turn(np.concatenate([start[None], last[:-1]]), first)
         largest = float(np.abs(gaps).max())
@@ -86,12 +86,14 @@ def _closed(quaternions: Array, transitions: Array, gaps: Array) -> Array:
     """Middles (cells, 4), turned so that the gaps (cells, 3) before the cells close to first order."""
     middles = quaternions[:, 0]
     in_middle = rotation(middles)
-    backward, onward = (
-        rotation(np.einsum("k,ckx->cx", sign, quaternions))
-        @ np.einsum("k,ckab->cab", sign, transitions)
-        @ in_middle.swapaxes(1, 2)
-        for sign in (SIGNS, np.ones(ORDER))
-    )
+
+    def turned_at_end(powers: Any) -> Array:
+        """How a small turn of the world in the middle of each cell turns the end where u has these powers (K,)."""
+        attitude = rotation(np.einsum("k,ckx->cx", powers, quaternions))
+        return np.asarray(attitude @ np.einsum("k,ckab->cab", powers, transitions) @ in_middle.swapaxes(1, 2))
+
+    backward = turned_at_end(SIGNS)
+    onward = turned_at_end(np.ones(ORDER))
     back = inverted(backward)
     turns = np.empty_like(gaps)
     carried = np.zeros(3)
@@ -103,7 +105,7 @@ def _closed(quaternions: Array, transitions: Array, gaps: Array) -> Array:
     return np.asarray(product(by, middles) / np.linalg.norm(middles, axis=1, keepdims=True))
 
 
-def _series(inverse: Array, relative: Array, half: Array, momentum: Array, middles: Array) -> tuple[Array, Array]:
+def _series(inverse: Array, joint_momentum: Array, half: Array, momentum: Array, middles: Array) -> tuple[Array, Array]:
     """Power series of the quaternion (cells, K, 4) and of the transitions (cells, K, 3, 3)."""
     cells = len(half)
     mu = np.zeros((cells, ORDER, 3))
@@ -116,7 +118,7 @@ def _series(inverse: Array, relative: Array, half: Array, momentum: Array, middl
     transitions[:, 0] = np.eye(3)
     across = cross_matrices(mu)
     for k in range(ORDER):
-        omega[:, k] = np.einsum("ciab,cib->ca", inverse[:, : k + 1], (mu - relative)[:, k::-1])
+        omega[:, k] = np.einsum("ciab,cib->ca", inverse[:, : k + 1], (mu - joint_momentum)[:, k::-1])
         across[:, k] = cross_matrices(mu[:, k])
         generator[:, k] = np.einsum("ciab,cibd->cad", inverse[:, : k + 1], across[:, k::-1]) - cross_matrices(
             omega[:, k]
@@ -133,11 +135,11 @@ def _series(inverse: Array, relative: Array, half: Array, momentum: Array, middl
     return quaternions, transitions
 
 
-def _integrated(inverse: Array, relative: Array, half: Array, momentum: Array, start: Array, steps: int) -> Array:
+def _integrated(inverse: Array, joint_momentum: Array, half: Array, momentum: Array, start: Array, steps: int) -> Array:
     """Attitudes (cells, 4) in the cells' middles, by so many steps of Runge and Kutta's method of fourth order."""
     powers = np.linspace(-1.0, 1.0, 2 * steps + 1)[:, None] ** np.arange(ORDER)
     mobility = np.einsum("mk,ckab->cmab", powers, inverse)
-    drift = np.einsum("cmab,cmb->cma", mobility, np.einsum("mk,cka->cma", powers, relative))
+    drift = np.einsum("cmab,cmb->cma", mobility, np.einsum("mk,cka->cma", powers, joint_momentum))
     mobility *= half[:, None, None, None]
     drift *= half[:, None, None]
     h = tuple(momentum.tolist())

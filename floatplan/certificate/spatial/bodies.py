@@ -44,26 +44,24 @@ class BodyMotion:
     positions, velocities, accelerations : (K, cells, n)
         Of the planned joints.
     rotations : B rotations (3, 3) from the bodies' axes to the base's
-    axes : J unit vectors
-    rates, pushes : J, positions' first and second derivatives
-    carried : B matrices ``U_b`` (3, 3), kg m^2
-    spreads : B matrices ``L_b`` (3, 3), kg m^2
+    joint_axes : J unit vectors
+    joint_rates, joint_accelerations : J, derivatives of the positions of the joints that are moved
+    body_inertias : B matrices ``L_b`` (3, 3), kg m^2
     inertia, inverse : one matrix (3, 3), I and its inverse
-    relative : one vector, ``A q'``, kg m^2/s
+    joint_momentum : one vector, ``A q'``, kg m^2/s
     """
 
     positions: Taylor
     velocities: Taylor
     accelerations: Taylor
     rotations: Matrices
-    axes: Matrices
-    rates: Matrices
-    pushes: Matrices
-    carried: Matrices
-    spreads: Matrices
+    joint_axes: Matrices
+    joint_rates: Matrices
+    joint_accelerations: Matrices
+    body_inertias: Matrices
     inertia: Matrices
     inverse: Matrices
-    relative: Matrices
+    joint_momentum: Matrices
 
     @classmethod
     def joined(cls, parts: Sequence[BodyMotion]) -> BodyMotion:
@@ -96,17 +94,26 @@ def body_motion(robot: SpatialRobot, record: PlanRecord, cells: TimeCells) -> Bo
     if robot.offset.any():
         angles += Taylor.constant(Balls.exact(robot.offset).broadcast(angles.e.shape), ORDER)
     cosine, sine = cos_sin(angles)
-    rates, pushes = (Matrices.of_scalars(_of_moved_joints(robot, models)) for models in (dq, ddq))
     rotations = _rotations(robot, cosine, sine)
     axes = rotations[1:].times(Balls(robot.axes.mid[..., None], robot.axes.rad[..., None]))
     axes = Matrices.of(axes.c, axes.entries, axes.e, np.ones_like(axes.e))
-    carried = rotations.of_blocks(robot.inertia)
-    spreads = moments(carried @ rotations.transposed)
-    inertia = spreads.summed()
-    turning = (axes @ rates).sums(robot.carried.T)
-    relative = (spreads @ turning).summed()
+    rates = Matrices.of_scalars(_of_moved_joints(robot, dq))
+    second_moments = rotations.of_blocks(robot.inertia) @ rotations.transposed
+    body_inertias = moments(second_moments)
+    inertia = body_inertias.summed()
+    rates_of_bodies = (axes @ rates).sums(robot.carried.T)
     return BodyMotion(
-        q, dq, ddq, rotations, axes, rates, pushes, carried, spreads, inertia, _inverse(inertia), relative
+        positions=q,
+        velocities=dq,
+        accelerations=ddq,
+        rotations=rotations,
+        joint_axes=axes,
+        joint_rates=rates,
+        joint_accelerations=Matrices.of_scalars(_of_moved_joints(robot, ddq)),
+        body_inertias=body_inertias,
+        inertia=inertia,
+        inverse=_inverse(inertia),
+        joint_momentum=(body_inertias @ rates_of_bodies).summed(),
     )
 
 

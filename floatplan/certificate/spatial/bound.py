@@ -50,7 +50,7 @@ class AttitudeBound:
     condition : q, which has to be below 1
     attitudes : Matrices
         Rotations (3, 3) of the true motion, from the base's axes to the world's: one item.
-    seen : Matrices
+    momentum_in_base : Matrices
         ``R^T h`` of the true motion: one vector, kg m^2/s.
     residuals : (cells,) rad/s
         Bounds on ``|rho|``.
@@ -61,7 +61,7 @@ class AttitudeBound:
     amplification: float
     condition: float
     attitudes: Matrices
-    seen: Matrices
+    momentum_in_base: Matrices
     residuals: Array
 
 
@@ -70,7 +70,7 @@ class _Approximated:
     """The approximation as models: its attitudes, the momentum as it sees it, its rates, and bounds on ``|N - 1|``."""
 
     attitudes: Matrices
-    seen: Matrices
+    momentum_in_base: Matrices
     rates: Matrices
     off: Array
 
@@ -102,7 +102,7 @@ def attitude_bound(
         amplification=s,
         condition=condition,
         attitudes=approximated.attitudes.widened(widened, norm=1.0),
-        seen=approximated.seen.widened(up(widened * size)),
+        momentum_in_base=approximated.momentum_in_base.widened(up(widened * size)),
         residuals=residuals,
     )
 
@@ -127,11 +127,11 @@ def _approximated(approximation: Approximation, cells: TimeCells, momentum: Arra
     inverse = Balls(2.0 / cells.half.mid, up(8.0 * (ROUND + cells.half.rad / cells.half.mid) / cells.half.mid))
     rates = (second @ derivative).scaled(Balls(inverse.mid[:, None], inverse.rad[:, None]))
     h = Matrices.constant(Balls.exact(momentum[None, :, None]), len(q))
-    seen = second @ (first.transposed @ h)
+    momentum_in_base = second @ (first.transposed @ h)
     attitudes = first @ second.transposed
     return _Approximated(
         attitudes=attitudes.widened(up(off * attitudes.norm)),
-        seen=seen.widened(up(off * seen.norm)),
+        momentum_in_base=momentum_in_base.widened(up(off * momentum_in_base.norm)),
         rates=rates.widened(up(off * rates.norm)),
         off=off,
     )
@@ -152,7 +152,7 @@ def _rounded_once(c: Array) -> Matrices:
 
 def _residuals(motion: BodyMotion, approximated: _Approximated) -> Array:
     """Bounds (cells,) on ``|rho|``, rad/s: ``rho = I^-1 (I w^ - R^^T h + A q')``."""
-    unbalanced = motion.inertia @ approximated.rates - approximated.seen + motion.relative
+    unbalanced = motion.inertia @ approximated.rates - approximated.momentum_in_base + motion.joint_momentum
     rho = motion.inverse @ unbalanced
     return up(frobenius(rho.magnitude + rho.entries))[:, 0]
 
@@ -214,7 +214,7 @@ def _amplification(
     if not np.isfinite(growth).all() or growth.max() > 100.0:
         return math.inf
     parts = max(1, min(math.ceil(growth.max() / FINE), MOST_STEPS // len(cells)))
-    generator = motion.inverse @ crossed(approximated.seen) - crossed(approximated.rates)
+    generator = motion.inverse @ crossed(approximated.momentum_in_base) - crossed(approximated.rates)
     half = Balls(cells.half.mid[:, None], cells.half.rad[:, None])
     c = approximation.transitions[:, None]
     transitions = Matrices.exact(c)

@@ -1,7 +1,9 @@
 """The links' shapes in flight in space, and lower bounds of their distances from obstacles and from each other.
 
-Positions are in the base's axes from the centre of mass, but for boxes, whose edges are along the world's. Every bound
-is on Bernstein forms, of which a polynomial's values are averages. Three facts serve:
+Positions are in the base's axes from the centre of mass, but for boxes, whose edges are along the world's. What is
+looked for is the least distance of all pairs, solids or segments, over all cells: ``items`` has the Bernstein forms of
+those on which it may be, ``below`` a bound that holds all over an item, and ``at_point`` one that is attained. Every
+bound is on Bernstein forms, of which a polynomial's values are averages. Three facts serve:
 
 - two segments w apart at their starts, with u and v along them, are as far apart as the parallelogram of the points
   ``w + a u - b v`` with a and b in [0, 1] is from zero; for any n no longer than 1, that is at least the least
@@ -16,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import flint
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.certificate.branch_and_bound import Items, bernstein, may_be_least
+from floatplan.certificate.branch_and_bound import ROUGH, Items, bernstein, may_be_least
 from floatplan.certificate.enclosure import ROUND, Balls, Taylor, up
 from floatplan.certificate.spatial.models import Matrices
 from floatplan.certificate.spatial.robot import Point, SpatialRobot
@@ -30,7 +32,6 @@ from floatplan.certificate.spatial.robot import Point, SpatialRobot
 CapsuleShape: TypeAlias = tuple[str, Sequence[float], Sequence[float], float]
 SolidShape: TypeAlias = tuple[str, Sequence[Sequence[float]], Sequence[Sequence[float]]]
 
-ROUGH = 1e-9  # [m] more than the rounding of a distance in the first look at all cells
 ROUNDING = 32.0 * ROUND  # [-] of the sum of all magnitudes, more than the rounding of a bound on a distance
 
 
@@ -139,14 +140,18 @@ class SegmentPairs:
         distance = np.linalg.norm(shortest, axis=-1) - self.radius.mid
         heights = [(_unit(shortest) * vector).sum(axis=-1) for vector in middle]
         proved = _lowest_corner(*heights) - self.radius.mid
-        known, change = (sum(sizes) for sizes in zip(*(_variation(vector, cells) for vector in vectors), strict=True))
-        known = known + self.radius.rad + ROUGH * (1.0 + sum(np.linalg.norm(vector, axis=-1) for vector in middle))
-        return self.forms(*may_be_least(proved - known - change, distance + known, cells))
+        uncertainty, change = _variation_of_all(vectors, cells)
+        uncertainty = (
+            uncertainty + self.radius.rad + ROUGH * (1.0 + sum(np.linalg.norm(vector, axis=-1) for vector in middle))
+        )
+        return self.forms(*may_be_least(proved - uncertainty - change, distance + uncertainty, cells))
 
     def forms(self, cell: IntArray, pair: IntArray) -> Items:
         """Bernstein forms of all nine coordinates, of single pairs on single cells."""
-        vectors = (self.between, self.first, self.second)
-        return Items.on_cells([form for vector in vectors for form in _coordinates(vector, cell, pair)], cell, pair)
+        forms = []
+        for vector in (self.between, self.first, self.second):
+            forms += _coordinates(vector, cell, pair)
+        return Items.on_cells(forms, cell, pair)
 
     def below(self, forms: Taylor, pair: IntArray) -> Array:
         """Lower bound on the distance between the surfaces over the items.
@@ -261,10 +266,11 @@ class Solid:
     def of_capsules(cls, capsules: Capsules) -> list[Solid]:
         """Capsules as solids; their ellipsoid is a ball."""
         ends = Balls.joined([capsules.start[None], (capsules.start + capsules.along)[None]])[..., 0]
-        return [
-            cls(link, int(capsules.body[i]), ends[:, i], Balls.exact(capsules.radius[i] * np.eye(3)))
-            for i, link in enumerate(capsules.links)
-        ]
+        solids = []
+        for index, link in enumerate(capsules.links):
+            ball = Balls.exact(capsules.radius[index] * np.eye(3))
+            solids.append(cls(link, int(capsules.body[index]), ends[:, index], ball))
+        return solids
 
     @property
     def extent(self) -> float:
@@ -301,10 +307,10 @@ class Heights:
         offset = self.offset[cells]
         height = offset.c[0] + np.stack([s.lowest(normal[:, i]) for i, s in enumerate(self.solids)], axis=1)
         extent = np.array([solid.extent for solid in self.solids])
-        known, change = _variation(self.normal, cells)
-        known = offset.e + known * extent + ROUGH * (1.0 + extent + np.abs(offset.c[0]))
+        uncertainty, change = _variation(self.normal, cells)
+        uncertainty = offset.e + uncertainty * extent + ROUGH * (1.0 + extent + np.abs(offset.c[0]))
         change = np.abs(offset.c[1:]).sum(axis=0) + change * extent
-        return self.forms(*may_be_least(height - known - change, height + known, cells))
+        return self.forms(*may_be_least(height - uncertainty - change, height + uncertainty, cells))
 
     def forms(self, cell: IntArray, solid: IntArray) -> Items:
         """Bernstein forms of the offset and of the normal's coordinates, of single solids on single cells."""
@@ -365,18 +371,16 @@ class FaceDistances:
         start = segments.start.c[cells, :, 0, :, 0]
         along = segments.along.c[cells, :, 0, :, 0]
         distance = self._over_faces(start, start + along).max(axis=-1) - segments.radius
-        known, change = (
-            sum(sizes)
-            for sizes in zip(_variation(segments.start, cells), _variation(segments.along, cells), strict=True)
-        )
-        known = known + ROUGH * (1.0 + np.linalg.norm(start, axis=-1) + np.linalg.norm(along, axis=-1))
-        return self.forms(*may_be_least(distance - known - change, distance + known, cells))
+        uncertainty, change = _variation_of_all((segments.start, segments.along), cells)
+        uncertainty = uncertainty + ROUGH * (1.0 + np.linalg.norm(start, axis=-1) + np.linalg.norm(along, axis=-1))
+        return self.forms(*may_be_least(distance - uncertainty - change, distance + uncertainty, cells))
 
     def forms(self, cell: IntArray, capsule: IntArray) -> Items:
         """Bernstein forms of the coordinates of both ends, of single segments on single cells."""
         segments = self.segments
-        ends = (segments.start, segments.start + segments.along)
-        return Items.on_cells([form for end in ends for form in _coordinates(end, cell, capsule)], cell, capsule)
+        end = segments.start + segments.along
+        forms = [*_coordinates(segments.start, cell, capsule), *_coordinates(end, cell, capsule)]
+        return Items.on_cells(forms, cell, capsule)
 
     def _over_faces(self, start: Array, end: Array) -> Array:
         """Heights (..., 6) of the lower one of two points (..., 3) over the six faces."""
@@ -407,9 +411,20 @@ class FaceDistances:
 
 
 def _variation(vectors: Matrices, cells: IntArray) -> tuple[Array, Array]:
-    """How well vectors (cells, items) are known, and how far they get from where they are in the middle of cells."""
-    known = vectors.e[cells]
-    return known, vectors.sizes[cells, :, 1:].sum(axis=-1) + known
+    """The radii of vectors (cells, items), and how far they get from where they are in the middle of cells."""
+    uncertainty = vectors.e[cells]
+    return uncertainty, vectors.sizes[cells, :, 1:].sum(axis=-1) + uncertainty
+
+
+def _variation_of_all(vectors: Sequence[Matrices], cells: IntArray) -> tuple[Array, Array]:
+    """The sums over several vectors of both."""
+    uncertainty: Any = 0.0
+    change: Any = 0.0
+    for vector in vectors:
+        own_known, own_change = _variation(vector, cells)
+        uncertainty = uncertainty + own_known
+        change = change + own_change
+    return uncertainty, change
 
 
 def _coordinates(vectors: Matrices, cell: IntArray, item: IntArray) -> list[Taylor]:

@@ -18,15 +18,15 @@ from floatplan.arrays import Array
 from floatplan.certificate.branch_and_bound import SAME, at_most, near
 from floatplan.certificate.enclosure import PRECISION, Balls, Taylor
 from floatplan.certificate.limits import JointState, LimitedQuantity, least_of, same
+from floatplan.certificate.robots.columns import LETTERS
 from floatplan.certificate.spatial.attitude import rotation
 from floatplan.certificate.spatial.bound import LARGEST
-from floatplan.certificate.spatial.flight import SpatialEnclosure
+from floatplan.certificate.spatial.flight import MOST_CELLS_UNKNOWN, SpatialEnclosure
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
 from floatplan.tables import A_TURN_OFF, FRAME_POSITION, ORIENTATION, STEEPEST
 
-LETTERS = "xyz"
 SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
 TILT = 1e-2  # [rad] by which the tilt may pass its limit between the instants at which the search sees it
 STEP = 1.0  # [rad] by which first and third angle change at most between the instants at which they are counted
@@ -43,7 +43,9 @@ def attitude_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Find
     eps = flight.attitude.bound
     with flint.ctx.workprec(PRECISION):
         start, goal = (_asked(problem[end]["orientation"]) for end in ("start", "goal"))
-        stated = {name: [flint.arb(part) for part in recorded[name]["quaternion_xyzw"]] for name in recorded}
+        stated = {}
+        for name, attitude in recorded.items():
+            stated[name] = [flint.arb(part) for part in attitude["quaternion_xyzw"]]
         last = flight.last_quaternion
         reached = _angle_finding("goal", ("orientation",), angle_between(last, goal), eps, ORIENTATION, duration)
         return [
@@ -62,16 +64,16 @@ def _theorem(flight: SpatialEnclosure, is_enough: bool) -> list[Finding]:
     """The terms of (S3), and, where they do not prove enough, which of them is too coarse and what would help."""
     attitude = flight.attitude
     terms = (("residual", attitude.residual), ("amplification", attitude.amplification))
-    found = [
-        Finding("attitude", (name,), "proved" if math.isfinite(value) else "undecided", value) for name, value in terms
-    ]
-    found += [
+    findings = []
+    for name, value in terms:
+        findings.append(Finding("attitude", (name,), "proved" if math.isfinite(value) else "undecided", value))
+    findings += [
         _below("condition", attitude.condition, 1.0),
         _below("bound", attitude.bound, LARGEST),
     ]
-    if not is_enough or any(finding.verdict != "proved" for finding in found):
-        found.append(Finding("attitude", (_advice(flight),), "undecided", None))
-    return found
+    if not is_enough or any(finding.verdict != "proved" for finding in findings):
+        findings.append(Finding("attitude", (_advice(flight),), "undecided", None))
+    return findings
 
 
 def _below(name: str, value: float, limit: float) -> Finding:
@@ -87,13 +89,16 @@ def _advice(flight: SpatialEnclosure) -> str:
     more = "a larger budget of cells of time may help"
     if not math.isfinite(attitude.residual):
         return f"the motion is too coarse in {len(flight.cells)} cells; {more}"
+    grows = f"{attitude.amplification:.0f} times"
     if not math.isfinite(attitude.amplification):
+        grows = "without a bound"
+    if not math.isfinite(attitude.amplification) and len(flight.cells) < MOST_CELLS_UNKNOWN:
         return f"the transitions are too coarse in {len(flight.cells)} cells; {more}"
     if attitude.residual > SHARP:
         return f"the residual of {attitude.residual:.1e} rad is too coarse; {more}"
     return (
-        f"a small turn grows {attitude.amplification:.0f} times, too much for double precision; fewer twists or a "
-        "shorter flight may help, and in flight it needs corrections"
+        f"the goal to within {ORIENTATION:g} rad is beyond double precision: a small turn grows {grows} in flight; "
+        "fewer turns or a shorter flight may help, and in flight it needs corrections"
     )
 
 
@@ -138,15 +143,15 @@ def _turns_off(record: PlanRecord, flight: SpatialEnclosure, axes: str, cosine: 
     counts = np.ceil(flight.rate.norm[:, 0] * lengths / (cosine * STEP)) + 1.0
     if not counts.sum() <= MOST_INSTANTS:
         return None
-    seen = [
-        rotation(np.linspace(-1.0, 1.0, int(count) + 1)[:, None] ** np.arange(q.shape[0]) @ q)
-        for count, q in zip(counts, flight.quaternions, strict=True)
-    ]
-    angles = _angles(axes, np.concatenate(seen))
+    attitudes = []
+    for count, quaternion in zip(counts, flight.quaternions, strict=True):
+        instants = np.linspace(-1.0, 1.0, int(count) + 1)[:, None]
+        attitudes.append(rotation(instants ** np.arange(len(quaternion)) @ quaternion))
+    angles = _angles(axes, np.concatenate(attitudes))
     angles[:, [0, 2]] = np.unwrap(angles[:, [0, 2]], axis=0)
     with flint.ctx.workprec(PRECISION):
-        quaternion = np.array([float(part) for part in _asked(start)])
-    begins = start["angles"] if start.get("axes") == axes else _angles(axes, rotation(quaternion[None]))[0]
+        at_start = np.array([float(part) for part in _asked(start)])
+    begins = start["angles"] if start.get("axes") == axes else _angles(axes, rotation(at_start[None]))[0]
     change = np.array(goal["angles"], dtype=np.float64) - np.array(begins, dtype=np.float64)
     return float(np.abs(angles[-1] - angles[0] - change).max())
 

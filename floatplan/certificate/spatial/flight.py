@@ -15,7 +15,7 @@ import flint
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray
-from floatplan.certificate.cells import TimeCells
+from floatplan.certificate.cells import FIRST_CELLS, TimeCells
 from floatplan.certificate.enclosure import Taylor
 from floatplan.certificate.limits import LimitedQuantity
 from floatplan.certificate.spatial.attitude import Approximation, approximate
@@ -26,10 +26,10 @@ from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.certificate.spatial.torques import forces, squared
 from floatplan.plans.record import PlanRecord
 
-FIRST_CELLS = 24  # [-] before any is halved
 BOUND = 5e-11  # [rad] sought for the attitude
 RESIDUAL = 3e-13  # [rad] of the residual's integral over the flight, below which it is not sought
 ROUNDING = 2.5e-14  # [-] of the fastest rate that the momentum can make: residuals of any number of cells, by rounding
+MOST_CELLS_UNKNOWN = 1000  # [-] up to which all are halved where the amplification is not bounded
 GAIN = 0.25  # [-] of its residual, to which halving a cell has to bring it: else it is rounding
 TORQUE_RADIUS = 1e-6  # [-] sought, relative to the largest torque
 
@@ -77,9 +77,12 @@ class SpatialEnclosure:
     @property
     def last_quaternion(self) -> list[Any]:
         """The approximation at the end of the flight, (4) in Arb, whose precision is to be set."""
-        return [
-            sum((flint.arb(part) for part in column), start=flint.arb(0)) for column in self.quaternions[-1].T.tolist()
-        ]
+
+        def at_end(coefficients: Sequence[float]) -> Any:
+            """The value of a polynomial of u where that is 1."""
+            return sum((flint.arb(part) for part in coefficients), start=flint.arb(0))
+
+        return [at_end(coefficients) for coefficients in self.quaternions[-1].T.tolist()]
 
     def limited_rate(self, limit: float) -> LimitedQuantity:
         """The base's rate, whose square is what is compared, and its limit, rad/s."""
@@ -109,16 +112,23 @@ def fly(
         attitude = attitude_bound(motion, approximation, cells, momentum, start)
         sizes = np.array([attitude.residuals, np.zeros(len(cells))])
         sought = _sought(attitude, motion, duration)
-        found = None
-        if (attitude.residuals <= sought).all() or not _worth_halving(sizes, before, sought, cells).any():
-            found = forces(robot, motion, attitude.seen)
-            sizes[1] = _relative_radii(found.motor_torques)
-        coarse = _worth_halving(sizes, before, sought, cells)
-        if found is not None and (not coarse.any() or len(cells) + coarse.sum() > budget):
-            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
-        if len(cells) + coarse.sum() > budget:
-            found = forces(robot, motion, attitude.seen)
-            return SpatialEnclosure(cells, motion, attitude, approximation.quaternions, found.rate, found.motor_torques)
+        enclosed = None
+        if math.isinf(attitude.amplification) and len(cells) < MOST_CELLS_UNKNOWN:
+            sizes[1] = math.inf
+            coarse = cells.are_divisible
+        else:
+            if (attitude.residuals <= sought).all() or not _worth_halving(sizes, before, sought, cells).any():
+                enclosed = forces(robot, motion, attitude.momentum_in_base)
+                if math.isfinite(attitude.bound):  # else torques have no bound in any number of cells
+                    sizes[1] = _relative_radii(enclosed.motor_torques)
+            coarse = _worth_halving(sizes, before, sought, cells)
+        is_spent = len(cells) + coarse.sum() > budget
+        if is_spent and enclosed is None:
+            enclosed = forces(robot, motion, attitude.momentum_in_base)
+        if enclosed is not None and (is_spent or not coarse.any()):
+            return SpatialEnclosure(
+                cells, motion, attitude, approximation.quaternions, enclosed.rate, enclosed.motor_torques
+            )
         fine = np.flatnonzero(~coarse)
         middle = 0.5 * (cells.low + cells.high)
         low = np.concatenate([cells.low[fine], cells.low[coarse], middle[coarse]])
@@ -134,23 +144,22 @@ def fly(
 def _sought(attitude: AttitudeBound, motion: BodyMotion, duration: float) -> float:
     """The residual, rad/s, that is small enough: for the bound on the attitude, or because it is rounding."""
     enough = BOUND / attitude.amplification
-    scale = np.fmax(attitude.seen.norm.max(), motion.relative.norm.max()) * motion.inverse.norm.max()
+    scale = np.fmax(attitude.momentum_in_base.size.max(), motion.joint_momentum.norm.max()) * motion.inverse.norm.max()
     return float(np.fmax(max(enough, RESIDUAL) / duration, ROUNDING * scale))
 
 
 def _worth_halving(sizes: Array, before: Array, sought: float, cells: TimeCells) -> BoolArray:
     """Which cells are too coarse, in residual or torques (2, cells), and not only for rounding."""
     coarse = ~(sizes <= [[sought], [TORQUE_RADIUS]]) & ~(sizes > GAIN * before)
-    middle = 0.5 * (cells.low + cells.high)
-    return np.asarray(coarse.any(axis=0) & (cells.low < middle) & (middle < cells.high))
+    return np.asarray(coarse.any(axis=0) & cells.are_divisible)
 
 
 def _middles(approximation: Approximation, coarse: BoolArray) -> Array:
     """Attitudes (2 cells, 4) in the middles of the first halves of some cells, and then of the second ones."""
     q = approximation.quaternions[coarse]
     powers = np.array([[-0.5], [0.5]]) ** np.arange(q.shape[1])
-    found = np.concatenate([np.einsum("k,ckx->cx", each, q) for each in powers])
-    return np.asarray(found / np.linalg.norm(found, axis=1, keepdims=True))
+    middles = np.concatenate([np.einsum("k,ckx->cx", of_half, q) for of_half in powers])
+    return np.asarray(middles / np.linalg.norm(middles, axis=1, keepdims=True))
 
 
 def _relative_radii(torques: Taylor) -> Array:

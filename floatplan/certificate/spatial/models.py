@@ -251,14 +251,22 @@ def inverted(matrices: Array) -> Array:
 
 def beside(models: Sequence[Matrices]) -> Matrices:
     """The items of all."""
-    names = ("c", "e", "entries", "norm")
-    return Matrices(*(np.concatenate([getattr(model, name) for model in models], axis=1) for name in names))
+    return _joined(models, axis=1)
 
 
 def one_after_another(models: Sequence[Matrices]) -> Matrices:
     """The cells of all."""
-    names = ("c", "e", "entries", "norm")
-    return Matrices(*(np.concatenate([getattr(model, name) for model in models]) for name in names))
+    return _joined(models, axis=0)
+
+
+def _joined(models: Sequence[Matrices], axis: int) -> Matrices:
+    """The models of all, along an axis that all of their arrays have: cells or items."""
+    return Matrices(
+        c=np.concatenate([model.c for model in models], axis=axis),
+        e=np.concatenate([model.e for model in models], axis=axis),
+        entries=np.concatenate([model.entries for model in models], axis=axis),
+        norm=np.concatenate([model.norm for model in models], axis=axis),
+    )
 
 
 def crossed(vectors: Matrices) -> Matrices:

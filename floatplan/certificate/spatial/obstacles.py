@@ -112,23 +112,23 @@ class Surroundings:
             path = self._path_from_com(point, velocity)
             distance = -sum((part * of_axis for part, of_axis in zip(unit, path, strict=True)), flint.arb_poly([0]))
         offset = self._models([distance])
-        seen = self.direction(unit)
-        heights = (seen.transposed @ self.origins).scalars() + offset
+        normal_in_base = self.direction_in_base(unit)
+        heights = (normal_in_base.transposed @ self.origins).scalars() + offset
         bodies = [solid.body for solid in solids]
-        return Heights(solids, self.rotations[bodies].transposed @ seen, heights[:, bodies])
+        return Heights(solids, self.rotations[bodies].transposed @ normal_in_base, heights[:, bodies])
 
-    def seen(self, point: Any, velocity: Any) -> Matrices:
+    def from_com_in_base(self, point: Any, velocity: Any) -> Matrices:
         """A moving point from the centre of mass: one vector."""
-        return self.to_base @ self.from_com(point, velocity)
+        return self.to_base @ self.from_com_in_world(point, velocity)
 
-    def from_com(self, point: Any, velocity: Any) -> Matrices:
+    def from_com_in_world(self, point: Any, velocity: Any) -> Matrices:
         """The same in the world's axes."""
         with flint.ctx.workprec(PRECISION):
             models = self._models(self._path_from_com(point, velocity))
         c = np.ascontiguousarray(models.c.transpose(1, 0, 2))[:, None, :, :, None]
         return Matrices.of(c, models.e[:, None, :, None])
 
-    def direction(self, vector: Sequence[Any]) -> Matrices:
+    def direction_in_base(self, vector: Sequence[Any]) -> Matrices:
         """A constant vector (three arb) of the world: one vector."""
         return self.to_base @ Matrices.constant(Balls.from_arb(vector, (1, 3, 1)), len(self.cells))
 
@@ -161,16 +161,16 @@ class Surroundings:
 
 
 def _sphere(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> SegmentPairs:
-    center = surroundings.seen(obstacle["center"], velocity)
+    center = surroundings.from_com_in_base(obstacle["center"], velocity)
     no_length = Matrices.constant(Balls.exact(np.zeros((1, 3, 1))), len(surroundings.cells))
     return SegmentPairs.of(surroundings.segments, Segments(center, no_length, np.array([float(obstacle["radius"])])))
 
 
 def _bar(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> SegmentPairs:
-    start = surroundings.seen(obstacle["start"], velocity)
+    start = surroundings.from_com_in_base(obstacle["start"], velocity)
     with flint.ctx.workprec(PRECISION):
         ends = zip(obstacle["start"], obstacle["end"], strict=True)
-        along = surroundings.direction([flint.arb(float(last)) - float(first) for first, last in ends])
+        along = surroundings.direction_in_base([flint.arb(float(last)) - float(first) for first, last in ends])
     return SegmentPairs.of(surroundings.segments, Segments(start, along, np.array([float(obstacle["radius"])])))
 
 
@@ -182,7 +182,7 @@ def _half_space(surroundings: Surroundings, obstacle: Mapping[str, Any], velocit
 def _box(surroundings: Surroundings, obstacle: Mapping[str, Any], velocity: Any) -> FaceDistances:
     to_world = surroundings.to_base.transposed
     segments = surroundings.segments
-    start = to_world @ segments.start - surroundings.from_com(obstacle["center"], velocity)
+    start = to_world @ segments.start - surroundings.from_com_in_world(obstacle["center"], velocity)
     half = np.array(obstacle["size"], dtype=np.float64) / 2.0
     return FaceDistances(Segments(start, to_world @ segments.along, segments.radius), half)
 

@@ -73,11 +73,11 @@ def _steepest(flight: SpatialEnclosure, axis: int) -> Minimum:
     small sine is known as sharply as a large one.
     """
     attitudes = flight.attitude.attitudes
-    entries = [
-        Taylor(attitudes.c[:, :, :, row, axis].transpose(2, 0, 1), attitudes.entries[:, :, row, axis])
-        for row in range(3)
-        if row != axis
-    ]
+    entries = []
+    for row in range(3):
+        if row != axis:
+            coefficients = attitudes.c[:, :, :, row, axis].transpose(2, 0, 1)
+            entries.append(Taylor(coefficients, attitudes.entries[:, :, row, axis]))
     across = stack(entries)
     largest = float(np.max(across.size + across.e))
     if not math.isfinite(largest):

@@ -159,10 +159,7 @@ def spatial_robot(urdf: Urdf, record: RobotRecord) -> SpatialRobot:
             carried[:, b] = carried[:, body.parent]
             carried[b - 1, b] = 1.0
         weights, inertia = _weights_and_inertia(bodies)
-        count = len(moved)
-        still, sine, cosine = (
-            Balls.from_arb([entry for turn in turns for entry in turn[k].entries()], (count, 3, 3)) for k in range(3)
-        )
+        still, sine, cosine = (_stacked([turn[k] for turn in turns]) for k in range(3))
         return SpatialRobot(
             joints=record.joints,
             motors=motors,
@@ -176,7 +173,7 @@ def spatial_robot(urdf: Urdf, record: RobotRecord) -> SpatialRobot:
             sine=sine,
             cosine=cosine,
             turns=turns,
-            axes=Balls.from_arb([entry for joint in moved for entry in joint.unit_axis.entries()], (count, 3)),
+            axes=_stacked([joint.unit_axis for joint in moved])[..., 0],
             carried=carried,
             armature=np.array([float(record.armature.get(joint.name, joint.armature)) for joint in moved]),
             inertia=inertia,
@@ -218,11 +215,8 @@ def _segments(urdf: Urdf, points: Mapping[str, Point]) -> dict[str, tuple[tuple[
     for name, link in urdf.links.items():
         start = points[name]
         places = [joint.origin.translation for joint in urdf.joints if joint.parent == name]
-        ends = [
-            Point(start.body, start.local + start.axes * place)
-            for place in places
-            if not all(part.is_zero() for part in place.entries())
-        ]
+        apart = [place for place in places if not all(part.is_zero() for part in place.entries())]
+        ends = [Point(start.body, start.local + start.axes * place) for place in apart]
         if not ends and link.has_inertial:
             ends = [start]
         segments[name] = () if link.frame else tuple((start, end) for end in ends)
@@ -231,18 +225,27 @@ def _segments(urdf: Urdf, points: Mapping[str, Point]) -> dict[str, tuple[tuple[
 
 def _blocks_of_origins(weights: Sequence[Sequence[Any]]) -> BlockMatrix:
     """The weights (B) of the bodies' origins, 3 B arb each, as columns."""
-    count = len(weights)
-    rows = Balls.from_arb([entry for row in weights for entry in row], (count, 3 * count))
-    return BlockMatrix.of(rows.transposed, 3, 1)
+    return BlockMatrix.of(_stacked([flint.arb_mat(weights)])[0].transposed, 3, 1)
+
+
+def _stacked(matrices: Sequence[Any]) -> Balls:
+    """Matrices of one shape in Arb, or none that are (3, 3), as balls (count, rows, columns)."""
+    rows, columns = (matrices[0].nrows(), matrices[0].ncols()) if matrices else (3, 3)
+    entries = []
+    for matrix in matrices:
+        entries += matrix.entries()
+    return Balls.from_arb(entries, (len(matrices), rows, columns))
 
 
 def _turn(body: _Body) -> tuple[Any, Any, Any]:
     """The three matrices of a body's rotation by its joint: Rodrigues' formula after the joint's placement."""
     assert body.joint is not None
     axis = body.joint.unit_axis
-    columns = [
-        cross(axis, Placement().rotation * flint.arb_mat(3, 1, [float(i == k) for i in range(3)])) for k in range(3)
-    ]
+    columns = []
+    for k in range(3):
+        unit = [0.0, 0.0, 0.0]
+        unit[k] = 1.0
+        columns.append(cross(axis, flint.arb_mat(3, 1, unit)))
     across = flint.arb_mat([column.entries() for column in columns]).transpose()
     squared = across * across
     turned = body.placed.rotation
@@ -263,7 +266,9 @@ def _weights_and_inertia(bodies: Sequence[_Body]) -> tuple[list[list[Any]], Bloc
     origins = [[flint.arb(0)] * width]
     for body in bodies[1:]:
         origins.append(moved(origins[body.parent], body.parent, body.placed.translation))
-    parts = [(b, *part) for b, body in enumerate(bodies) for part in body.parts]
+    parts = []
+    for b, body in enumerate(bodies):
+        parts += [(b, *part) for part in body.parts]
     rows = [moved(origins[b], b, place) for b, _, place, _ in parts]
     masses = [mass for _, mass, _, _ in parts]
     total = sum(masses, start=flint.arb(0))
@@ -271,12 +276,14 @@ def _weights_and_inertia(bodies: Sequence[_Body]) -> tuple[list[list[Any]], Bloc
         raise InputError("has no mass")
     center = flint.arb_mat([masses]) * flint.arb_mat(rows) * (1 / total)
     relative = flint.arb_mat(rows) - flint.arb_mat(len(rows), 1, [1] * len(rows)) * center
-    weighted = flint.arb_mat([[m * entry for entry in row] for m, row in zip(masses, relative.tolist(), strict=True)])
+    weighted = flint.arb_mat(relative)
+    for row, mass in enumerate(masses):
+        for entry in range(width):
+            weighted[row, entry] *= mass
     matrix = (relative.transpose() * weighted).tolist()
     for b, _, _, second in parts:
         for i in range(3):
             for j in range(3):
                 matrix[3 * b + i][3 * b + j] += second[i, j]
     weights = (flint.arb_mat(origins) - flint.arb_mat(len(bodies), 1, [1] * len(bodies)) * center).tolist()
-    balls = Balls.from_arb([entry for row in matrix for entry in row], (width, width))
-    return weights, BlockMatrix.of(balls, 3, 3)
+    return weights, BlockMatrix.of(_stacked([flint.arb_mat(matrix)])[0], 3, 3)

@@ -30,21 +30,25 @@ class Forces:
     motor_torques: Taylor
 
 
-def forces(robot: SpatialRobot, motion: BodyMotion, seen: Matrices) -> Forces:
-    """Enclose rates and torques for the momentum ``R^T h`` as the base sees it, one vector."""
-    rate = motion.inverse @ (seen - motion.relative)
-    spins = motion.axes @ motion.rates
-    bodies = beside([rate, spins]).sums(np.vstack([np.ones(len(robot.carried) + 1), robot.carried]).T)
-    pushed = motion.axes @ motion.pushes + crossed(bodies[robot.parent]) @ spins
-    turned = crossed(bodies)
-    second = crossed(pushed.sums(robot.carried.T)) + turned @ turned
+def forces(robot: SpatialRobot, motion: BodyMotion, momentum_in_base: Matrices) -> Forces:
+    """Enclose rates and torques for the angular momentum in the base's axes, one vector."""
+    base_rate = motion.inverse @ (momentum_in_base - motion.joint_momentum)
+    spins = motion.joint_axes @ motion.joint_rates
+    on_path = np.vstack(
+        [np.ones(len(robot.carried) + 1), robot.carried]
+    )  # the base's rate, and of joints before a body
+    rates = beside([base_rate, spins]).sums(on_path.T)
+    spin_changes = motion.joint_axes @ motion.joint_accelerations + crossed(rates[robot.parent]) @ spins
+    crossed_rates = crossed(rates)
+    # Everything but the base's own acceleration: R_b'' R_b^T, then the moments Q_b.
+    second = crossed(spin_changes.sums(robot.carried.T)) + crossed_rates @ crossed_rates
     driven = (second @ motion.rotations).of_blocks(robot.inertia)
-    held = axial(motion.rotations @ driven.transposed)
-    acceleration = -(motion.inverse @ held.summed())
-    on_bodies = held + motion.spreads.transposed @ acceleration
-    torques = (motion.axes.transposed @ on_bodies.sums(robot.carried)).scalars()
-    torques += motion.pushes.scalars().times(Balls.exact(robot.armature))
-    return Forces(rate, torques.linear(Balls.exact(robot.transmission.T)))
+    moments_without_base = axial(motion.rotations @ driven.transposed)
+    base_acceleration = -(motion.inverse @ moments_without_base.summed())
+    moments = moments_without_base + motion.body_inertias.transposed @ base_acceleration
+    torques = (motion.joint_axes.transposed @ moments.sums(robot.carried)).scalars()
+    torques += motion.joint_accelerations.scalars().times(Balls.exact(robot.armature))
+    return Forces(base_rate, torques.linear(Balls.exact(robot.transmission.T)))
 
 
 def squared(vectors: Matrices) -> Taylor:

@@ -1,7 +1,8 @@
 """Jumps in space: rolls, twists and turns, from standing to standing, on feet that are points.
 
 In order of reading: standing and contacts say what stands where; model, pieces and program solve for the nodes; ends,
-pendulum and stances make motions of a solution, which check judges; planner calls them.
+pendulum and stances make motions of a solution, which the check of all jumps judges by their geometry; planner calls
+them.
 
 Glossary
 --------

@@ -91,12 +91,12 @@ class Mechanics:
         self.model.gravity.linear = np.array([0.0, 0.0, -gravity])
         self.frames: dict[str, int] = {}
         for foot in feet:
-            if foot.frame not in self.frames:
+            if foot.name not in self.frames:
                 placement = pin.SE3(np.eye(3), np.array(foot.local))
-                frame = pin.Frame(f"contact of {foot.frame}", foot.body, 0, placement, pin.FrameType.OP_FRAME)
-                self.frames[foot.frame] = self.model.addFrame(frame)
+                frame = pin.Frame(f"contact of {foot.name}", foot.body, 0, placement, pin.FrameType.OP_FRAME)
+                self.frames[foot.name] = self.model.addFrame(frame)
         self.data = self.model.createData()
-        self.legs = {foot.frame: self._leg(foot) for foot in feet}
+        self.legs = {foot.name: tuple(self._leg(foot)) for foot in feet}
 
     def _leg(self, foot: Foot) -> list[int]:
         """Indices of the planned joints that carry a foot."""
@@ -197,8 +197,12 @@ class Mechanics:
         return closed
 
     def _step(self, rows: Array, frames: Sequence[str], jacobians: Array, gaps: Array) -> None:
-        """Add to rows (6+n, N) of a motion what moves feet by gaps (N, F, 3)."""
-        for column, frame in enumerate(frames):
-            leg = self.legs[frame]
-            inverse = np.linalg.pinv(jacobians[:, column][:, :, leg])
-            rows[[BASE + joint for joint in leg]] += np.einsum("nij,nj->in", inverse, gaps[:, column])
+        """Add to rows (6+n, N) of a motion what moves feet by gaps (N, F, 3), all points of a leg at once."""
+        count = len(gaps)
+        for leg in {self.legs[frame] for frame in frames}:
+            columns = [column for column, frame in enumerate(frames) if self.legs[frame] == leg]
+            of_leg = jacobians[:, columns][:, :, :, list(leg)].reshape(count, 3 * len(columns), len(leg))
+            # Three points of a sole are nine rows of a pose's six: what is left of the others is rounding.
+            inverse = np.linalg.pinv(of_leg, rcond=1e-9)
+            changes = np.einsum("nij,nj->in", inverse, gaps[:, columns].reshape(count, -1))
+            rows[[BASE + joint for joint in leg]] += changes

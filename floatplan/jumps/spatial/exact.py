@@ -82,7 +82,7 @@ def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: M
 
 def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: SpatialPhase) -> dict[str, Array]:
     places = feet_places(program, solution, phase.side)
-    return {frame: places[frame] for frame in phase.frames}
+    return {frame: places[frame] for frame in phase.names}
 
 
 def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centre: Array) -> Array:
@@ -218,7 +218,8 @@ def _fine_motion(
     """Times (G,), the motion (3, 6+n, G) with accelerations that are linear between nodes, and forces (3 F, G)."""
     begin, end = program.borders[index], program.borders[index + 1]
     coarse = program.times(solution.durations)[begin : end + 1]
-    times = refined(coarse, 6)
+    # On two feet nothing bears the moment about the line between instants: there they are denser.
+    times = refined(coarse, 10 if len(program.phases[index].feet) == 2 else 6)
     interval = np.minimum(np.searchsorted(coarse, times, "right") - 1, len(coarse) - 2)
     step = np.diff(coarse)[interval]
     since = times - coarse[interval]
@@ -233,6 +234,6 @@ def _fine_motion(
     )
     shares = []
     for foot in program.phases[index].feet:
-        nodes = [solution.forces[node].get(foot.frame, np.zeros(3)) for node in range(begin, end + 1)]
+        nodes = [solution.forces[node].get(foot.name, np.zeros(3)) for node in range(begin, end + 1)]
         shares += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
     return times, mechanics.from_centre(of_program), np.array(shares)

@@ -5,15 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.flight import obstacles_in
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.exact import FlightEnds
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
-from floatplan.jumps.spatial.standing import Kinematics
+from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import Flight, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.problem.spatial_obstacles import HalfSpace
+from floatplan.robot.shapes.solids import frame_position
 from floatplan.tables import POINT_FEET
 
 
@@ -28,13 +30,8 @@ def flight_problem(
         postures.append(Posture(attitude, y[BASE:].copy(), v[BASE:].copy(), a[BASE:].copy()))
     before = program.phases[program.flight - 1].feet[0]
     after = program.phases[program.flight + 1].feet[0]
-    places, _ = mechanics.feet(ends.motion[:, :, :1], [before.frame])
-    landing_places, _ = mechanics.feet(ends.motion[:, :, 1:], [after.frame])
-    obstacles = []
-    for obstacle in problem.obstacles:
-        begin, end = obstacle.window or (0.0, ends.duration)
-        if begin < ends.duration and end > 0:
-            obstacles.append(obstacle)
+    takeoff = _frame_origin(mechanics, ends.motion[0, :, 0], before)
+    landing = _frame_origin(mechanics, ends.motion[0, :, 1], after)
     return replace(
         problem,
         start=postures[0],
@@ -42,38 +39,54 @@ def flight_problem(
         flight=Flight(
             ends.duration,
             angular_momentum=tuple(ends.momentum.tolist()),
-            takeoff=Takeoff(before.frame, tuple(places[0, 0, 0].tolist())),
-            landing=Landing(after.frame, height=float(landing_places[0, 0, 0, 2])),
+            takeoff=Takeoff(before.frame, tuple(takeoff.tolist())),
+            landing=Landing(after.frame, height=float(landing[2])),
             horizontal_velocity=tuple(ends.com_velocity[:2].tolist()),
             gravity=mechanics.gravity,
         ),
-        obstacles=(*obstacles, *_grounds(program, solution, mechanics)),
+        obstacles=(
+            *obstacles_in(problem, ends.duration, float(solution.origin[2])),
+            *_grounds(program, solution, mechanics, ends),
+        ),
         ground=False,
         written=None,
     )
 
 
-def _grounds(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> list[HalfSpace]:
-    """Half-spaces below the links' capsules, which are thicker than what stands: as deep as these are at both ends.
+def _frame_origin(mechanics: Mechanics, y: Array, foot: Foot) -> Array:
+    """Where the origin of a foot's frame is, (3,) m, with coordinates y (6+n,) of base and joints."""
+    robot = mechanics.robot
+    kinematics = Kinematics(robot)
+    kinematics.pose(y[:3], rotations_about(mechanics.axes, y[3:BASE, None])[0], y[BASE:])
+    return kinematics.point(*frame_position(robot.model, robot.joint_tree, foot.frame))
 
-    Another is as high as the ground, while the program's capsules are well above it: while its feet are lifted.
+
+def _grounds(
+    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds
+) -> list[HalfSpace]:
+    """Half-spaces below the links' capsules, which are thicker than what stands, one for each time of the flight.
+
+    While the program's feet are clearly lifted it is as high as the ground, or nearly; at the ends, interval by
+    interval, as deep as the program's capsules are.
     """
-    columns = slice(program.borders[program.flight], program.borders[program.flight + 1] + 1)
-    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, columns])
-    heights = _lowest(program, mechanics, motion)
+    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes])
+    motion[:, :, [0, -1]] = ends.motion
     ground = float(solution.origin[2])
-    dip = 5e-4  # [m] of feet next to the ground, so that their shapes, inside the capsules, stay within POINT_FEET
-    level = ground + min(0.0, heights[0] - ground, heights[-1] - ground) - dip
-    grounds = [HalfSpace(point=(0.0, 0.0, round(level, 4)))]
+    above = _lowest(program, mechanics, motion) - ground
+    dip = 1e-3  # [m] between nodes, of feet next to the ground: their shapes are inside the capsules
     clearly = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
-    above = heights - ground
     lifted = np.flatnonzero(above > np.clip(above.max() / 2, POINT_FEET, clearly))
-    if len(lifted) > 1:
-        first, last = lifted[[0, -1]]
-        level = ground + min(0.0, above[first : last + 1].min() - POINT_FEET)
-        duration = float(solution.durations[program.flight])
-        shares = np.linspace(0.0, duration, len(heights))
-        grounds.append(HalfSpace(point=(0.0, 0.0, round(level, 4)), window=(shares[first], shares[last])))
+    first, last = (int(lifted[0]), int(lifted[-1])) if len(lifted) > 1 else (0, 0)
+    duration = float(solution.durations[program.flight])
+    intervals = len(above) - 1
+    spans = [(index, index + 1, dip) for index in range(intervals) if not first <= index < last]
+    if last > first:
+        spans.append((first, last, POINT_FEET))
+    grounds = []
+    for begin, end, margin in sorted(spans):
+        level = ground + min(0.0, above[begin : end + 1].min() - margin)
+        window = (duration * begin / intervals, duration * end / intervals)
+        grounds.append(HalfSpace(point=(0.0, 0.0, round(level, 4)), window=window))
     return grounds
 
 

@@ -1,24 +1,20 @@
 """The result of a search in space: a jump from standing to standing, with its check, and its file, ``jump.json``.
 
 JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, a file ``floatplan.plan/2``, and
-``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m), the ``axes`` of the base's angles,
+``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m; of a sole's points also ``suffix`` and
+``point``, m, in the frame of the joint that carries it), the ``axes`` of the base's angles,
 ``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (position of the
 base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
 """
 
 from __future__ import annotations
 
-import html
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
-from floatplan.errors import InputError
-from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
-from floatplan.jumps.spatial.check import check_jump_in_space
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
-from floatplan.pool import one_thread
+from floatplan.jumps.spatial.standing import Foot
 
 FORMAT_IN_SPACE = "floatplan.jump/2"
 ARRAYS_IN_SPACE = ("times", "y", "v", "a", "shares")
@@ -30,29 +26,19 @@ class SpatialJump(SpatialJumpMotion, Jump):
 
     _format: ClassVar[str] = FORMAT_IN_SPACE
 
-    @cached_property
-    @one_thread
-    def check(self) -> JumpCheck:
-        """The stances, judged at 2 kHz; see :func:`~floatplan.jumps.spatial.check.check_jump_in_space`."""
-        if self.flight is None:
-            return JumpCheck(False, {}, ("no jump was found",))
-        return check_jump_in_space(self)
-
-    def refuse_unless_shown(self) -> None:
-        """Raise InputError: pictures show jumps in a plane, so far."""
-        super().refuse_unless_shown()
-        reason = "pictures of jumps in space are not made yet"
-        raise InputError(reason, advice="show its flight: plan.json, or Jump.flight; export hands the whole jump on")
-
-    def _repr_html_(self) -> str:
-        """Notebooks show what is printed, as long as there is no picture."""
-        return f"<pre>{html.escape(repr(self))}</pre>"
-
     def stance_table(self, stance: Any) -> dict[str, Any]:
         """What the file holds of a stance."""
         return {
-            "contacts": [{"frame": foot.frame, "depth": foot.depth} for foot in stance.contacts],
+            "contacts": [contact_table(foot) for foot in stance.contacts],
             "axes": stance.axes,
             "friction": stance.friction,
             **{name: getattr(stance.grid, name) for name in ARRAYS_IN_SPACE},
         }
+
+
+def contact_table(foot: Foot) -> dict[str, Any]:
+    """What the file holds of a foot's point."""
+    table: dict[str, Any] = {"frame": foot.frame, "depth": foot.depth}
+    if foot.suffix:
+        table |= {"suffix": foot.suffix, "point": list(foot.local)}
+    return table

@@ -1,6 +1,7 @@
 """The motion of a whole jump in space: its state at any time, in the quantities of a plan."""
 
-from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -8,19 +9,13 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
-from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.jump_motion import JumpGeometry, JumpMotion
 from floatplan.jumps.motion import JumpState
-from floatplan.jumps.spatial.full_motion import PinocchioMotion
+from floatplan.jumps.spatial.geometry import SpatialGeometry
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.stance import continuous
 from floatplan.motion.dynamics import FlightState
-from floatplan.motion.spatial.bodies import BodyPoses
-from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
-from floatplan.motion.spatial.rotations import of_quaternions
-from floatplan.plans.plan import Plan
-from floatplan.plans.planned_motion import least_distances
-from floatplan.pool import one_thread
-from floatplan.problem.parts import Obstacle
+from floatplan.motion.spatial.whole import SpatialFullMotion
 from floatplan.robot.robot import Robot
 
 JOINTS = BASE + 1  # first entry of the joints in a configuration
@@ -28,10 +23,6 @@ JOINTS = BASE + 1  # first entry of the joints in a configuration
 
 class SpatialJumpMotion(JumpMotion):
     """A jump in space as a function of time; its world is that of its flight."""
-
-    def _in_flight(self, times: Array) -> JumpState:
-        assert self.flight is not None
-        return flight_state(self.flight, self.takeoff_time, times)
 
     def _orientations(self, ends: FlightState) -> list[Any]:
         """The attitudes of the problem, in which the robot stands."""
@@ -43,41 +34,25 @@ class SpatialJumpMotion(JumpMotion):
         assert self.flight is not None
         return self.flight.dynamics
 
-    @one_thread
-    def state(self, times: npt.ArrayLike) -> FlightState:
-        """State at times (N,), s, in the quantities of a plan; errors as of :meth:`at`."""
-        return state_of(self.robot, self.at(times))
+    @cached_property
+    def geometry(self) -> JumpGeometry:
+        """Where the robot's links are."""
+        return SpatialGeometry(self.robot, self.contacts)
 
-    def clearances(self, times: Array, obstacles: Sequence[Obstacle]) -> Array:
-        """Least distance (N,), m, between any link and any of the obstacles that exist then; infinite without any."""
-        segments = segments_of(self.robot, self.state(times))
-        return np.asarray(np.min([least_distances(segments, obstacle, times) for obstacle in obstacles], axis=0))
+    def state_of(self, full: JumpState) -> FlightState:
+        """A state of its robot in the quantities of a plan."""
+        return state_of(self.robot, full)
 
-    def full_motion(self, times: npt.ArrayLike) -> PinocchioMotion:
+    def full_motion(self, times: npt.ArrayLike) -> SpatialFullMotion:
         """Motion of every joint of the robot's file, and of the base, at N times; errors as of :meth:`at`."""
         state = self.at(times)
-        q = continuous(np.array(state.positions))
-        return PinocchioMotion(self.robot, q, state.velocities, state.accelerations, state.torques)
+        positions = read_only(continuous(np.array(state.positions)))
+        return SpatialFullMotion(self.robot, replace(state, positions=positions))
 
     def forces(self, times: npt.ArrayLike) -> dict[str, Array]:
         """Forces (..., 3), N, in the world's axes, of every point that stands at some time; zero where it does not."""
         of_points = self.at(times).forces
         return {name: force.reshape(*np.shape(times), 3) for name, force in of_points.items()}
-
-
-def flight_state(plan: Plan, takeoff: float, times: Array) -> JumpState:
-    """State of a flight at times (N,) s from the jump's start, which takes off at ``takeoff``."""
-    motion = plan.full_motion(np.clip(times - takeoff, 0.0, plan.duration))
-    torques = np.pad(motion.torques, ((0, 0), (BASE, 0)))
-    return JumpState(
-        times=read_only(times),
-        positions=read_only(np.hstack((motion.base_position, motion.base_quaternion, motion.positions))),
-        velocities=read_only(np.hstack((motion.base_twist, motion.velocities))),
-        accelerations=read_only(np.hstack((motion.base_twist_rate, motion.accelerations))),
-        forces={},
-        torques=read_only(torques),
-        points={},
-    )
 
 
 def planned_joints(robot: Robot, state: JumpState) -> Array:
@@ -115,13 +90,3 @@ def state_of(robot: Robot, full: JumpState) -> FlightState:
         base_position=read_only(full.positions[:, :3]),
         angular_momentum=read_only(momentum),
     )
-
-
-def poses_of(robot: Robot, state: FlightState) -> BodyPoses:
-    """Where the bodies are at N instants."""
-    return BodyPoses.of(robot, of_quaternions(state.orientation), state.positions, state.com_position)
-
-
-def segments_of(robot: Robot, state: FlightState) -> SpatialSegments:
-    """The links' capsules at N instants."""
-    return shapes_in_space(robot).place(poses_of(robot, state))

@@ -21,6 +21,7 @@ import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.standing import Foot
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 
@@ -64,12 +65,14 @@ class SpatialModel:
     robot : Robot
     axes : letters of the axes of the base's angles
     gravity : m/s^2
+    points : of feet, by their names: joint of the robot's model that carries it, and position (3,) m in its frame
     y, v, a : (6+n,) symbols
     bodies : of the joints of the robot's model, the base's first
     """
 
-    def __init__(self, robot: Robot, axes: str, gravity: float) -> None:
+    def __init__(self, robot: Robot, axes: str, gravity: float, feet: Sequence[Foot] = ()) -> None:
         self.robot = robot
+        self.points = {foot.name: (foot.body, np.array(foot.local)) for foot in feet}
         self.axes = axes
         self.gravity = gravity
         self.mass = robot.mass
@@ -153,10 +156,24 @@ class SpatialModel:
         self.moment_about_com = moment_about_com
         self.angular_momentum = angular_momentum
 
-    def foot(self, frame: str) -> tuple[int, tuple[Any, Any, Any]]:
-        """Number of the body that carries a frame; position, velocity and acceleration (3,) of its origin."""
-        body, local = frame_position(self.robot.model, self.robot.joint_tree, frame)
+    def foot(self, name: str) -> tuple[int, tuple[Any, Any, Any]]:
+        """Number of the body that carries a foot or frame; position, velocity and acceleration (3,) of its point."""
+        body, local = self.points.get(name) or frame_position(self.robot.model, self.robot.joint_tree, name)
         return body - 1, self.placed(self.bodies[body - 1].point(local))
+
+    def leverage(self, name: str) -> Any:
+        """Determinant of the derivative of a foot's position by the joints of its leg, m^3; None unless they are three.
+
+        It vanishes where the leg is straight, or the foot on the axis of the first joint.
+        """
+        ca = casadi()
+        number, _ = self.foot(name)
+        foot = self.bodies[number].point(self.points[name][1])[0]
+        columns = []
+        while number > 0:
+            columns.append(ca.cross(self.joint_axes[number], foot - self.bodies[number].position))
+            number = self.robot.model.parents[number + 1] - 1
+        return ca.det(ca.horzcat(*columns)) if len(columns) == 3 else None
 
     def placed(self, relative: Sequence[Any]) -> tuple[Any, Any, Any]:
         """A point with derivatives in the world, from the same relative to the base's origin."""

@@ -13,7 +13,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
-from floatplan.jumps.spatial.model import BASE
+from floatplan.jumps.spatial.model import BASE, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +72,13 @@ class Pendulum:
         self.q, self.v, self.a = mechanics.coordinates(motion)
         rotations, self.rates, _ = turned(mechanics.axes, motion[:, 3:BASE])
         self.back = rotations.transpose(0, 2, 1)
-        self.arms = motion[0, :3].T - line.point
-        self.velocities = motion[1, :3].T
+        # Everything turns about one direction n: products n x .. are taken once, not at each evaluation.
+        about_line = skew(line.direction).T
+        self.across = (motion[0, :3].T - line.point) @ about_line
+        self.inwards = self.across @ about_line
+        self.sideways = motion[1, :3].T @ about_line
+        self.tilting = self.rates @ about_line
+        self.bias = np.cross(self.v[:, 3:BASE], self.v[:, :3])
 
     def acceleration(self, index: int, angle: float, rate: float) -> float:
         """The angle's acceleration at an instant."""
@@ -85,24 +90,19 @@ class Pendulum:
         """Moment about the line, N m, with the robot turning about it as well."""
         n = self.line.direction
         back = self.back[index]
-        arm = self.arms[index]
-        across = np.cross(n, arm)
-        turning = rate * n
+        across = self.across[index]
         # Accelerations of the base's origin, and of its turning, in addition to those of the motion.
-        pushed = (
-            2 * np.cross(turning, self.velocities[index]) + acceleration * across + np.cross(turning, rate * across)
-        )
-        spun = acceleration * n + np.cross(turning, self.rates[index])
+        pushed = 2 * rate * self.sideways[index] + acceleration * across + rate**2 * self.inwards[index]
+        spun = acceleration * n + rate * self.tilting[index]
         v = self.v[index].copy()
         v[:3] += back @ (rate * across)
-        v[3:BASE] += back @ turning
+        v[3:BASE] += back @ (rate * n)
         # Pinocchio's acceleration of the base is the derivative of its velocity in its own axes.
         a = self.a[index].copy()
-        a[:3] += back @ pushed - np.cross(v[3:BASE], v[:3]) + np.cross(self.v[index, 3:BASE], self.v[index, :3])
+        a[:3] += back @ pushed - skew(v[3:BASE]) @ v[:3] + self.bias[index]
         a[3:BASE] += back @ spun
         wrench = pin.rnea(self.model, self.data, self.q[index], v, a)
-        force = back.T @ wrench[:3]
-        return float((back.T @ wrench[3:BASE] + np.cross(arm, force)) @ n)
+        return float(wrench[3:BASE] @ (back @ n) + (back.T @ wrench[:3]) @ across)
 
 
 def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:

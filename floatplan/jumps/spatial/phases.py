@@ -5,56 +5,40 @@ Those over which the robot tips leave last; those that are lower where 30 degree
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.phases import Side
+from floatplan.jumps.phases import Side, TimedPhase, Usual
 from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
 from floatplan.robot.robot import Robot
 
 
-@dataclass(frozen=True)
-class SpatialPhase:
-    """A time in which the contacts do not change.
+class SpatialPhase(TimedPhase):
+    """A phase in space; its contacts are feet."""
 
-    Attributes
-    ----------
-    side : "takeoff", "flight" or "landing"
-    feet : that stand
-    duration : guessed, s
-    bounds : of the duration, s
-    intervals : between the nodes of the program
-    """
-
-    side: Side
-    feet: tuple[Foot, ...]
-    duration: float
-    bounds: tuple[float, float]
-    intervals: int
+    first_step = 0.3
 
     @property
-    def shares(self) -> Array:
-        """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
-        even = np.linspace(0.0, 1.0, self.intervals + 1)
-        if self.side == "flight":
-            return even
-        first = 0.3  # [-] of an even step is the step next to the flight; steps grow linearly from there
-        from_flight = 1 - even if self.side == "takeoff" else even
-        spaced = from_flight * (first + (1 - first) * from_flight)
-        return 1 - spaced if self.side == "takeoff" else spaced
+    def feet(self) -> tuple[Foot, ...]:
+        """The feet that stand."""
+        return self.contacts
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the feet's points that stand."""
+        return tuple(foot.name for foot in self.feet)
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the feet that stand."""
-        return tuple(foot.frame for foot in self.feet)
+        """Names of the frames that stand."""
+        return tuple(dict.fromkeys(foot.frame for foot in self.feet))
 
     @property
     def name(self) -> str:
-        """Side and feet, for a person."""
-        return f"{self.side} on {' and '.join(self.frames)}" if self.feet else self.side
+        """Side and frames, for a person."""
+        return f"{self.side} on {' and '.join(self.frames)}" if self.frames else self.side
 
 
 def side_phases(
@@ -62,7 +46,7 @@ def side_phases(
     groups: Sequence[tuple[Foot, ...]],
     unit: float,
     bounds: Sequence[tuple[float, float] | None],
-    intervals: Sequence[int] | None = None,
+    rotation: float = 0.0,
 ) -> list[SpatialPhase]:
     """Return the phases of a side of the flight, or the flight, with generic durations.
 
@@ -72,10 +56,10 @@ def side_phases(
     groups : feet of its one or two phases, in order of time
     unit : sqrt(height / g) of the centre of mass where the robot stands, s
     bounds : of their durations, s; None for generic ones
-    intervals : of each phase, if not the usual numbers
+    rotation : of the base in the flight, all angles added, rad
     """
     # Durations over sqrt(height / g), and intervals, of jumps of quadrupeds.
-    usual = {
+    durations = {
         ("flight", 1): [(2.57, 12)],
         ("takeoff", 1): [(2.73, 20)],
         ("takeoff", 2): [(1.9, 12), (1.03, 8)],
@@ -83,10 +67,11 @@ def side_phases(
         ("landing", 2): [(0.9, 8), (2.3, 12)],
     }[side, len(groups)]
     phases = []
-    for index, (feet, (guess, count), fixed) in enumerate(zip(groups, usual, bounds, strict=True)):
-        low, high = fixed or (0.6 * guess * unit, 1.8 * guess * unit)
-        duration = min(max(guess * unit, low), high)
-        phases.append(SpatialPhase(side, feet, duration, (low, high), count if intervals is None else intervals[index]))
+    for feet, (guess, count), fixed in zip(groups, durations, bounds, strict=True):
+        # Fast rotations need nodes: one more for each 18 degrees beyond 360.
+        count += max(0, round((rotation - 2 * math.pi) / math.radians(18.0)))
+        usual = Usual(guess, 0.6, 1.8, count)
+        phases.append(SpatialPhase(side, feet, *usual.duration(unit, fixed), usual.intervals))
     return phases
 
 

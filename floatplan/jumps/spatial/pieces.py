@@ -52,6 +52,7 @@ class Assembly:
     ----------
     low, high : bounds (rows,)
     labels : (rows,) for a person
+    weights : (size,) of the proximal term
     functions : of IPOPT's problem, by CasADi's option names
     """
 
@@ -59,6 +60,7 @@ class Assembly:
         ca = casadi()
         size = len(weights)
         self.size = size
+        self.weights = weights
         self.low = np.concatenate([piece.low.ravel(order="F") for piece in pieces])
         self.high = np.concatenate([piece.high.ravel(order="F") for piece in pieces])
         self.labels = [label for piece in pieces for label in piece.labels * piece.indices.shape[1]]

@@ -8,11 +8,13 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.jumps.flight import planned_flight
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins
+from floatplan.jumps.spatial.conflicts import binding_limits, binding_sentence
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
+from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.jump import JumpRequest
@@ -52,8 +54,18 @@ def jump_in_space(
     counted = "1 start" if starts == 1 else f"{starts} starts"
     explanation = f"No jump was found in {counted}."
     if nearest is not None:
-        explanation += f" In the nearest this is farthest from what is required: {nearest.worst[1]}."
+        say("what stands in the way")
+        explanation += f" {_shortfall(program, nearest, problem)}"
     return SpatialJump(problem, request, explanation=explanation)
+
+
+def _shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem) -> str:
+    """What is farthest from what is required at the last iterate, and the limits that bind there."""
+    sentence = f"In the nearest this is farthest from what is required: {nearest.worst[1]}."
+    binding = binding_limits(program, nearest.raw)
+    if binding:
+        sentence += f" In the way: {'; '.join(binding_sentence(limit, problem) for limit in binding)}."
+    return sentence
 
 
 def _corrected(
@@ -89,7 +101,8 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
     mechanics = Mechanics(problem.robot, setup.axes, program.model.gravity, setup.feet)
     try:
         ends = flight_ends(program, solution, mechanics)
-        plan = planned_flight(flight_problem(problem, program, solution, mechanics, ends), seed)
+        joints = np.stack((solution.y, solution.v))[:, BASE:, program.flight_nodes]
+        plan = planned_flight(flight_problem(problem, program, solution, mechanics, ends), seed, joints=joints)
         if not plan.ok:
             explanation = f"No flight between the stances was found: {plan.explanation}"
             return SpatialJump(problem, request, explanation=explanation)

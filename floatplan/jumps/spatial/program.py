@@ -1,12 +1,13 @@
 """The program of a jump in space over all phases: variables, rows, guess, and the search by IPOPT in two stages.
 
-A border of two phases is one node, at which feet that leave or arrive bear no force; what arrives is
-in position, still and without acceleration. Between nodes accelerations are linear:
-``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
-``acc + 50 vel + 625 (pos - position) = 0`` at nodes, which brings back what the steps let drift. The squared shares of
-torque limits, summed over nodes, are minimised.
+A border of two phases is one node, at which feet that leave or arrive bear no force. Between nodes accelerations are
+linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
+``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
+other sign of the velocity, since there the motion's end is fixed. The squared shares of torque limits, summed over
+nodes, are minimised.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -21,6 +22,7 @@ from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
+from floatplan.tables import STEEPEST
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
@@ -38,6 +40,8 @@ class SpatialBounds:
     position : (n, 2) rad
     friction : [-]
     clearance : m, of what is no foot from the ground
+    lift : m, of feet in the middle of the flight
+    dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     """
 
     torque: Array
@@ -47,6 +51,8 @@ class SpatialBounds:
     position: Array
     friction: float
     clearance: float
+    lift: float
+    dip: float
 
 
 @dataclass(frozen=True)
@@ -56,15 +62,13 @@ class NodeKind:
     Attributes
     ----------
     side : of the flight, whose places feet have
-    tracking : feet that stand
-    arriving : feet that touch down there
+    tracking : feet that stand, leave or touch down
     bearing : feet with forces
     is_end : whether the robot stands still there, in a fixed posture
     """
 
     side: str
     tracking: tuple[Foot, ...]
-    arriving: tuple[Foot, ...]
     bearing: tuple[Foot, ...]
     is_end: bool = False
 
@@ -129,6 +133,7 @@ class SpatialProgram:
     phases : in order of time, the flight among them
     ends : SpatialEnds
     points : that stay above the ground
+    corners : of the feet's shapes, which nearly do
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
     """
@@ -137,6 +142,7 @@ class SpatialProgram:
     phases: tuple[SpatialPhase, ...]
     ends: SpatialEnds
     points: Sequence[ClearancePoint]
+    corners: Sequence[ClearancePoint]
     bounds: SpatialBounds
     friction: float
     kinds: list[NodeKind] = field(init=False)
@@ -164,17 +170,16 @@ class SpatialProgram:
         border = np.flatnonzero(self.borders == node)
         if node in (0, self.nodes - 1):
             phase = self.phases[0 if node == 0 else -1]
-            return NodeKind(phase.side, (), (), phase.feet, is_end=True)
+            return NodeKind(phase.side, (), phase.feet, is_end=True)
         if not len(border):
             phase = self.phases[self.phase_of[node]]
-            return NodeKind(phase.side, phase.feet, (), phase.feet)
+            return NodeKind(phase.side, phase.feet, phase.feet)
         before = self.phases[int(border[0]) - 1]
         after = self.phases[int(border[0])]
         bearing = tuple(foot for foot in before.feet if foot in after.feet)
         if after.side == "landing":
-            arriving = tuple(foot for foot in after.feet if foot not in before.feet)
-            return NodeKind("landing", before.feet, arriving, bearing)
-        return NodeKind("takeoff", before.feet, (), bearing)
+            return NodeKind("landing", after.feet, bearing)
+        return NodeKind("takeoff", before.feet, bearing)
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -203,46 +208,47 @@ class SpatialProgram:
         ca = casadi()
         model = self.model
         weight = self.weight
-        shares = {foot.frame: ca.SX.sym(f"F_{foot.frame}", 3) for foot in kind.bearing}
+        shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
         forces = {frame: weight * share for frame, share in shares.items()}
         displacement = ca.SX.sym("d", 2)
         parameters = ca.SX.sym("p", 0)
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
         stiffness = 625.0  # [1/s^2] and
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
+        if kind.side == "landing":  # it ends where everything is fixed: drift decays backwards in time
+            damping = -damping
         sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
         for index in range(6):
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
-        uses_displacement = kind.side == "landing" and (kind.tracking or kind.arriving)
-        for foot in (*kind.tracking, *kind.arriving):
-            _, (position, velocity, acceleration) = model.foot(foot.frame)
-            position = ca.SX(self.ends.places[kind.side][foot.frame])
+        uses_displacement = kind.side == "landing" and bool(kind.tracking)
+        for foot in kind.tracking:
+            _, (position, velocity, acceleration) = model.foot(foot.name)
+            stands = ca.SX(self.ends.places[kind.side][foot.name])
             if kind.side == "landing":
-                position = position + ca.vertcat(displacement, 0)
-            gap = position - position
-            label = f"position of {foot.frame}"
-            for index in range(3):
-                if foot in kind.arriving:
-                    rows.append((gap[index] / self.height, 0.0, 0.0, label))
-                    rows.append((velocity[index] / (model.gravity * self.unit), 0.0, 0.0, label))
-                    rows.append((acceleration[index] / model.gravity, 0.0, 0.0, label))
-                else:
-                    pulled = acceleration[index] + damping * velocity[index] + stiffness * gap[index]
-                    rows.append((pulled / model.gravity, 0.0, 0.0, label))
+                stands += ca.vertcat(displacement, 0)
+            gap = position - stands
+            label = f"position of {foot.name}"
+            for direction in self._directions(kind.side, foot):
+                along = ca.DM(direction).T
+                off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
+                pulled = change + damping * speed + stiffness * off
+                rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
-            share = shares[foot.frame]
+            share = shares[foot.name]
             steepest = self.bounds.friction * math.cos(math.pi / sides)
             for side in range(sides):
                 angle = 2 * math.pi * side / sides
                 along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
-                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.frame}"))
+                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
         motor_rows, cost = self._motor_rows(forces)
         height_rows: list[tuple[Any, float, float, str]] = []
         if not kind.is_end:
             rows += motor_rows
+            rows += self._leverage_rows(kind)
+            rows += self._distance_rows(kind)
             height_rows = self._height_rows(kind)
         cost += 1e-5 * ca.sumsqr(model.a) + 1e-2 * sum((ca.sumsqr(share) for share in shares.values()), ca.SX(0))
         low = np.array([row[1] for row in rows])[:, None] * np.ones(len(nodes))
@@ -271,6 +277,22 @@ class SpatialProgram:
             labels=tuple(f"{row[3]} ({where})" for row in everything),
         )
 
+    def _directions(self, side: str, foot: Foot) -> Array:
+        """Directions (k, 3) in which a point's position is fixed, in the world: as many as fix a sole.
+
+        Those are all three of a point's and a heel's; of one toe but that towards the heel; of the other the vertical.
+        """
+        heel, _, right_toe = Foot.of_soles
+        if foot.suffix in ("", heel):
+            return np.eye(3)
+        vertical = np.array([0.0, 0.0, 1.0])
+        if foot.suffix == right_toe:
+            return vertical[None]
+        places = self.ends.places[side]
+        to_heel = places[foot.frame + heel] - places[foot.name]
+        across = np.cross(vertical, to_heel)
+        return np.array([across / np.linalg.norm(across), vertical])
+
     def _motor_rows(self, forces: dict[str, Any]) -> tuple[list[tuple[Any, float, float, str]], Any]:
         """Rows of torques within limits and curves, and the sum of squared shares of the limits."""
         ca = casadi()
@@ -296,38 +318,60 @@ class SpatialProgram:
                 rows.append((share - lost, -most, most, label))
         return rows, cost
 
-    def _heights(self, kind: NodeKind) -> list[tuple[str, int, Any, float]]:
-        """What stays above the ground at nodes of a kind: label, body, point in it, and height of the ground below."""
-        standing = {foot.frame for foot in (*kind.tracking, *kind.arriving)}
-        heights = [(point.link, point.body, point.local, point.radius) for point in self.points]
-        in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.frame not in standing}
+    def _leverage_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep legs which stand from postures in which their joints cannot move the foot every way."""
+        ca = casadi()
+        least = 0.2  # [-] of the leverage where the robot stands at first
+        rows = []
+        for foot in kind.tracking:
+            leverage = self.model.leverage(foot.name)
+            if leverage is not None:
+                standing = float(ca.Function("leverage", [self.model.y], [leverage])(self.ends.y[0]))
+                rows.append((leverage / standing - least, 0.0, np.inf, f"leverage of {foot.name}"))
+        return rows
+
+    def _distance_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles."""
+        ca = casadi()
+        apart = 0.01  # [m] between their surfaces
+        feet = sorted({foot for phase in self.phases for foot in phase.feet if not foot.suffix}, key=lambda f: f.body)
+        rows = []
+        for first, second in itertools.combinations(feet, 2):
+            if first in kind.tracking and second in kind.tracking:
+                continue
+            between = self.model.foot(first.name)[1][0] - self.model.foot(second.name)[1][0]
+            least = first.depth + second.depth + apart
+            label = f"distance of {first.name} from {second.name}"
+            rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
+        return rows
+
+    def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
+        """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
+        standing = {foot.name for foot in kind.tracking}
+        heights = [(point, "link") for point in self.points]
+        heights += [(point, "corner") for point in self.corners]
+        in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.name not in standing}
         for foot in sorted(in_the_air, key=lambda foot: foot.body):
-            heights += [(foot.frame, foot.body, foot.local, foot.depth)]
+            heights.append((ClearancePoint(foot.name, foot.body, foot.local, foot.depth), "foot"))
         return heights
 
     def _height_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
         rows = []
-        for name, body, local, depth in self._heights(kind):
-            position, _, _ = self.model.placed(self.model.bodies[body - 1].point(np.array(local)))
-            rows.append(((position[2] - depth) / self.height, 0.0, np.inf, f"height of {name}"))
+        for point, _ in self._heights(kind):
+            position, _, _ = self.model.placed(self.model.bodies[point.body - 1].point(np.array(point.local)))
+            label = f"height of {point.link}"
+            rows.append(((position[2] - point.radius) / self.height, 0.0, np.inf, label))
         return rows
 
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
         """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
-        foot_lift = 0.02  # [m] of feet in the middle of the flight
         air_lift = 0.003  # [m] of feet in the air in stance
-        feet = {foot.frame for phase in self.phases for foot in phase.feet}
         share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
         in_flight = 0.0 < share < 1.0
         arc = 16 * (share * (1 - share)) ** 2 if in_flight else 0.0
-        least = []
-        for name, *_ in self._heights(kind):
-            if name in feet:
-                lift = foot_lift * min(1.0, arc) if in_flight else air_lift
-                least.append(lift)
-            else:
-                least.append(self.bounds.clearance)
-        return np.array(least) / self.height
+        lift = self.bounds.lift * min(1.0, arc) if in_flight else air_lift
+        least_of = {"link": self.bounds.clearance, "foot": lift, "corner": -self.bounds.dip}
+        return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:
         """Rows of the intervals of a phase: y and v follow from accelerations that are linear."""
@@ -370,6 +414,7 @@ class SpatialProgram:
         bounds = self.bounds
         low = np.full(self.size, -np.inf)
         high = np.full(self.size, np.inf)
+        steepest = STEEPEST - math.radians(5.0)  # a little less than what the flight's plan may tilt
         for node, kind in enumerate(self.kinds):
             begin = self.begins[node]
             if kind.is_end:
@@ -382,8 +427,8 @@ class SpatialProgram:
                     low[begin : begin + 2] = -np.inf
                     high[begin : begin + 2] = np.inf
             else:
-                low[begin + 4] = -MIDDLE_ANGLE
-                high[begin + 4] = MIDDLE_ANGLE
+                low[begin + 4] = -steepest
+                high[begin + 4] = steepest
                 low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T
                 low[begin + n + BASE : begin + 2 * n] = -bounds.velocity
                 high[begin + n + BASE : begin + 2 * n] = bounds.velocity
@@ -392,6 +437,11 @@ class SpatialProgram:
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high
+
+    @property
+    def flight_nodes(self) -> slice:
+        """The flight's nodes, both borders among them."""
+        return slice(int(self.borders[self.flight]), int(self.borders[self.flight + 1]) + 1)
 
     def times(self, durations: Array) -> Array:
         """Instants (K+1,) of the nodes, s."""
@@ -413,7 +463,7 @@ class SpatialProgram:
             share = self.shares[node]
             raw[at : at + 3 * n] = [np.interp(share, other_shares, row) for row in motion]
             for column, foot in enumerate(kind.bearing):
-                forces = [of_node.get(foot.frame, np.zeros(3)) for of_node in solution.forces]
+                forces = [of_node.get(foot.name, np.zeros(3)) for of_node in solution.forces]
                 begin = at + 3 * n + 3 * column
                 own = [np.interp(share, other_shares, row) for row in np.transpose(forces)]
                 raw[begin : begin + 3] = np.array(own) / self.weight
@@ -487,7 +537,7 @@ class SpatialProgram:
             shares = raw[self.begins[node] + 3 * n : self.begins[node + 1]].reshape(-1, 3)
             of_node = {}
             for foot, share in zip(kind.bearing, shares, strict=True):
-                of_node[foot.frame] = self.weight * share
+                of_node[foot.name] = self.weight * share
             forces.append(of_node)
         return SpatialSolution(
             raw=raw,

@@ -18,8 +18,9 @@ from floatplan.jumps.spatial.standing import (
     Foot,
     Kinematics,
     clearance_points,
+    feet_at,
     feet_links,
-    foot_at,
+    foot_corners,
     not_standing,
     standing_joints,
 )
@@ -28,6 +29,7 @@ from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
+from floatplan.tables import POINT_FEET
 
 IN_PLANE = "is for jumps in a plane, so far"
 
@@ -56,7 +58,7 @@ class SpatialSetup:
     @property
     def feet(self) -> list[Foot]:
         """All feet."""
-        return list({foot.frame: foot for phase in self.phases for foot in phase.feet}.values())
+        return list({foot.name: foot for phase in self.phases for foot in phase.feet}.values())
 
     def program(self, margins: NodeMargins) -> SpatialProgram:
         """Return the program with some margins."""
@@ -80,11 +82,14 @@ class SpatialSetup:
             position=ranges,
             friction=margins.friction * request.friction,
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
+            lift=margins.lift,
+            dip=margins.dip,
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
-        model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity))
+        model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
         points = clearance_points(problem.robot, self.feet)
-        return SpatialProgram(model, phases, self.ends, points, bounds, request.friction)
+        corners = foot_corners(problem.robot, self.feet, POINT_FEET)
+        return SpatialProgram(model, phases, self.ends, points, corners, bounds, request.friction)
 
     @property
     def _lowest(self) -> float:
@@ -140,9 +145,10 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     time = problem.flight.duration
     flight_bounds = (time, time) if "duration" in request.fixed else None
     _check_frames(problem, takeoff, landing)
+    rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
-        *side_phases("flight", [()], unit, [flight_bounds]),
+        *side_phases("flight", [()], unit, [flight_bounds], rotation),
         *side_phases("landing", landing, unit, duration_bounds(request, "landing", len(landing))),
     )
     return SpatialSetup(problem, request, axes, phases, ends, origin)
@@ -177,6 +183,12 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
         raise InputError(
             f"angles about {axes!r} are not defined where the base is level", element="goal.orientation", advice=advice
         )
+    rotation = float(np.abs(np.array(goal.angles) - np.array(start.angles)).max())
+    most = 1080.0  # [degrees] twice of what programs have had solutions for
+    if math.degrees(rotation) > most + 1.0:
+        reason = f"the base would turn by {math.degrees(rotation):.4g} degrees, no jump turns by more than {most:.4g}"
+        advice = "ask for fewer turns, or plan the flight alone with floatplan plan"
+        raise InputError(reason, element="goal.orientation", advice=advice)
     for key, attitude in (("start", start), ("goal", goal)):
         assert attitude.angles is not None
         middle = attitude.angles[1]
@@ -218,7 +230,7 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
             if other.body == body:
                 reason = f"{name!r} stands twice: on the same leg as {other.frame!r}"
                 raise InputError(reason, element=key, advice="name one foot of each leg")
-        feet.append(foot_at(robot, name, start, joints, key))
+        feet += feet_at(robot, name, start, joints, key)
     for side, groups in (("takeoff", request.takeoff.contacts), ("landing", request.landing.contacts)):
         for index, group in enumerate(groups or ()):
             unknown = set(group) - {foot.frame for foot in feet}
@@ -226,6 +238,10 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
                 reason = f"{min(unknown)!r} is not among what stands at first: {', '.join(names)}"
                 element = f"jump.{side}.contacts[{index}]"
                 raise InputError(reason, element=element, advice="name the same feet before and after")
+            repeated = {name for name in group if group.count(name) > 1}
+            if repeated:
+                element = f"jump.{side}.contacts[{index}]"
+                raise InputError(f"{min(repeated)!r} stands twice", element=element, advice="name each foot once")
         outer = (groups or (names,))[0 if side == "takeoff" else -1]
         left_out = {foot.frame for foot in feet} - set(outer)
         if left_out:
@@ -260,7 +276,8 @@ def _standing(
     """Joints (n,) in which the robot stands still on all feet, and the height of the base, m."""
     robot = problem.robot
     requested = request.takeoff.from_ if side == "takeoff" else request.landing.to
-    key = f"jump.{side}.contacts"
+    named_after = request.landing.contacts and not request.takeoff.contacts
+    key = f"jump.{'landing' if named_after else side}.contacts"
     if isinstance(requested, Mapping):
         key = "jump.takeoff.from" if side == "takeoff" else "jump.landing.to"
         for name, angle, (low, high) in zip(robot.joints, target, problem.position_limits, strict=True):
@@ -286,8 +303,7 @@ def _standing(
 
 def _groups(contacts: Sequence[Sequence[str]], feet: Sequence[Foot]) -> list[tuple[Foot, ...]]:
     """Feet of phases, from their names."""
-    by_name = {foot.frame: foot for foot in feet}
-    return [tuple(by_name[name] for name in group) for group in contacts]
+    return [tuple(foot for name in group for foot in feet if foot.frame == name) for group in contacts]
 
 
 def _ends(
@@ -308,14 +324,20 @@ def _ends(
         com = pin.centerOfMass(kinematics.model, kinematics.data, q).copy()
         shift = np.array([com[0], com[1], 0.0])
         rows.append(np.concatenate(([0.0, 0.0, com[2]], attitude.angles_about(axes), own)))
-        places[side] = {foot.frame: kinematics.point(foot.body, foot.local) - shift for foot in feet}
+        places[side] = {foot.name: kinematics.point(foot.body, foot.local) - shift for foot in feet}
     displacement = None if request.landing.displacement is None else np.array(request.landing.displacement)
     frame = problem.takeoff.frame
     origin = np.zeros(3)
-    if frame in places["takeoff"]:
-        depth = next(foot.depth for foot in feet if foot.frame == frame)
-        origin = np.array(problem.takeoff.position) - places["takeoff"][frame]
-        origin[2] = problem.takeoff.position[-1] - depth
+    first = next((foot for foot in feet if foot.frame == frame), None)
+    if first is not None:
+        q = kinematics.pose(np.array([0.0, 0.0, heights[0]]), attitudes[0].matrix, joints[0])
+        com = pin.centerOfMass(kinematics.model, kinematics.data, q)
+        robot = problem.robot
+        at_frame = kinematics.point(*frame_position(robot.model, robot.joint_tree, frame))
+        origin = np.array(problem.takeoff.position) - at_frame
+        origin[:2] += com[:2]
+        if not first.suffix:
+            origin[2] = problem.takeoff.position[-1] - first.depth
     return SpatialEnds(np.array(rows), places, displacement), origin
 
 
@@ -323,7 +345,7 @@ def _check_frames(problem: Problem, takeoff: Sequence[tuple[Foot, ...]], landing
     """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
     flight = problem.flight
     for side, requested, feet in (("takeoff", flight.takeoff, takeoff[0]), ("landing", flight.landing, landing[0])):
-        frames = [foot.frame for foot in feet]
+        frames = list(dict.fromkeys(foot.frame for foot in feet))
         if requested is not None and requested.frame not in frames:
             reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
             advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"

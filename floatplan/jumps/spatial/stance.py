@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -76,7 +77,7 @@ class SpatialStance:
     @property
     def ground(self) -> float:
         """Height of the ground below its feet, m."""
-        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].frame])
+        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].name])
         return float(places[0, 0, 0, 2] - self.contacts[0].depth)
 
     def joints(self, times: Array) -> Array:
@@ -87,7 +88,7 @@ class SpatialStance:
         """State at times (N,) s from the jump's start."""
         motion = self.grid.at(times)
         mechanics = self.mechanics
-        frames = [foot.frame for foot in self.contacts]
+        frames = [foot.name for foot in self.contacts]
         places, _ = mechanics.feet(motion, frames)
         wrench = mechanics.wrench(motion)
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
@@ -118,6 +119,32 @@ class SpatialStance:
             points={frame: read_only(places[0][:, column]) for column, frame in enumerate(frames)},
         )
 
+    def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
+        """What the motors and the base take of a state's forces; see :class:`~floatplan.jumps.motion.AnyStance`.
+
+        The points are frames of the robot's own model, apart from what the state was computed with; points of soles,
+        which have none, get some.
+        """
+        model = self.robot.model.copy()
+        model.gravity.linear = np.array([0.0, 0.0, -self.gravity])
+        frames = {foot.name: _frame(model, foot) for foot in self.contacts}
+        data = model.createData()
+        count = len(state.times)
+        torques = np.empty_like(state.torques)
+        feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frames}
+        rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
+        for index, (q, v, a) in enumerate(rows):
+            torques[index] = pin.rnea(model, data, q, v, a)
+            pin.computeJointJacobians(model, data, q)
+            pin.updateFramePlacements(model, data)
+            for name, (positions, speeds) in feet.items():
+                frame = frames[name]
+                jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+                torques[index] -= jacobian.T @ state.forces[name][index]
+                positions[index] = data.oMf[frame].translation
+                speeds[index] = np.linalg.norm(jacobian @ v)
+        return torques, feet
+
     def _carried(self, motion: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model."""
         mechanics = self.mechanics
@@ -126,7 +153,7 @@ class SpatialStance:
             pin.computeJointJacobians(mechanics.model, mechanics.data, q)
             pin.updateFramePlacements(mechanics.model, mechanics.data)
             for column, foot in enumerate(self.contacts):
-                number = mechanics.frames[foot.frame]
+                number = mechanics.frames[foot.name]
                 jacobian = pin.getFrameJacobian(mechanics.model, mechanics.data, number, pin.LOCAL_WORLD_ALIGNED)
                 carried[index] += jacobian[:3, BASE:].T @ forces[index, column]
         return carried
@@ -177,15 +204,34 @@ def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight:
     They are sums of the pyramids' edges, with factors that are not negative.
     """
     sides = 16  # [-] the pyramid has 0.98 of the cone's width
-    heavier = 1e-4  # [-] of the nearness to the shares over the wrench, which is met to its square
+    heavier = 1e-5  # [-] of the nearness to the shares over the wrench
+    rounds = 6  # [-] at most; each leaves less of the wrench by orders of magnitude, if the cones have it at all
     angles = 2 * np.pi * np.arange(sides) / sides
     edges = np.stack((friction * np.cos(angles), friction * np.sin(angles), np.ones(sides)))
     feet = len(share) // 3
     generators = np.kron(np.eye(feet), edges)
     nearness = heavier / np.sqrt(loads)
     rows = np.vstack((arm_map @ generators, nearness[:, None] * generators))
-    factors, _ = nnls(rows, np.concatenate((wrench, nearness * share)) / weight)
-    return np.asarray((generators @ factors * weight).reshape(feet, 3))
+    # Where light feet stay near their shares, least squares leave some of the wrench: it is required once more, as
+    # multipliers of the wrench's equations would (Hestenes 1969).
+    target = wrench.copy()
+    forces = share
+    for _ in range(rounds):
+        factors, _ = nnls(rows, np.concatenate((target, nearness * share)) / weight)
+        forces = generators @ factors * weight
+        missing = wrench - arm_map @ forces
+        if np.abs(missing).max() < 1e-10 * weight:
+            break
+        target += missing
+    return np.asarray(forces.reshape(feet, 3))
+
+
+def _frame(model: Any, foot: Foot) -> int:
+    """Number of a foot's frame in a model; one more where it is a point of a sole."""
+    if not foot.suffix:
+        return int(model.getFrameId(foot.frame))
+    placement = pin.SE3(np.eye(3), np.array(foot.local))
+    return int(model.addFrame(pin.Frame(foot.name, foot.body, 0, placement, pin.FrameType.OP_FRAME)))
 
 
 def continuous(q: Array) -> Array:

@@ -4,6 +4,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import pinocchio as pin
@@ -22,30 +23,34 @@ LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
 
 @dataclass(frozen=True)
 class Foot:
-    """A point on which the robot stands.
+    """A point on which the robot stands: a foot, or one of the three points of a sole.
 
     Attributes
     ----------
-    frame : its name; the origin of this link or joint is the point
+    frame : its name; the origin of this link or joint is the point, unless it is of a sole
     body : joint of the robot's model that carries it
     local : (3,) m, in that joint's frame
     depth : height of the point over the ground where it stands, m
+    suffix : of a sole's point, one of :attr:`of_soles`; else empty
     """
+
+    of_soles: ClassVar[tuple[str, str, str]] = (".heel", ".left_toe", ".right_toe")
 
     frame: str
     body: int
     local: tuple[float, float, float]
     depth: float
+    suffix: str = ""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of its points, by which forces are listed."""
-        return (self.frame,)
+        return (self.name,)
 
     @property
     def name(self) -> str:
         """The point's name."""
-        return self.frame
+        return self.frame + self.suffix
 
     @property
     def radius(self) -> float:
@@ -84,13 +89,13 @@ class Kinematics:
         return float(min(heights, default=math.inf))
 
 
-def foot_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: str) -> Foot:
-    """Return the foot of a frame, which is a point, as deep as its link reaches below it in a posture that stands.
+def feet_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: str) -> tuple[Foot, ...]:
+    """Return the points of a frame's foot: the frame's origin, or three of a flat sole, in a posture that stands.
 
     Raises
     ------
     InputError
-        Its link has no shape, or stands on a sole.
+        Its link has no shape.
     """
     body, local = frame_position(robot.model, robot.joint_tree, frame)
     link = frame if frame in robot.joint_tree.links else robot.joint_tree.joint[frame].child
@@ -101,19 +106,49 @@ def foot_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: st
     kinematics = Kinematics(robot)
     kinematics.pose(np.zeros(3), attitude.matrix, joints)
     point = kinematics.point(body, local)
-    depth = float(point[2] - kinematics.lowest([own]))
-    reach = 0.0
-    for solid in robot.solids:
-        if solid.link == own:
-            placement = kinematics.data.oMi[solid.body]
-            placed = solid.points @ placement.rotation.T + placement.translation - point
-            low = placed[placed[:, 2] < placed[:, 2].min() + 5e-3]  # m: what is on the ground, or nearly
-            reach = max(reach, float(np.linalg.norm(low[:, :2], axis=1).max()))
+    ground = kinematics.lowest([own])
+    lowest = _lowest_points(kinematics, own)
     largest = 0.06  # [m] from a foot's point to the end of a sole: larger ones stand on soles, not on points
-    if reach > largest or depth < 0:
-        reason = f"{frame!r} stands on a sole; jumps in space are of robots whose feet are points, so far"
-        raise InputError(reason, element=key, advice="plan the jump in a plane: leave [robot] base out")
-    return Foot(frame, body, tuple(local.tolist()), depth)
+    if point[2] >= ground and np.linalg.norm((lowest - point)[:, :2], axis=1).max() <= largest:
+        return (Foot(frame, body, tuple(local.tolist()), float(point[2] - ground)),)
+    placement = kinematics.data.oMi[body]
+    feet = []
+    for suffix, position in zip(Foot.of_soles, _sole_points(lowest, attitude), strict=True):
+        x, y, z = placement.actInv(np.array([*position, ground])).tolist()
+        feet.append(Foot(frame, body, (x, y, z), 0.0, suffix))
+    return tuple(feet)
+
+
+def _lowest_points(kinematics: Kinematics, link: str) -> Array:
+    """What of a link is on the ground, or within 5 mm of it (N, 3), m, in the configuration that was set last."""
+    nearly = 5e-3  # [m]
+    points = []
+    for solid in kinematics.robot.solids:
+        if solid.link == link:
+            placement = kinematics.data.oMi[solid.body]
+            below = float(np.linalg.norm(DOWN @ placement.rotation @ solid.axes))
+            placed = solid.points @ placement.rotation.T + placement.translation
+            points.append(placed + below * DOWN)
+    everything = np.concatenate(points)
+    return np.asarray(everything[everything[:, 2] < everything[:, 2].min() + nearly])
+
+
+def _sole_points(lowest: Array, attitude: Attitude) -> Array:
+    """Return the middle of a sole's rear edge and the corners of its front one (3, 2), m, in the world.
+
+    The sole is what its lowest points (N, 3) span; the base looks forwards.
+    """
+    edge = 0.01  # [m] what is so near to an end is the edge there
+    heading = attitude.matrix[:2, 0] / np.linalg.norm(attitude.matrix[:2, 0])
+    left = np.array([-heading[1], heading[0]])
+    along = lowest[:, :2] @ heading
+    across = lowest[:, :2] @ left
+    rear = across[along < along.min() + edge]
+    front = across[along > along.max() - edge]
+    heel = along.min() * heading + (rear.min() + rear.max()) / 2 * left
+    left_toe = along.max() * heading + front.max() * left
+    right_toe = along.max() * heading + front.min() * left
+    return np.array([heel, left_toe, right_toe])
 
 
 def standing_joints(
@@ -164,11 +199,14 @@ def not_standing(robot: Robot, feet: Sequence[Foot], attitude: Attitude, joints:
 
 def feet_links(robot: Robot, feet: Sequence[Foot]) -> set[str | None]:
     """Links with whose shapes feet stand on the ground."""
-    links = set()
+    links: set[str | None] = set()
     for foot in feet:
         tree = robot.joint_tree
         link = foot.frame if foot.frame in tree.links else tree.joint[foot.frame].child
         links.add(robot.contact_link(link))
+        if foot.suffix:  # links fixed to a sole that have no geometry of their own: frames on the ground
+            on_sole = {solid.link for solid in robot.solids if solid.body == foot.body}
+            links |= {name for name in on_sole if not robot.stands_on_geometry(name)}
     return links
 
 
@@ -209,6 +247,36 @@ def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]
                 x, y, z = end.tolist()
                 points.append(ClearancePoint(capsule.link, capsule.body, (x, y, z), capsule.radius))
     return _distinct(robot, points)
+
+
+def foot_corners(robot: Robot, feet: Sequence[Foot], least: float) -> list[ClearancePoint]:
+    """Return corners of the feet's shapes that would be in the ground, by ``least`` or more, below the feet's points.
+
+    A foot's point stays as high as it stands; where the leg tilts, what is farther from it than the ground dips in. Of
+    corners in nearly the same direction only the farthest is returned.
+    """
+    alike = math.cos(math.radians(25.0))  # of directions from the foot's point
+    corners: list[ClearancePoint] = []
+    for foot in feet:
+        if foot.suffix:  # a sole stands flat, and its points are its corners
+            continue
+        directions: list[Array] = []
+        candidates = []
+        for solid in robot.solids:
+            if solid.link in feet_links(robot, [foot]):
+                radius = float(np.linalg.norm(solid.axes, axis=0).max())
+                candidates += [(point - np.array(foot.local), radius) for point in solid.points]
+        candidates.sort(key=lambda candidate: -float(np.linalg.norm(candidate[0])) - candidate[1])
+        for arm, radius in candidates:
+            distance = float(np.linalg.norm(arm))
+            if distance + radius < foot.depth + least or not distance:
+                continue
+            direction = arm / distance
+            if all(direction @ other < alike for other in directions):
+                directions.append(direction)
+                x, y, z = (np.array(foot.local) + arm).tolist()
+                corners.append(ClearancePoint(foot.name, foot.body, (x, y, z), radius))
+    return corners
 
 
 def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearancePoint]:

@@ -19,10 +19,6 @@ from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.tables import ORIENTATION, RELATIVE
 
-PATH_INSTANTS = 2001  # [-] of the flight
-FEW_INSTANTS = 51  # [-] the same where few are enough
-POINTS_PER_SHAPE = 9  # [-] of a link's shape: candidates for the point that stays nearest to the centre of mass
-
 
 def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
     """Return the reasons why no motion whatever meets the problem, a sentence each; none where none is proved.
@@ -33,7 +29,7 @@ def impossibilities(problem: Problem, path_is_clear: bool = False) -> list[str]:
     for index, obstacle in enumerate(problem.obstacles):
         if isinstance(obstacle, Bar) or not (path_is_clear or _stays_out(problem, obstacle)):
             point = central_point(problem)
-            (times, path, _) = _path_from(problem, obstacle, PATH_INSTANTS)
+            (times, path, _) = _path_from(problem, obstacle, 2001)  # as fine as sentences tell of it
             sentences += [*_impassable(index, obstacle, times, path, point), *_barred(index, obstacle, path, point)]
     return sentences
 
@@ -49,7 +45,7 @@ def _path_from(problem: Problem, obstacle: Obstacle, instants: int) -> tuple[Arr
 
 def _stays_out(problem: Problem, obstacle: Obstacle) -> bool:
     """Whether a few instants tell that the centre of mass is never so deep in an obstacle: its speed is convex."""
-    times, path, velocity = _path_from(problem, obstacle, FEW_INSTANTS)
+    times, path, velocity = _path_from(problem, obstacle, 51)
     between = np.abs(velocity).max() * times[1] / 2
     return bool(obstacle.margin - point_distances(obstacle, path).min() + between < central_reach(problem.robot))
 
@@ -99,7 +95,7 @@ def central_reach(robot: Robot) -> float:
 def _central_weights(robot: Robot) -> ComplexArray:
     """Weights (m,) of that point."""
     shapes = robot.shapes
-    count = POINTS_PER_SHAPE
+    count = 9  # [-] of a link's shape: candidates for the point that stays nearest to the centre of mass
     bodies = np.repeat([shape.body for shape in shapes], count)
     fraction = np.tile(np.linspace(0, 1, count), len(shapes))
     starts = np.repeat([shape.start for shape in shapes], count)

@@ -17,8 +17,6 @@ from floatplan.problem.parts import Bar, Circle, Ground, HalfPlane, Obstacle
 from floatplan.robot.planar.tree import PlanarTree
 from floatplan.robot.robot import LinkCapsule
 
-IN_LINE = 1e-12  # m^2: cross products below this are rounding, of segments that touch or lie in one line
-
 
 @dataclass(frozen=True, eq=False)
 class Segments:
@@ -162,4 +160,5 @@ def _cross(start: ComplexArray, end: ComplexArray, other_start: ComplexArray, ot
     crossing = np.asarray((of_other[0] * of_other[1] < 0) & (own[0] * own[1] < 0))
     if not crossing.any():
         return crossing
-    return np.asarray(crossing & (np.min(np.abs((*of_other, *own)), axis=0) > IN_LINE))
+    in_line = 1e-12  # [m^2] cross products below this are rounding, of segments that touch or lie in one line
+    return np.asarray(crossing & (np.min(np.abs((*of_other, *own)), axis=0) > in_line))

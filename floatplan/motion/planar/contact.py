@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 from typing import Any, ClassVar, Literal, TypeAlias, get_args
 
@@ -30,10 +31,10 @@ from floatplan.pool import one_thread
 from floatplan.problem.file import as_problem
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Frame
+from floatplan.robot.standing import FLAT
 from floatplan.tables import RELATIVE
 
 VERBS: dict[End, str] = {"takeoff": "leave", "landing": "meet"}
-LEVEL = 5e-3  # [m] within which points of a foot's shape are as low as its lowest: a stance takes a sole for flat so
 FAST = 40.0  # [rad/s] that no joint of a legged robot turns at
 
 Momentum: TypeAlias = float | Literal["midpoint"]
@@ -305,7 +306,7 @@ def lowest_points(problem: Problem, end: End) -> list[Frame]:
             points.append(Frame(shape.body, point_on_body, frame.link, weights))
             heights.append(float((weights @ rotations).imag))
     lowest = min(heights, default=0.0)
-    return [point for point, height in zip(points, heights, strict=True) if height < lowest + LEVEL]
+    return list(compress(points, np.array(heights) < lowest + FLAT))
 
 
 def _why_none(problem: Problem, solution: ContactRates) -> str:

@@ -24,7 +24,6 @@ from floatplan.robot.robot import Frame, Robot
 
 End: TypeAlias = Literal["takeoff", "landing"]
 
-HALVINGS = 80  # [-] of the interval between the best angular momenta of both ends
 NOTHING = 1e-12  # [-] of the whole: less is rounding
 SAME = 1e-9  # [-] relative: what differs by less is equal
 Interval: TypeAlias = tuple[float, float]
@@ -172,7 +171,7 @@ def shared_momentum(problem: Problem) -> float | None:
     last = best["landing"].angular_momentum
     if larger(first)[1] == "takeoff":
         return first
-    for _ in range(HALVINGS):
+    for _ in range(80):  # halvings of the interval: to rounding
         middle = (first + last) / 2
         first, last = (first, middle) if larger(middle)[1] == "takeoff" else (middle, last)
     return min(first, last, key=larger)

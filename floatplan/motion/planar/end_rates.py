@@ -14,12 +14,7 @@ from floatplan.motion.planar.contact_rates import End, contact_rates, has_contac
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import end_errors
-from floatplan.tables import CLEARANCE, ROUNDED_FRAME_SPEED
-
-ENDS: tuple[tuple[str, End], ...] = (("start", "takeoff"), ("goal", "landing"))
-REACH = 4.0  # [-] of a free h: how far from its middle the rates are computed; beyond, they go on straight
-HALVINGS = 10  # [-] of that, at most, on the way to a bend of the rates
-STRAIGHT = 1e-9  # [-] relative: a smaller bend is rounding
+from floatplan.tables import CLEARANCE, FLIGHT_EVENTS, ROUNDED_FRAME_SPEED
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +64,13 @@ def end_rates(problem: Problem, momentum: MomentumSet) -> EndRates:
     states = (problem.initial, problem.final)
     fixed = np.array([state.velocities for state in states])
     curves: dict[int, RateCurve] = {}
-    for number, (element, end) in enumerate(ENDS):
+    for number, (element, end) in enumerate(FLIGHT_EVENTS.items()):
         if states[number].frame_rests:
             middle = float(momentum.centre[0])
             if momentum.axes.size:
-                curves[number] = _curve(problem, element, end, middle, REACH * float(np.abs(momentum.axes[0]).max()))
+                # The rates are computed so far from the middle of a free h; beyond, they go on straight.
+                reach = 4.0 * float(np.abs(momentum.axes[0]).max())
+                curves[number] = _curve(problem, element, end, middle, reach)
             else:
                 fixed[number] = _rates(problem, element, end, middle)
                 settled = replace(states[number], velocities=fixed[number])
@@ -92,12 +89,13 @@ def _curve(problem: Problem, element: str, end: End, middle: float, reach: float
 
     sampled = {momentum: rates(momentum) for momentum in (middle - reach, middle, middle + reach)}
     open_ = [(middle - reach, middle), (middle, middle + reach)]
-    smallest = reach / 2**HALVINGS
+    smallest = reach / 2**10  # on the way to a bend of the rates
+    rounding = 1e-9  # [-] relative to the rates: a smaller bend
     while open_:
         low, high = open_.pop()
         between = (low + high) / 2
         sampled[between] = rates(between)
-        size = STRAIGHT * (np.abs(sampled[low]).max() + np.abs(sampled[high]).max())
+        size = rounding * (np.abs(sampled[low]).max() + np.abs(sampled[high]).max())
         bent = np.abs(sampled[between] - (sampled[low] + sampled[high]) / 2).max() > size
         if bent and high - low > smallest:
             open_ += [(low, between), (between, high)]

@@ -35,8 +35,7 @@ from floatplan.motion.dynamics import FlightState
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-
-FREE_FLYER = 6  # velocities of the free flyer; its configuration has one number more
+from floatplan.robot.urdf.base import FREE_FLYER
 
 
 class Workspace(threading.local):
@@ -257,7 +256,7 @@ class FullMotion:
         torques = self.torques.copy()
         base = len(robot.transmission) - len(self.joints)
         torques[:, robot.transmission[base:].any(axis=1)] = 0.0
-        motors = [self.joints.index(name) for name in robot.motors]
+        motors = list(map(self.joints.index, robot.motors))
         torques[:, motors] = self.torques @ robot.transmission[base:]
         return read_only(torques)
 

@@ -18,8 +18,6 @@ from floatplan.pool import one_thread
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.problem import Problem
 
-RESOLVED = 1e-14  # tail of the Legendre coefficients of theta0', relative to the largest, that counts as none
-
 
 class PlanarMotion:
     """A motion of joints as written, with an angular momentum, kg m^2/s, and the base's, which follows."""
@@ -119,6 +117,7 @@ class PlanarMotion:
             rule = quadrature.gauss_legendre(count)
             positions, velocities, _ = self.joints.at(rule.nodes * self.problem.flight.duration)
             rates = self.dynamics.base_rate(positions, velocities, self.angular_momentum)
-            if rule.tail(rates) <= RESOLVED * max(float(np.abs(rates).max()), 1e-300):
+            # A tail of the Legendre coefficients of theta0' that is 1e-14 of the largest rate is rounding.
+            if rule.tail(rates) <= 1e-14 * max(float(np.abs(rates).max()), 1e-300):
                 break
         return rule, rates

@@ -26,7 +26,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import FloatplanError
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, enumeration, pointers
+from floatplan.kernel.structs import Struct, doubles, enumeration, integers, layout
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import cross_matrix, of_quaternions, unwrapped_angles
 from floatplan.problem.attitude import Reorientation, tilt
@@ -38,9 +38,8 @@ TOLERANCES: dict[str, float] = {
     "settled": 1e-13,  # [-] of |h|: a step of mu below which Newton's method has ended
     "largest": 1e6,  # [-] of |h|: beyond it the motion cannot be integrated in these cells
 }
-OUT_OF_MEMORY = 2
+OUT_OF_MEMORY = 2  # as the kernel says it
 WEIGHT_OF_GROWTH = 1e-3  # [rad^2] of the objective "robust": 0.1 more in |z| brought |P| from 12..169 down to 2..16
-NOTHING: dict[str, Any] = dict.fromkeys(pointers("Turning"))
 
 
 class IntegrationError(FloatplanError, ArithmeticError):
@@ -139,6 +138,27 @@ class Turning:
         )
         return transitions, weights.reshape(self.cells.count, -1, 3, 3)
 
+    def turns_by_momentum(self, instants: Array) -> Array:
+        """Derivative (L, 3, 3) by h of the small rotation of the world at instants (L,) of [0, 1], 1/(kg m^2/s)."""
+        cell, integrals = self.cells.place(instants)
+        mobility = self.attitudes @ self.inverse_inertia @ np.swapaxes(self.attitudes, 1, 2)  # M of (S2)
+        turns = np.empty((len(instants), 3, 3))
+        _ask(
+            "turns",
+            self.cells,
+            self.duration,
+            momentum=doubles(self.angular_momentum),
+            inverse=self.inverse_inertia,
+            attitudes=self.attitudes,
+            columns=3,
+            instants=len(instants),
+            cell=integers(cell),
+            reached=doubles(integrals),
+            drifts=doubles(mobility),
+            turns=turns,
+        )
+        return turns
+
     def landing_by_momentum(self, onward: Array) -> Array:
         """Derivative (3, 3) by h of ``onward`` (3, 3) times a small turn of the world at landing.
 
@@ -192,7 +212,7 @@ def _ask(what: str, cells: Cells, duration: float, **members: Any) -> None:
     compiled = kernel()
     counts = {"cells": cells.count, "stages": cells.stages, "duration": duration, **TOLERANCES}
     rules = {"integrals": doubles(cells.integrals), "weights": doubles(cells.gauss.weights)}
-    struct = Struct("Turning", **(NOTHING | counts | rules | members))
+    struct = Struct("Turning", **(dict.fromkeys(layout("Turning").arrays) | counts | rules | members))
     failed = compiled.turn(struct.pointer, enumeration("Asked")[what], compiled.instructions)
     if failed == OUT_OF_MEMORY:
         raise MemoryError

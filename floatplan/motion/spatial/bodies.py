@@ -14,8 +14,6 @@ from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid, frame_position
 
-DOWN = np.array([0.0, 0.0, -1.0])
-
 
 @dataclass(frozen=True, eq=False)
 class BodyPoses:
@@ -64,5 +62,6 @@ class BodyPoses:
 
     def lowest(self, solid: LinkSolid) -> Array:
         """Heights (K,) of a solid's lowest point, m."""
-        heights: Array = self.places[:, solid.body, 2] - solid.reach(DOWN @ self.rotations[:, solid.body])
+        down = np.array([0.0, 0.0, -1.0])
+        heights: Array = self.places[:, solid.body, 2] - solid.reach(down @ self.rotations[:, solid.body])
         return heights

@@ -20,8 +20,6 @@ from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, LevelGr
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule
 
-PARALLEL = 1e-12  # [-] squared sine of the angle between segments, below which they are nearest at an end
-
 
 @dataclass(frozen=True, eq=False)
 class SpatialSegments:
@@ -161,7 +159,8 @@ def _between(start: Array, end: Array, other_start: Array, other_end: Array) -> 
     e = (other_along * other_along).sum(axis=-1)
     f = (other_along * apart).sum(axis=-1)
     squared = a * e - b * b
-    meets = squared > PARALLEL * a * e
+    # Segments are nearest at an end where the squared sine of the angle between them is below 1e-12: rounding.
+    meets = squared > 1e-12 * a * e
     squared = np.where(meets, squared, 1.0)
     share = (b * f - c * e) / squared
     other_share = (a * f - b * c) / squared

@@ -15,13 +15,10 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Struct, doubles, integers, pointers
+from floatplan.kernel.structs import Struct, doubles, integers, layout
 from floatplan.motion.planar.full_model import Workspace
 from floatplan.robot.robot import Robot
-
-BASE = 6  # velocities of the free flyer; its configuration has one number more
-ANGULAR = slice(3, 6)  # velocities of the free flyer that turn
-NOTHING: dict[str, Array | None] = dict.fromkeys(pointers("SpatialMotion"))
+from floatplan.robot.urdf.base import FREE_FLYER
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,21 +72,21 @@ class SpatialDynamics:
             mass=doubles([body.mass for body in bodies]),
             first=doubles([body.mass * body.lever for body in bodies]),
             second=doubles(seconds),
-            armature=doubles(model.armature[BASE:]),
+            armature=doubles(model.armature[FREE_FLYER:]),
         )
 
     def configurations(self, positions: Array) -> Array:
         """Configurations (K, 7 + J) of the model with its base at the identity, from planned positions (K, n)."""
         full = np.zeros((len(positions), self.model.nq))
-        full[:, BASE] = 1.0
-        full[:, BASE + 1 :] = self.reference + positions @ self.selection.T
+        full[:, FREE_FLYER] = 1.0
+        full[:, FREE_FLYER + 1 :] = self.reference + positions @ self.selection.T
         return full
 
     def full_velocities(self, velocities: Array, rates: Array) -> Array:
         """Velocities (K, 6 + J) from planned ones (K, n) and the base's rates (K, 3), its origin at rest."""
         full = np.zeros((len(velocities), self.model.nv))
-        full[:, ANGULAR] = rates
-        full[:, BASE:] = velocities @ self.selection.T
+        full[:, 3:FREE_FLYER] = rates
+        full[:, FREE_FLYER:] = velocities @ self.selection.T
         return full
 
     def computed(self, *state: Array, **shapes: tuple[int, ...]) -> dict[str, Array]:
@@ -104,7 +101,9 @@ class SpatialDynamics:
         motions["positions"] = motions["positions"] + self.reference
         inputs = {**motions, "rates": state[3]} if len(state) > 3 else motions
         arrays = {name: doubles(values) for name, values in inputs.items()}
-        moved = Struct("SpatialMotion", instants=count, **(NOTHING | arrays | results))
+        moved = Struct(
+            "SpatialMotion", instants=count, **(dict.fromkeys(layout("SpatialMotion").arrays) | arrays | results)
+        )
         compiled = kernel()
         if compiled.space(self.tree.pointer, moved.pointer, compiled.instructions):
             raise MemoryError
@@ -118,7 +117,7 @@ class SpatialDynamics:
         return results["inertia"], results["joint_map"] @ self.selection
 
     def _free(self, *state: Array) -> dict[str, Array]:
-        return self.computed(*state, torques=(len(self.selection),), base_acceleration=(BASE,))
+        return self.computed(*state, torques=(len(self.selection),), base_acceleration=(FREE_FLYER,))
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array, rates: Array) -> Array:
         """Each joint's own torque (K, J), N m (force, N, where it slides), in free flight."""
@@ -132,4 +131,4 @@ class SpatialDynamics:
 @lru_cache(maxsize=16)
 def spatial_dynamics(robot: Robot) -> SpatialDynamics:
     """Return a robot's dynamics, prepared once."""
-    return SpatialDynamics(robot.model, robot.reference[BASE + 1 :], robot.selection[BASE:])
+    return SpatialDynamics(robot.model, robot.reference[FREE_FLYER + 1 :], robot.selection[FREE_FLYER:])

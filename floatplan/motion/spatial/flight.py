@@ -15,7 +15,7 @@ from floatplan.motion.dynamics import MomentumSet, RatesAtEnds
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import LEVELS
 from floatplan.motion.spatial.clearance import SPATIAL_DISTANCES, SpatialShapes, shapes_in_space
-from floatplan.motion.spatial.dynamics import BASE, SpatialDynamics, spatial_dynamics
+from floatplan.motion.spatial.dynamics import SpatialDynamics, spatial_dynamics
 from floatplan.motion.spatial.ground import motion_into_ground
 from floatplan.motion.spatial.momentum import spatial_momentum_set
 from floatplan.motion.spatial.whole import SpatialMotion
@@ -24,8 +24,8 @@ from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.problem.spatial_obstacles import LevelGround
+from floatplan.robot.urdf.base import FREE_FLYER
 
-WORK_OF_A_BODY = 10  # [instants of one body of a plane]: what an instant of one in space costs
 SLOWEST = 1e-3  # [rad] turned in a flight: the rates of less are not resolved relative to themselves
 
 
@@ -101,11 +101,11 @@ def spatial_flight(problem: Problem) -> SpatialFlight:
     return SpatialFlight(
         problem=problem,
         dynamics=spatial_dynamics(robot),
-        transmission=robot.transmission[BASE:],
+        transmission=robot.transmission[FREE_FLYER:],
         ballistics=problem.path,
         reorientation=problem.reorientation,
         initial_attitude=problem.reorientation.start.matrix,
         final_attitude=problem.reorientation.goal.matrix,
         duration=problem.flight.duration,
-        bodies=WORK_OF_A_BODY * robot.model.njoints,
+        bodies=10 * robot.model.njoints,  # what an instant of one in space costs, in instants of one of a plane
     )

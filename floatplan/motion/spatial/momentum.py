@@ -13,7 +13,7 @@ import numpy as np
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import MomentumSet
-from floatplan.motion.sine_polynomial import SinePolynomials, basis, boundary_arguments
+from floatplan.motion.sine_polynomial import SinePolynomials, basis
 from floatplan.motion.spatial.attitude import LEVELS, IntegrationError, Turning, cells, turn
 from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.rotations import left_jacobian_inverse, logarithm, of_angles, unwrapped_angles
@@ -21,12 +21,8 @@ from floatplan.problem.problem import Problem
 from floatplan.problem.reference import reference_at
 
 ALONG = 0.4  # [-] of a free h from the suggested one: along it
-ACROSS = 0.15  # [-] the same across it
 STEPS = 12  # [-] of Newton's method
-LONGEST = 0.5  # [-] of |h|, a step of Newton's method
-ENOUGH = 1e-10  # [rad]
 SHORT = math.pi / 2  # [rad] of all angles: there the shortest rotation is the way to the goal
-LEVEL = 2  # of the cells
 
 
 @lru_cache(maxsize=8)
@@ -45,7 +41,8 @@ def spatial_momentum_set(problem: Problem) -> MomentumSet:
         return MomentumSet(read_only(suggested), read_only(np.eye(3) * reach))
     along = suggested / size
     across = np.linalg.svd(along[None])[2][1:]
-    axes = np.stack((ALONG * along, *(ACROSS * axis for axis in across)), axis=1)
+    # Across the suggested h a free one is no farther from it than 0.15 of its size.
+    axes = np.column_stack((ALONG * along, 0.15 * across.T))
     return MomentumSet(read_only(suggested), read_only(size * axes))
 
 
@@ -62,7 +59,7 @@ def suggested_momentum(problem: Problem) -> Array:
         rotation = logarithm((nominal.final_attitude @ nominal.initial_attitude.T)[None])[0]
         return nominal.reaching(nominal.mean_inertia_W @ rotation / problem.flight.duration)
     assert goal.axes is not None
-    along = np.eye(3)[["xyz".index(letter) for letter in goal.axes]]
+    along = np.eye(3)[list(map("xyz".index, goal.axes))]
     if np.abs(change[:2]).max() < SHORT:
         inside = of_angles(goal.axes, np.array([[*nominal.reorientation.start_angles[:2], 0.0]]))[0]
         return nominal.turning(inside @ along[2], change, goal.axes, 2)
@@ -86,28 +83,17 @@ class _NominalMotion:
         self.duration = problem.flight.duration
         self.initial_attitude = self.reorientation.start.matrix
         self.final_attitude = self.reorientation.goal.matrix
-        self.cells = cells(*LEVELS[LEVEL])
-        low, high = problem.position_limits.T
-        centre = (low + high) / 2
-        amplitude = (high - low) / 2
-        duration = problem.flight.duration
-        branch = np.zeros(len(centre), np.int64)
-        ends: list[Array] = []
-        for state in (problem.initial, problem.final):
-            accelerations = np.nan_to_num(state.accelerations)
-            p, rate, curvature = boundary_arguments(
-                state.positions, state.velocities, accelerations, centre, amplitude, branch
-            )
-            ends += [p, duration * rate, duration**2 * curvature]
+        self.cells = cells(*LEVELS[2])  # the coarsest of eight stages
         if problem.reference is None:
-            polynomials = SinePolynomials(centre, amplitude, duration, np.array(ends).T, (0,) * len(centre))
+            none_free = np.zeros(len(problem.robot.joints), np.int64)
+            polynomials = SinePolynomials.between_ends(problem, none_free.tolist(), np.zeros_like(none_free))
             values = basis(polynomials.form).values(self.cells.s)
             joints = polynomials.motion(polynomials.nominal_coefficients, values)
             positions = joints.positions
             velocities = joints.velocities
         else:
             positions = reference_at(problem.reference, self.cells.s)
-            velocities = reference_at(problem.reference, self.cells.s, 1) / duration
+            velocities = reference_at(problem.reference, self.cells.s, 1) / self.duration
         inertia, joint_map = spatial_dynamics(problem.robot).momentum_maps(positions)
         self._inertia = inertia
         self._relative = np.einsum("kan,kn->ka", joint_map, velocities)
@@ -138,10 +124,11 @@ class _NominalMotion:
                 if miss < least:
                     best = h
                     least = miss
-                if miss < ENOUGH:
+                if miss < 1e-10:  # [rad] hardly more than rounding
                     break
                 step = -np.linalg.lstsq(slope, residual, rcond=1e-9)[0]
-                longest = LONGEST * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
+                # A step is no longer than half of h, or half of what would turn the robot by about a radian.
+                longest = 0.5 * max(float(np.linalg.norm(h)), float(np.trace(self.mean_inertia_B)) / self.duration)
                 h = h + step * min(1.0, longest / max(float(np.linalg.norm(step)), 1e-300))
         except IntegrationError:
             pass

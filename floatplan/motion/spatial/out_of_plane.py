@@ -12,8 +12,6 @@ from floatplan.motion.planar.whole import PlanarMotion
 from floatplan.motion.spatial.attitude import IntegrationError, cells, turn
 from floatplan.robot.leak import centroidal_maps
 
-CELLS = 32, 8  # of how many stages
-
 
 def missed_in_space(motion: PlanarMotion) -> Array:
     """Vector of rotation (3,), rad, from the planned attitude at landing to that in space, in the base's axes.
@@ -23,7 +21,7 @@ def missed_in_space(motion: PlanarMotion) -> Array:
     """
     robot = motion.problem.robot
     duration = motion.problem.flight.duration
-    grid = cells(*CELLS)
+    grid = cells(count=32, stages=8)
     plane = robot.plane
     momentum = motion.angular_momentum * robot.plane.normal
     positions, velocities, _ = motion.joints.at(grid.s * duration)

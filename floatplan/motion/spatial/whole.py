@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, read_only
 from floatplan.motion.dynamics import FlightState
-from floatplan.motion.planar.full_model import FullMotion
+from floatplan.motion.planar.full_model import Coordinates, FullMotion
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.motion.spatial.attitude import (
     IntegrationError,
@@ -28,18 +28,14 @@ from floatplan.motion.spatial.attitude import (
 )
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
-from floatplan.motion.spatial.dynamics import BASE, spatial_dynamics
+from floatplan.motion.spatial.dynamics import spatial_dynamics
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
 from floatplan.problem.attitude import required
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.parts import JointState
 from floatplan.problem.problem import Problem
-
-FINER = (16, 32, 64, 128)  # [-] cells
-STAGES = 10  # [-] of a cell
-RESOLVED = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
-UP = np.array([0.0, 0.0, 1.0])
+from floatplan.robot.urdf.base import FREE_FLYER
 
 
 class SpatialMotion:
@@ -57,8 +53,9 @@ class SpatialMotion:
     def turning(self) -> Turning:
         """How the base turns, in as many cells as that needs."""
         before = None
-        for count in FINER:
-            fine = cells(count, STAGES)
+        resolved = 1e-11  # [rad] a change of the attitude at landing by twice as many cells that counts as none
+        for count in (16, 32, 64, 128):
+            fine = cells(count, 10)
             duration = self.problem.flight.duration
             positions, velocities, _ = self.joints.at(fine.s * duration)
             inertia, joint_map = self.dynamics.momentum_maps(positions)
@@ -68,7 +65,7 @@ class SpatialMotion:
                 turning = turn(fine, duration, inertia, relative, self.angular_momentum, start)
             except IntegrationError:
                 continue
-            if before is not None and np.linalg.norm(logarithm(turning.ends[-1:] @ before.T)) < RESOLVED:
+            if before is not None and np.linalg.norm(logarithm(turning.ends[-1:] @ before.T)) < resolved:
                 return turning
             before = turning.ends[-1]
         if before is None:
@@ -110,8 +107,8 @@ class SpatialMotion:
             positions=read_only(positions),
             velocities=read_only(velocities),
             accelerations=read_only(accelerations),
-            torques=read_only(forces @ robot.selection[BASE:]),
-            motor_torques=read_only(forces @ robot.transmission[BASE:]),
+            torques=read_only(forces @ robot.selection[FREE_FLYER:]),
+            motor_torques=read_only(forces @ robot.transmission[FREE_FLYER:]),
             com_position=read_only(com),
             com_velocity=read_only(self.path.velocities(instants)),
             base_position=read_only(com - of_com),
@@ -130,12 +127,12 @@ class SpatialMotion:
 
     def full_motion(self, state: FlightState) -> FullMotion:
         """Motion of every joint of the robot's file, and of the base, at the N instants of a state."""
-        return SpatialFullMotion(self, state)
+        return SpatialFullMotion(self.problem.robot, SpatialCoordinates(self, state))
 
     def forces(self, state: FlightState) -> Array:
         """Forces (N, nv), N m, on all coordinates of the model at the N instants of a state; none on the base."""
         moved = (state.positions, state.velocities, state.accelerations, state.orientation_rate)
-        return np.pad(self.dynamics.torques(*moved), ((0, 0), (BASE, 0)))
+        return np.pad(self.dynamics.torques(*moved), ((0, 0), (FREE_FLYER, 0)))
 
     def bodies(self, instants: Array) -> BodyPoses:
         """Where the bodies are at times (N,) s."""
@@ -164,7 +161,7 @@ class SpatialMotion:
         """Heights (N, S), m, of shapes over the ground's line at times (N,) s, and whose they are: links (S)."""
         poses = self.bodies(instants)
         solids = self.problem.robot.solids
-        heights = np.stack([poses.lowest(solid) for solid in solids], axis=1)
+        heights = np.stack(list(map(poses.lowest, solids)), axis=1)
         return heights - self.problem.ground_plane.point[-1], tuple(solid.link for solid in solids)
 
     @property
@@ -211,54 +208,103 @@ class SpatialMotion:
         return angles
 
 
-class SpatialFullMotion(FullMotion):
-    """All J joints that can move, and the base, at the N instants of a motion in space."""
+class SpatialCoordinates(Coordinates):
+    """All coordinates of ``robot.model`` in a flight, at the N instants of a state; each array computed when asked for.
+
+    Of the base its origin's position, the quaternion x y z w, continuous in time, and the spatial velocity in its own
+    axes, linear then angular; then all J joints.
+    """
 
     def __init__(self, motion: SpatialMotion, state: FlightState) -> None:
-        object.__setattr__(self, "robot", motion.problem.robot)
-        object.__setattr__(self, "motion", motion)
-        object.__setattr__(self, "state", state)
+        self.motion = motion
+        self.state = state
+        self._attitudes = of_quaternions(state.orientation)
+
+    @cached_property
+    def positions(self) -> Array:
+        """Positions (N, 7 + J), m, [-] and rad."""
+        joints = self.motion.dynamics.configurations(self.state.positions)[:, FREE_FLYER + 1 :]
+        return read_only(np.hstack((self.state.base_position, self.state.orientation, joints)))
+
+    @cached_property
+    def velocities(self) -> Array:
+        """Velocities (N, 6 + J), m/s and rad/s."""
+        state = self.state
+        model = self.motion.dynamics.model
+        data = self.motion.dynamics.data
+        moving = self.motion.dynamics.full_velocities(state.velocities, state.orientation_rate)
+        # of the centre of mass where the base's origin is at rest, in the base's axes
+        still = np.empty((len(moving), 3))
+        for k, q in enumerate(self.motion.dynamics.configurations(state.positions)):
+            pin.centerOfMass(model, data, q, moving[k])
+            still[k] = data.vcom[0]
+        linear = np.einsum("kba,kb->ka", self._attitudes, state.com_velocity) - still
+        joints = state.velocities @ self.motion.problem.robot.selection[FREE_FLYER:].T
+        return read_only(np.hstack((linear, state.orientation_rate, joints)))
+
+    @cached_property
+    def accelerations(self) -> Array:
+        """Derivatives (N, 6 + J) of the velocities, m/s^2 and rad/s^2, gravity's included."""
+        state = self.state
+        base = self.motion.dynamics.base_accelerations(
+            state.positions, state.velocities, state.accelerations, state.orientation_rate
+        )
+        up = np.array([0.0, 0.0, 1.0])
+        down = np.einsum("kba,b->ka", self._attitudes, -self.motion.path.gravity * up)
+        carried = np.cross(state.orientation_rate, self.velocities[:, :3])
+        base[:, :3] += down - carried
+        joints = state.accelerations @ self.motion.problem.robot.selection[FREE_FLYER:].T
+        return read_only(np.hstack((base, joints)))
+
+    @cached_property
+    def torques(self) -> Array:
+        """Torques (N, 6 + J), N m, of all joints; there are none on the base."""
+        return read_only(self.motion.forces(self.state))
+
+
+class SpatialFullMotion(FullMotion):
+    """All J joints that can move, and the base, at the N instants of a motion in space.
+
+    Its coordinates are those of :class:`SpatialCoordinates`, of a flight or of another motion.
+    """
 
     def __repr__(self) -> str:
         """How many joints, at how many instants."""
-        return f"SpatialFullMotion({len(self.joints)} joints, {len(self.state.times)} instants)"
-
-    motion: SpatialMotion
-    state: FlightState
+        return f"SpatialFullMotion({len(self.joints)} joints, {len(self.positions)} instants)"
 
     @cached_property
     def positions(self) -> Array:
         """Positions (N, J) of the joints, rad."""
-        return read_only(self.motion.dynamics.configurations(self.state.positions)[:, BASE + 1 :])
+        return read_only(self.coordinates.positions[:, FREE_FLYER + 1 :])
 
     @cached_property
     def velocities(self) -> Array:
         """Velocities (N, J) of the joints, rad/s."""
-        return read_only(self.state.velocities @ self.robot.selection[BASE:].T)
+        return read_only(self.coordinates.velocities[:, FREE_FLYER:])
 
     @cached_property
     def accelerations(self) -> Array:
         """Accelerations (N, J) of the joints, rad/s^2."""
-        return read_only(self.state.accelerations @ self.robot.selection[BASE:].T)
+        return read_only(self.coordinates.accelerations[:, FREE_FLYER:])
 
     @cached_property
     def torques(self) -> Array:
         """Torques (N, J), N m: every joint's own, also where several are coupled; a locked joint's holds it."""
-        return read_only(self.motion.forces(self.state)[:, BASE:])
+        return read_only(self.coordinates.torques[:, FREE_FLYER:])
 
-    @property
+    @cached_property
     def base_position(self) -> Array:
         """Position (N, 3) of the root link's origin in the world, m."""
-        return self.state.base_position
+        return read_only(self.coordinates.positions[:, :3])
 
-    @property
+    @cached_property
     def base_quaternion(self) -> Array:
         """Orientation (N, 4) of the root link, x, y, z, w: continuous in time."""
-        return self.state.orientation
+        return read_only(self.coordinates.positions[:, 3 : FREE_FLYER + 1])
 
     @cached_property
     def _attitudes(self) -> Array:
-        return of_quaternions(self.state.orientation)
+        return of_quaternions(self.base_quaternion)
 
     @cached_property
     def base_velocity(self) -> Array:
@@ -268,31 +314,14 @@ class SpatialFullMotion(FullMotion):
     @cached_property
     def base_angular_velocity(self) -> Array:
         """Angular velocity (N, 3), rad/s, in the world."""
-        return read_only(np.einsum("kab,kb->ka", self._attitudes, self.state.orientation_rate))
+        return read_only(np.einsum("kab,kb->ka", self._attitudes, self.base_twist[:, 3:]))
 
     @cached_property
     def base_twist(self) -> Array:
         """Spatial velocity (N, 6) of the base in its own axes: of its origin, m/s, then angular, rad/s."""
-        model = self.robot.model
-        data = self.motion.dynamics.data
-        moving = self.motion.dynamics.full_velocities(self.state.velocities, self.state.orientation_rate)
-        still = np.empty(
-            (len(moving), 3)
-        )  # of the centre of mass where the base's origin is at rest, in the base's axes
-        for k, q in enumerate(self.motion.dynamics.configurations(self.state.positions)):
-            pin.centerOfMass(model, data, q, moving[k])
-            still[k] = data.vcom[0]
-        linear = np.einsum("kba,kb->ka", self._attitudes, self.state.com_velocity) - still
-        return read_only(np.concatenate((linear, self.state.orientation_rate), axis=1))
+        return read_only(self.coordinates.velocities[:, :FREE_FLYER])
 
     @cached_property
     def base_twist_rate(self) -> Array:
         """Derivative (N, 6) of :attr:`base_twist`, m/s^2 and rad/s^2: Pinocchio's acceleration of a free flyer."""
-        state = self.state
-        full = self.motion.dynamics.base_accelerations(
-            state.positions, state.velocities, state.accelerations, state.orientation_rate
-        )
-        down = np.einsum("kba,b->ka", self._attitudes, -self.motion.path.gravity * UP)
-        carried = np.cross(state.orientation_rate, self.base_twist[:, :3])
-        full[:, :3] += down - carried
-        return read_only(full)
+        return read_only(self.coordinates.accelerations[:, :FREE_FLYER])

@@ -15,8 +15,6 @@ from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.kernel.structs import Struct, doubles, integers
 from floatplan.robot.planar.tree import PlanarTree
 
-NEGLIGIBLE = 1e-15  # of the largest: imaginary parts of C that are rounding
-
 
 class Bodies:
     """Bodies (m,) of a tree that turn differently, for joint ranges of the given centres and amplitudes (n,), rad.
@@ -77,7 +75,8 @@ class Bodies:
         self.links = links
         self.rotors = None if tree.rotors is None else tree.rotors * amplitude
 
-        is_real = bool(np.abs(self.imaginary).max() <= NEGLIGIBLE * np.abs(self.real).max())
+        rounding = 1e-15  # [-] of the largest: imaginary parts of C that are none
+        is_real = bool(np.abs(self.imaginary).max() <= rounding * np.abs(self.real).max())
         self.struct = Struct(
             "Robot",
             joints=joints,

@@ -17,17 +17,15 @@ from floatplan.errors import InputError
 from floatplan.motion.exact_polynomials import CONDITIONS
 from floatplan.planning.kernel_input.rows import can_write, obstacle_numbers
 from floatplan.problem.ballistics import rising
-from floatplan.problem.family import Family, motor_limits_with, obstacles_with
+from floatplan.problem.family import BY_MOTOR, Family, motor_limits_with, obstacles_with
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import least_of_motors, sum_of_motors
 from floatplan.robot.planar.inertia import momentum_intervals
 from floatplan.robot.robot import Robot
-from floatplan.tables import JOINT_LIMITS, LIMIT_TABLE, RANGES
+from floatplan.tables import FLIGHT_EVENTS, JOINT_LIMITS, JOINT_VALUES, RANGES
 
-ENDS = ("start", "goal")
-OF_JOINTS = ("positions", "velocities", "accelerations")
-OF_STATES = ("orientation", *OF_JOINTS)
+OF_STATES = ("orientation", *JOINT_VALUES)
 BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre of mass depends on: name, column
     "flight.gravity": ("gravity", None),
     "flight.horizontal_velocity": ("horizontal_velocity", None),
@@ -35,9 +33,6 @@ BALLISTIC: dict[str, tuple[str, int | None]] = {  # what the path of the centre 
     "flight.takeoff.position.1": ("position", 1),
     "flight.landing.height": ("height", None),
 }
-MOTOR_LIMITS = {row.key: row for row in (*JOINT_LIMITS, LIMIT_TABLE["torque"])}
-OF_LIMITS = ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope")
-NEAR_EDGE = 1e-9  # of a joint's range: rows with a joint nearer to the edge are checked as problems
 
 
 def is_batchable(problem: Problem) -> bool:
@@ -60,7 +55,7 @@ def is_batchable_family(family: Family) -> bool:
     others = {path: array[:1] for path, array in family.arrays.items() if not _is_unconstrained(path, base.robot)}
     heads = (path.split(".")[:2] for path in others)
     if not (
-        is_batchable(base) and all(head == "obstacles" or (head == "limits" and k in MOTOR_LIMITS) for head, k in heads)
+        is_batchable(base) and all(head == "obstacles" or (head == "limits" and k in BY_MOTOR) for head, k in heads)
     ):
         return False
     first = _limits_of_family(base, others)
@@ -83,7 +78,7 @@ def _target(path: str, robot: Robot) -> tuple[str, str, int | None] | None:
             return "", name, None
         case ["start" | "goal" as end, name] if name in OF_STATES:
             return end, name, None
-        case ["start" | "goal" as end, name, joint] if name in OF_JOINTS and joint in robot.joints:
+        case ["start" | "goal" as end, name, joint] if name in JOINT_VALUES and joint in robot.joints:
             return end, name, robot.joints.index(joint)
     return None
 
@@ -127,7 +122,9 @@ class Numbers:
             of_joints = {}
             for row in JOINT_LIMITS:
                 of_joints[row.key] = np.array([problem.joint_limits[row.key] for problem in problems])
-            others = {name: np.array([getattr(problem, name) for problem in problems]) for name in OF_LIMITS}
+            others = {}
+            for name in ("torque_limits", "motor_torque_limits", "motor_stall", "motor_slope"):
+                others[name] = np.array([getattr(problem, name) for problem in problems])
             limits = _limited(like, joint_limits=of_joints, **others)
         return cls(like, values, sound, [problem.obstacles for problem in problems], limits)
 
@@ -147,10 +144,10 @@ class Numbers:
                 if not end:
                     values[name] = array
                 elif joint is None:
-                    at_end = values[name][:, ENDS.index(end)]
+                    at_end = values[name][:, list(FLIGHT_EVENTS).index(end)]
                     at_end[...] = array if at_end.ndim == 1 else array[:, None]
                 else:
-                    values[name][:, ENDS.index(end), joint] = array
+                    values[name][:, list(FLIGHT_EVENTS).index(end), joint] = array
             elif path in BALLISTIC:
                 name, column = BALLISTIC[path]
                 sound &= _within(name, array)
@@ -166,7 +163,7 @@ class Numbers:
     def doubtful(self) -> BoolArray:
         """Rows (N,) whose numbers are out of range, or so near that a :class:`Problem` must say."""
         low, high = self.like.position_limits.T
-        margin = NEAR_EDGE * (high - low)
+        margin = 1e-9 * (high - low)  # rows with a joint nearer to the edge of its range are checked as problems
         positions = self.values["positions"]
         good = [_within(name, array) for name, array in self.values.items()]
         good += [self.sound, positions > low + margin, positions < high - margin]
@@ -230,7 +227,7 @@ def _limited(like: Problem, **limits: Any) -> Problem:
 def _limits_of_family(base: Problem, varied: Mapping[str, Array]) -> Problem | None:
     """The base problem with the limits of some rows; None where one problem cannot hold them."""
     limits: dict[str, Any] = {"joint_limits": dict(base.joint_limits)}
-    for key, row in MOTOR_LIMITS.items():
+    for key, row in BY_MOTOR.items():
         about = {path: array for path, array in varied.items() if path.split(".")[:2] == ["limits", key]}
         own = motor_limits_with(base, row, about) if about else None
         if about and own is None:

@@ -29,7 +29,7 @@ from floatplan.problem.problem import Shares
 from floatplan.problem.spatial_obstacles import Box, Capsule, HalfSpace, LevelGround, Sphere
 from floatplan.robot.planar.tree import PlanarTree
 
-SUM, SHARE, BALL, BAR, WALL_START, WALL_END, BOX, PAIR = map(int, enumeration("RowKind"))
+RowKind = enumeration("RowKind")
 SUMMED = ("velocities", "accelerations", "torques", "motor_torques", "orientation_rate")  # quantities of sums
 
 
@@ -159,10 +159,10 @@ class KernelRows:
                 assert shapes, "distances are of a flight"
                 written += _distances(block, shapes, obstacles)
             else:
-                kind = SUM
+                kind = RowKind["sum_row"]
                 own = [sums.rows(block)] if isinstance(block, SumRows) else []
                 if isinstance(block, Shares):
-                    kind = SHARE
+                    kind = RowKind["share_row"]
                     own = [sums.weighted(weights) for weights in (block.used, block.also) if weights]
                 begin = sum(map(len, parts))
                 count = len(own[0])
@@ -256,7 +256,7 @@ class PlanarRows(KernelRows):
 def _distances(block: DistanceRows, shapes: Shapes, obstacles: list[list[float]]) -> list[Row]:
     """Return rows of distances, and add the pieces of obstacles that they are measured to."""
     if isinstance(block.between, tuple):
-        return [(PAIR, i, j, block.least, 1 / block.scale) for i, j in product(*block.between)]
+        return [(RowKind["pair_row"], i, j, block.least, 1 / block.scale) for i, j in product(*block.between)]
     capsules = shapes.facing(block.between)
     rows: list[Row] = []
     for piece in block.between.pieces:
@@ -310,22 +310,23 @@ def _written_obstacle(obstacle: Obstacle) -> tuple[tuple[int, ...], list[float]]
     These are a place, an end or normal or half the edges, velocity, and radius.
     """
     if isinstance(obstacle, Circle | Sphere):
-        return (BALL,), [
+        return (RowKind["ball_row"],), [
             *obstacle.center,
             *np.zeros(len(obstacle.center)).tolist(),
             *obstacle.velocity,
             obstacle.radius,
         ]
     if isinstance(obstacle, Bar | Capsule):
-        return (BAR,), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
+        return (RowKind["bar_row"],), [*obstacle.start, *obstacle.end, *obstacle.velocity, obstacle.radius]
+    both_ends = (RowKind["wall_start_row"], RowKind["wall_end_row"])
     if isinstance(obstacle, HalfSpace):
-        both_ends = (WALL_START,) if isinstance(obstacle, LevelGround) else (WALL_START, WALL_END)
-        return both_ends, [*obstacle.point, *obstacle.unit_normal, *obstacle.velocity, 0.0]
+        rows = both_ends[:1] if isinstance(obstacle, LevelGround) else both_ends
+        return rows, [*obstacle.point, *obstacle.unit_normal, *obstacle.velocity, 0.0]
     if isinstance(obstacle, Box):
-        return (BOX,), [*obstacle.center, *(edge / 2 for edge in obstacle.size), *obstacle.velocity, 0.0]
+        return (RowKind["box_row"],), [*obstacle.center, *(edge / 2 for edge in obstacle.size), *obstacle.velocity, 0.0]
     assert isinstance(obstacle, HalfPlane), f"the kernel knows no obstacles of kind {obstacle.kind!r}"
     normal = np.array(obstacle.normal) / np.hypot(*obstacle.normal)
-    return (WALL_START, WALL_END), [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
+    return both_ends, [*obstacle.point, *normal.tolist(), *obstacle.velocity, 0.0]
 
 
 def opposite_rows(kind: Sequence[int], first: Sequence[int], sums: Array) -> list[int]:
@@ -337,7 +338,7 @@ def opposite_rows(kind: Sequence[int], first: Sequence[int], sums: Array) -> lis
     opposite = (0.0 - weights).tobytes()
     size = weights.itemsize * weights.shape[1]
     for row, begin in enumerate(first):
-        if kind[row] == SUM:
+        if kind[row] == RowKind["sum_row"]:
             bits = slice(begin * size, (begin + 1) * size)
             opposite_of[row] = rows_by_weights.get(opposite[bits], -1)
             rows_by_weights.setdefault(own[bits], row)

@@ -98,7 +98,7 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
         reference=doubles(flight.dynamics.reference),
         start=doubles(flight.initial_attitude),
         goal=doubles(flight.final_attitude),
-        angles=None if axes is None else integers(["xyz".index(letter) for letter in axes]),
+        angles=None if axes is None else integers(list(map("xyz".index, axes))),
         change=doubles(flight.reorientation.change),
         wrong_turn=A_TURN_OFF,
         most_tilt=STEEPEST,

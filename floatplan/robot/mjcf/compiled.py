@@ -57,7 +57,10 @@ class CompiledMjcf:
 
     def constant(self, number: int, prefix: str) -> str:
         """Name of the constant that begins so and has this number."""
-        return next((name for name, value in self.constants.items() if name.startswith(prefix) and value == number), "")
+        for name, value in self.constants.items():
+            if name.startswith(prefix) and value == number:
+                return name
+        return ""
 
 
 def import_mujoco(element: str = "engine", extra: str = "replay") -> ModuleType:

@@ -15,15 +15,6 @@ from floatplan.robot.shapes.collisions import LARGEST_MESH
 
 MOST_FILES = 200  # [-] included files, and meshes
 LARGEST_TOTAL = 500_000_000  # [bytes] of all of them, which are in memory at once
-LEFT_OUT = (
-    *("size", "visual", "statistic", "custom", "sensor", "texture", "material", "hfield", "skin"),
-    "lengthrange",  # of a <compiler>: for how long to simulate each actuator
-)
-ATTRIBUTES_LEFT_OUT = (
-    "material",
-    *("nsample", "delay", "interp", "actdim"),  # of actuators: buffers of any size
-    "octree_maxdepth",  # of meshes: trees of any size
-)
 SAVED = "load the file in MuJoCo and save it with mj_saveLastXML, which writes out what they make"
 REFUSED = {  # elements: why, and what to do about it
     **dict.fromkeys(("replicate", "composite"), ("makes many bodies out of one", SAVED)),
@@ -70,14 +61,28 @@ def whole_mjcf(root: Element, path: Path) -> MjcfText:
         _check_size(root)
     _check_size(root)
     check_depth(root, Element)
+    left_out = (
+        "size",
+        "visual",
+        "statistic",
+        "custom",
+        "sensor",
+        "texture",
+        "material",
+        "hfield",
+        "skin",
+        "lengthrange",
+    )
+    # Of actuators, buffers of any size, and of meshes, trees of any size.
+    left_out_attributes = ("material", "nsample", "delay", "interp", "actdim", "octree_maxdepth")
     for element in root.iter():
         if element.tag in REFUSED:
             reason, advice = REFUSED[element.tag]
             raise InputError(f"{reason}; it is not read", element=_element_name(element), advice=advice)
-        for name in ATTRIBUTES_LEFT_OUT:
+        for name in left_out_attributes:
             element.attrib.pop(name, None)
         for child in list(element):
-            if child.tag in LEFT_OUT or (child.tag, child.get("type")) == ("geom", "hfield"):
+            if child.tag in left_out or (child.tag, child.get("type")) == ("geom", "hfield"):
                 element.remove(child)
     for option in root.findall("option"):
         _keep_surroundings(option)

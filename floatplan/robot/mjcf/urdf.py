@@ -14,6 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 import pinocchio as pin
 
+from floatplan.arguments import without
 from floatplan.robot.mjcf.compiled import CompiledMjcf, compiled_mjcf
 from floatplan.robot.mjcf.motors import joint_motors
 from floatplan.robot.mjcf.text import MjcfText, whole_mjcf
@@ -39,7 +40,9 @@ def read_mjcf(path: Path, content: bytes, root: Element, balance_inertias: bool 
     model, balanced = _compiled(text, balance_inertias)
     tree = MjcfTree(model)
     motors, of_motors = joint_motors(tree)
-    meshes = {number: text.meshes[mesh] for number, mesh in enumerate(model.names["mesh"])}
+    meshes = {}
+    for number, mesh in enumerate(model.names["mesh"]):
+        meshes[number] = text.meshes[mesh]
     elements = [*_links(tree, meshes), *_joints(tree, motors)]
     xml = f"<robot {_written(name=name)}>{''.join(elements)}</robot>"
     entries = {tree.joint_names[joint]: int(model.jnt_qposadr[joint]) for joint in tree.moving}
@@ -84,12 +87,12 @@ def _unbalanced(body: Element) -> bool:
     if inertial is None:
         return False
     try:
-        full = [float(word) for word in inertial.get("fullinertia", "").split()]
+        full = list(map(float, inertial.get("fullinertia", "").split()))
         if len(full) == 6:
             xx, yy, zz, xy, xz, yz = full
             moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         else:
-            moments = np.array([float(word) for word in inertial.get("diaginertia", "").split()])
+            moments = np.array(list(map(float, inertial.get("diaginertia", "").split())))
     except (ValueError, np.linalg.LinAlgError):  # which MuJoCo refuses
         return False
     return bool(2.0 * moments.max(initial=0.0) > moments.sum())
@@ -179,7 +182,7 @@ def _joints(tree: MjcfTree, motors: Mapping[int, Mapping[str, float]]) -> Iterat
             kind = "prismatic" if slides else "revolute" if limited else "continuous"
             lower, upper = model.jnt_range[joint] if limited else (0.0, 0.0)  # zeros are no limits
             limit = _written(lower=lower, upper=upper, effort=motor["effort"], velocity=0.0)
-            losses = {key: value for key, value in motor.items() if key != "effort" and value}
+            losses = without(motor, [key for key, value in motor.items() if key == "effort" or not value])
             content = f"<axis {_written(xyz=axis)}/><limit {limit}/><dynamics {_written(**losses)}/>"
             yield _joint(tree.joint_names[joint], kind, (carrier, child), placement, content)
             carrier = child

@@ -15,11 +15,9 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.keys import ANGLE, Key, Keyed
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
-from floatplan.tables import Unit
+from floatplan.tables import LARGEST_TILT, Unit
 
-LETTERS = "xyz"
 USUAL_PLANES = {"x": "yz", "y": "xz", "z": "xy"}  # by the normal's letter
-LARGEST_TILT = 1e-3  # [rad] between an axis and the normal that it is taken for: "1.5708" for pi/2 is 4e-6 off
 MOST_LEANING = math.sqrt(0.5)  # [-] cosine between a vertical and the upward line of the file
 
 
@@ -48,7 +46,7 @@ class Plane:
     @classmethod
     def of_axes(cls, name: str, axes: Iterable[Array]) -> Plane:
         """The plane called ``name``, its normal along most of ``axes`` (3,); a tie gives the positive one."""
-        line = _unit((set(LETTERS) - set(name)).pop())
+        line = _unit((set("xyz") - set(name)).pop())
         votes = sum(np.sign(axis @ line) for axis in axes)
         horizontal = _unit(name[0])
         vertical = _unit(name[1])
@@ -78,7 +76,7 @@ def _count_along(letter: str, axes: Iterable[Array]) -> int:
 def _planes_of(axes: Iterable[Array]) -> list[str]:
     """Planes in which some of the joints with these axes (3,) rotate, in quotation marks."""
     lines = list(axes)
-    normals = [letter for letter in LETTERS if _count_along(letter, lines) > 0]
+    normals = [letter for letter in "xyz" if _count_along(letter, lines) > 0]
     return [f'"{USUAL_PLANES[normal]}"' for normal in normals]
 
 
@@ -112,15 +110,15 @@ def choose_plane(name: str | None, axes: Iterable[Array], gravity_direction: Arr
         has the most joints.
     """
     if name is not None:
-        if len(name) != 2 or name[0] == name[1] or not set(name) <= set(LETTERS):
+        if len(name) != 2 or name[0] == name[1] or not set(name) <= set("xyz"):
             reason = f'"{name}" is not two different letters of x, y and z'
             raise InputError(reason, element="plane", advice='write the horizontal and the vertical axis, such as "xz"')
         return name
     lines = list(axes)
     if not lines:
         raise InputError("no joint that turns is left to plan", element="joints")
-    counts = {letter: _count_along(letter, lines) for letter in LETTERS}
-    vertical = None if gravity_direction is None else LETTERS[int(np.argmax(np.abs(gravity_direction)))]
+    counts = {letter: _count_along(letter, lines) for letter in "xyz"}
+    vertical = None if gravity_direction is None else "xyz"[int(np.argmax(np.abs(gravity_direction)))]
     upright = without(counts, (vertical,))
     if any(upright.values()):
         counts = upright
@@ -164,7 +162,7 @@ def _is_parallel(axis: Array, direction: Array) -> bool:
 
 
 def _unit(letter: str) -> Array:
-    return np.array([float(letter == other) for other in LETTERS])
+    return np.array([float(letter == other) for other in "xyz"])
 
 
 @dataclass(frozen=True)
@@ -501,7 +499,10 @@ def _mimics(tree: UrdfTree, settled: set[str]) -> dict[str, Coupling]:
 
 def _resting(tree: UrdfTree, posture: Mapping[str, float], mimics: Mapping[str, Coupling]) -> dict[str, float]:
     """Positions of all moving joints if none were planned."""
-    resting = {joint.name: joint.nearest(posture.get(joint.name, 0.0)) for joint in tree.joints if joint.moves}
+    resting = {}
+    for joint in tree.joints:
+        if joint.moves:
+            resting[joint.name] = joint.nearest(posture.get(joint.name, 0.0))
     for name, coupling in mimics.items():
         resting[name] = coupling.ratio * resting.get(coupling.leader, 0.0) + coupling.offset
     return resting

@@ -16,9 +16,9 @@ from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles
 from floatplan.robot.planar.tree import PlanarTree
 
-RELATIVE_GAP = 1e-9  # of the sum of amplitudes: where an enclosure counts as exact
-MOST_WORK = 50_000  # cosines per extreme, after which the current enclosure is the result; it is safe at any time
-BOXES_AT_ONCE = 256
+RELATIVE_GAP = 1e-9  # [-] of the sum of amplitudes: where an enclosure counts as exact
+MOST_WORK = 50_000  # [-] cosines per extreme, after which the current enclosure is the result; it is safe at any time
+BOXES_AT_ONCE = 256  # [-] that the kernel bounds in one call
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,10 +17,10 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.robot.planar.choice import Choice, Plane
+from floatplan.robot.urdf.base import FREE_FLYER
 from floatplan.robot.urdf.tree import UrdfLink, UrdfTree
 
-BASE_COORDINATES = 3
-FREE_FLYER = 6  # velocities of the base in space; its configuration has one number more
+BASE_COORDINATES = 3  # [-] along the horizontal, along the vertical, about the normal
 UNBOUNDED = 1e6  # [rad, m, 1/s, N m] for Pinocchio where there is no limit
 
 
@@ -104,9 +104,9 @@ def _base_joints(plane: Plane | None) -> list[tuple[str, Any]]:
 
 def _joint(turns: bool, axis: Array) -> Any:
     """Pinocchio's joint about or along an axis (3,): those along a letter are quicker."""
-    letter = next((letter for letter, unit in zip("XYZ", np.eye(3), strict=True) if (axis == unit).all()), None)
-    if letter is not None:
-        return getattr(pin, f"JointModel{'R' if turns else 'P'}{letter}")()
+    for letter, unit in zip("XYZ", np.eye(3), strict=True):
+        if (axis == unit).all():
+            return getattr(pin, f"JointModel{'R' if turns else 'P'}{letter}")()
     return (pin.JointModelRevoluteUnaligned if turns else pin.JointModelPrismaticUnaligned)(np.array(axis))
 
 

@@ -19,7 +19,7 @@ from floatplan.arrays import Array, ComplexArray, IntArray, read_only
 from floatplan.robot.planar.choice import Choice, Plane
 from floatplan.robot.urdf.tree import UrdfTree
 
-SAME = 1e-9  # [m] points that are nowhere farther apart are one
+SAME = 1e-9  # [m] points that are nowhere farther apart are one, and shorter lengths are none
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,7 +53,7 @@ def find_mesh(filename: str, folder: Path) -> Path | None:
     ``package://name/path`` is searched in the folders above the URDF and below ``ROS_PACKAGE_PATH`` and
     ``AMENT_PREFIX_PATH``; anything else is a path, absolute or from the URDF.
     """
-    return next((path for path in map(Path, _candidates(filename, folder.absolute())) if is_file(path)), None)
+    return next(filter(is_file, map(Path, _candidates(filename, folder.absolute()))), None)
 
 
 def check_mesh_file(path: Path, element: str) -> None:

@@ -209,7 +209,7 @@ def _outermost(capsules: list[PlaneCapsule]) -> list[PlaneCapsule]:
         covered = other.depth(ends.ravel()).reshape(-1, 2).min(axis=1) >= radius
         covered[number] = False
         inside |= covered
-    return [one for one, hidden in zip(different, inside.tolist(), strict=True) if not hidden]
+    return [different[number] for number in np.flatnonzero(~inside).tolist()]
 
 
 def _segments(layout: TreeLayout, link: str) -> list[LinkCapsule]:

@@ -13,10 +13,10 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from floatplan.arrays import Array, IntArray
+from floatplan.robot.planar.tree import SAME
 from floatplan.robot.shapes.solids import LinkSolid, SolidCapsule, evenly
 
 DIRECTIONS = 16  # [-] over half of all, in which the axis of a capsule around many points may lie
-SAME = 1e-9  # [m] lengths below that are none
 # the 24 corners of a polygon around the unit disc, which is 0.9 % larger
 AROUND = np.exp(2j * np.pi * np.arange(24) / 24) / np.cos(np.pi / 24)
 

@@ -14,9 +14,9 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
+from floatplan.tables import FREE_TYPES, INDEPENDENT
 
-FREE_TYPES = ("floating", "planar")  # of joints with more than one degree of freedom
-INDEPENDENT = 1e-3  # [-] sine of the angle between axes, or volume that three unit vectors span: below it, they are one
+FREE_FLYER = 6  # [-] velocities of a base in space; its configuration has one number more
 
 
 def free_base(tree: UrdfTree) -> tuple[UrdfJoint, ...]:
@@ -110,7 +110,9 @@ def with_free_base(tree: UrdfTree, with_role: Collection[str] = ()) -> UrdfTree:
         advice = "leave them all out" if base[0].type in FREE_TYPES else "leave them all out, or lock them all"
         raise InputError(reason, element=f'locked "{locked[0]}"', advice=advice)
     frames = {joint.parent for joint in tree.path(base[-1].child)}
-    links = {name: replace(link, frame=True) if name in frames else link for name, link in tree.links.items()}
+    links = dict(tree.links)
+    for name in frames:
+        links[name] = replace(links[name], frame=True)
     joints = tuple(_fixed(joint) if joint.name in names else joint for joint in tree.joints)
     warning = f"read as the free base, and held at zero: {', '.join(names)}, by which the file lets the robot float"
     return replace(tree, links=links, joints=joints, warnings=(*tree.warnings, warning))

@@ -10,7 +10,7 @@ import numpy as np
 from floatplan.arguments import without
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, check_name
-from floatplan.robot.urdf.base import FREE_TYPES, with_free_base
+from floatplan.robot.urdf.base import with_free_base
 from floatplan.robot.urdf.inertias import Payload, with_payload, with_sound_inertias
 from floatplan.robot.urdf.tree import (
     LARGEST,
@@ -27,13 +27,13 @@ from floatplan.robot.urdf.tree import (
     triple,
 )
 from floatplan.robot.urdf.written import urdf_of
+from floatplan.tables import FREE_TYPES, RANGES
 
 MOST_JOINTS = 150  # [-] that move: Pinocchio's workspace grows as their cube, and thousands exhaust the memory
 MOST_FIXED_JOINTS = 2000  # [-] ten times those of any robot; URDF readers that recurse link by link bear 3000
 LIMITS = "limits of"  # beginning of the warnings about limits that are ignored
 AXISLESS = ("fixed", "floating")  # types of joints
 WITHOUT_RANGE = ("continuous", *AXISLESS, "planar")
-SMALLEST_MASS = 1e-15  # [kg] of a link that has any
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _read_inertial(where: str, link: Element) -> Inertial | None:
     mass = number(f"{where}: mass", mass_element, "value", None)
     if mass < 0.0:
         raise InputError(f"is negative: {mass:g} kg", element=f"{where}: mass")
-    if 0.0 < mass < SMALLEST_MASS:
+    if 0.0 < mass < RANGES["mass"].low:
         raise InputError(f"is smaller than any part's: {mass:g} kg", element=f"{where}: mass", advice="write 0")
     moment = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), 0.0)
     if moments is not None:

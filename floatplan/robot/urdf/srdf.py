@@ -91,7 +91,10 @@ def _rotor_inertias(tree: UrdfTree, path: Path) -> dict[str, float]:
     named: list[Element] = []
     for rotors in _read_srdf(path).iterfind("rotor_params"):
         named += rotors.iterfind("joint")
-    own = {joint.get("name", ""): joint for joint in named if joint.get("name", "") in tree.joint}
+    own: dict[str, Element] = {}
+    for joint in named:
+        if joint.get("name", "") in tree.joint:
+            own[joint.get("name", "")] = joint
     felt: dict[str, float] = {}
     if 2 * len(own) <= len(named):
         return felt

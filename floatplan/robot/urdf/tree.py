@@ -30,8 +30,8 @@ ROTATIONAL = ("revolute", "continuous")
 MOVING = (*ROTATIONAL, "prismatic")
 LARGEST = 1e9  # [SI] above every mass, inertia, length or angle; larger numbers overflow when squared twice
 PREFIX = "example-robot-data:"
-FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
 INSTALL_PREFIXES = ("/usr", "/usr/local", "/opt/openrobots")
+FOLDER_VARIABLE = "EXAMPLE_ROBOT_DATA_MODEL_DIR"  # of the environment: the folder "robots" itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,7 +380,11 @@ def _candidates() -> Iterator[Path]:
         yield Path(folder)
     if (distributed := _of_distribution()) is not None:
         yield distributed
-    prefixes = [sys.prefix, *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), *INSTALL_PREFIXES]
+    prefixes = [
+        sys.prefix,
+        *os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep),
+        *INSTALL_PREFIXES,
+    ]
     for prefix in prefixes:
         if prefix:
             yield Path(prefix, "share", "example-robot-data", "robots")

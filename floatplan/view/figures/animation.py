@@ -113,7 +113,9 @@ def _picture(figure: Figure, axes: Axes, plan: Trajectory, time: float) -> Image
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
             snapshots.draw_obstacle(axes, obstacle, np.array([time]))
-    snapshots.draw_posture(axes, postures(plan, np.array([time])), 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
+    placed = postures(plan, np.array([time]))
+    snapshots.draw_shadow(axes, placed, 0, zorder=0.9)
+    snapshots.draw_posture(axes, placed, 0, strength=1.0, zorder=5, rings=(("white", 1.6),))
     if isinstance(plan, JumpMotion):
         snapshots.draw_forces(axes, plan, np.array([time]), np.zeros(1, dtype=np.complex128))
     axes.text(0.02, 0.98, f"{time:.2f} s", transform=axes.transAxes, ha="left", va="top", fontsize=9, color=PALETTE.ink)

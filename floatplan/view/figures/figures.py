@@ -22,7 +22,8 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.view.charts import INTERVAL, Chart, Panel, charts, is_crowded, largest
 from floatplan.view.figures.snapshots import comparison, kinogram, moments, plan_names, snapshots
-from floatplan.view.sampled import SampledPlan, flies_in_space
+from floatplan.view.jumps import flies_in_space
+from floatplan.view.sampled import SampledPlan
 from floatplan.view.style import COLUMN, METADATA, PALETTE, faded, legend_above, new_figure, rendered, styled
 
 SAMPLES = 241  # [-] of a curve
@@ -204,7 +205,11 @@ def draw_panel(
     """Draw the curves of a panel onto axes with all that belongs to them; return the legend's entries for that."""
 
     def scaled(style: dict[str, Any]) -> dict[str, Any]:
-        return {name: thinner * size if name.endswith(("width", "size")) else size for name, size in style.items()}
+        thin = dict(style)
+        for name, size in style.items():
+            if name.endswith(("width", "size")):
+                thin[name] = thinner * size
+        return thin
 
     peak = 0.0
     width = 1.3 if chart.unit else LAYOUT.band

@@ -22,6 +22,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import Obstacle
+from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.jumps import moments as moment_times
@@ -84,7 +85,7 @@ def draw_surroundings(axes: Axes, plan: Plan, placed: outlines.Postures, instant
 
 def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None:
     """Draw the ground line, through the whole picture where it is the same at takeoff and landing; in space a grid."""
-    if isinstance(plan, Plan) and placed.depth is not None:
+    if placed.depth is not None:
         floor = [outlines.pairs(CAMERA(line)) for line in outlines.grids(plan)]
         axes.add_collection(LineCollection(floor, colors=[PALETTE.pale], linewidths=0.6, zorder=0.6), autolim=False)
     lines = outlines.ground_lines(placed)
@@ -120,6 +121,14 @@ def draw_flight(axes: Axes, plan: Plan, placed: outlines.Postures, strengths: Se
         rings = ((PALETTE.ink, 1.4),) if index == 0 else (("white", 1.0),)
         rings = rings if index < count - 1 else (("white", 2.4),)
         draw_posture(axes, placed, index, strength=strength, zorder=3 + index, rings=rings)
+
+
+def draw_shadow(axes: Axes, placed: outlines.Postures, index: int, *, zorder: float, shift: complex = 0j) -> None:
+    """Draw the shadow that a robot in space casts straight down on the ground, where there is one."""
+    if placed.shadows is not None:
+        hulls = [outlines.pairs(convex_hull(corners) + shift) for corners in placed.shadows[index]]
+        look: dict[str, Any] = {"facecolors": [PALETTE.shadow], "edgecolors": [PALETTE.shadow], "linewidths": 0.4}
+        axes.add_collection(PolyCollection(hulls, zorder=zorder, **look), autolim=False)
 
 
 def draw_posture(
@@ -345,24 +354,31 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
 def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
     placed = outlines.postures(jump, moment_times(jump, flying))
-    left = np.real(placed.low - placed.com)
-    right = np.real(placed.high - placed.com)
+    stood = _ground_points(jump, placed)
+    left = np.real(placed.low - stood)
+    right = np.real(placed.high - stood)
     widest = float(np.max(right - left))
-    ground = float(placed.low.imag.min())
     margin = STRIP.margin * widest
     centres = np.cumsum(np.append(margin - left[0], right[:-1] - left[1:] + STRIP.gap * widest))
-    shifts = np.asarray(centres - placed.com.real, np.complex128)
+    ground = float(placed.low.imag.min()) if placed.shadows is None else 0.0
+    shifts = np.asarray(centres + 1j * ground - stood, np.complex128)
     width = float((centres + right).max()) + margin
-    low = 1j * (ground - STRIP.times * width / STRIP.width)
-    high = complex(width, float(placed.high.imag.max()) + margin)
+    nearest = ground if placed.shadows is None else _ends_of_shadows(placed, shifts)[0] - margin
+    low = 1j * (nearest - STRIP.times * width / STRIP.width)
+    high = complex(width, float((placed.high + shifts).imag.max()) + margin)
     figure = new_figure(STRIP.width, STRIP.legend * (2 if title else 1) + STRIP.width * (high - low).imag / width)
     axes = figure.add_subplot()
     frame_box(axes, low, high)
     axes.set_axis_off()
     axes.set_title(title, loc="left")
-    axes.axhspan(low.imag, ground, color=PALETTE.pale, alpha=0.5, linewidth=0, zorder=0)
-    axes.axhline(ground, color=PALETTE.ink, linewidth=0.9, zorder=1)
+    if placed.shadows is None:
+        axes.axhspan(low.imag, ground, color=PALETTE.pale, alpha=0.5, linewidth=0, zorder=0)
+        axes.axhline(ground, color=PALETTE.ink, linewidth=0.9, zorder=1)
+    else:
+        farthest = _ends_of_shadows(placed, shifts)[1] + margin
+        axes.axhspan(low.imag, farthest, color=PALETTE.pale, alpha=0.3, linewidth=0, zorder=0)
     for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
+        draw_shadow(axes, placed, index, zorder=0.9, shift=shifts[index])
         draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(("white", 1.0),), shift=shifts[index])
         axes.text(centre, low.imag, f"{time:.2f} s", ha="center", va="bottom", size=6.5)
     draw_forces(axes, jump, placed.times, shifts)
@@ -370,6 +386,22 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     entries: list[tuple[Any, str]] = [(Patch(color=colour), f"on {name}") for name, colour in standing.colours.items()]
     legend_above(figure, [*entries, (Patch(alpha=0.0), standing.scale)])
     return figure
+
+
+def _ground_points(jump: JumpMotion, placed: outlines.Postures) -> ComplexArray:
+    """Positions (K,), m, on the ground below the centre of mass at the times of postures."""
+    if placed.shadows is None:
+        return np.asarray(placed.com.real + 1j * placed.low.imag.min())
+    below = outlines.com_positions(jump, placed.times).copy()
+    below[:, 2] = jump.ground
+    return CAMERA(below)
+
+
+def _ends_of_shadows(placed: outlines.Postures, shifts: ComplexArray) -> tuple[float, float]:
+    """Lowest and highest position of shadows in the picture, moved by shifts (K,), m."""
+    assert placed.shadows is not None
+    heights = (placed.shadows + shifts[:, None, None]).imag
+    return float(heights.min()), float(heights.max())
 
 
 def draw_forces(axes: Axes, jump: JumpMotion, times: Array, shifts: ComplexArray) -> None:

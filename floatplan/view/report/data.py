@@ -16,10 +16,12 @@ from floatplan.arrays import Array
 from floatplan.files import json_value
 from floatplan.jumps.check import JumpCheck, sentences_on
 from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.spatial.standing import Foot
 from floatplan.plans.plan import Plan
 from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, utilisation_table
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import TONES, Tone
+from floatplan.problem.attitude import required
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -27,8 +29,8 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
 from floatplan.view.charts import Chart, ReferenceLine, largest
-from floatplan.view.jumps import CheckedJump, footing
-from floatplan.view.sampled import SampledPlan, flies_in_space
+from floatplan.view.jumps import CheckedJump, flies_in_space, footing
+from floatplan.view.sampled import SampledPlan, attitude_axes
 from floatplan.view.solids import obstacle_corners, obstacle_solid, rendered_solids
 from floatplan.view.style import PALETTE, palette
 
@@ -57,20 +59,18 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     }
 
 
-def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
-    """Return the same of a flight in space.
+def motion_in_space(plan: Trajectory, sampled: SampledPlan) -> dict[str, Any]:
+    """Return the same of a motion in space.
 
     Frames of bodies are those of the joints of the robot's model; ``ball`` is a centre and a radius that contain the
-    motion, ``floor`` lines on the ground, ``vector`` an arrow of the angular momentum, m, and ``scale`` its magnitude.
+    motion, ``floor`` lines on the ground; of a flight, ``vector`` is an arrow of the angular momentum, m, and ``scale``
+    its magnitude.
     """
-    problem = plan.problem
+    problem = plan.whole_problem
     robot = plan.robot
-    final = plan.problem.final
-    h = np.asarray(plan.angular_momentum)
-    size_of_h = float(np.linalg.norm(h))
+    final = problem.final
     centre, radius = outlines.ball(plan)
-    whole: Any = plan.whole
-    goal = whole.posture(final, plan.duration)
+    goal = outlines.posed(plan, final, plan.duration)
     columns = {}
     for name, values in sampled.columns.items():
         if not name.startswith("accelerations."):
@@ -79,29 +79,34 @@ def motion_in_space(plan: Plan, sampled: SampledPlan) -> dict[str, Any]:
     for (name, role), colour in zip(_roles(problem).items(), PALETTE.trails[1:], strict=False):
         body, position = frame_position(robot.model, robot.joint_tree, name)
         frames.append({"name": name, "role": role, "colour": colour, "body": body - 1, "at": rounded(position)})
-    vector = None
-    if h.any():  # half as long as the robot, whatever h is
-        vector = rounded(0.5 * outlines.robot_size(plan) * h / size_of_h)
+    obstacles = []
+    for index, obstacle in enumerate(problem.obstacles):
+        if obstacle.bounded:
+            obstacles.append(_obstacle_in_space(index, obstacle))
+    of_flight: dict[str, Any] = {"vector": None}
+    if isinstance(plan, Plan):
+        h = np.asarray(plan.angular_momentum)
+        size_of_h = float(np.linalg.norm(h))
+        of_flight["scale"] = f"angular momentum, {size_of_h:.4g} kg m²/s"
+        if h.any():  # half as long as the robot, whatever h is
+            of_flight["vector"] = rounded(0.5 * outlines.robot_size(plan) * h / size_of_h)
     return {
         "duration": plan.duration,
         "columns": columns,
         "robot": robot_in_space(robot),
         "frames": frames,
         "trail": PALETTE.trails[0],
-        "obstacles": [
-            _obstacle_in_space(index, obstacle) for index, obstacle in enumerate(problem.obstacles) if obstacle.bounded
-        ],
+        "obstacles": obstacles,
         "ground": [],
         "floor": list(map(rounded, outlines.grids(plan))),
         "ghosts": rounded(outlines.snapshot_times(plan)),
         "goal": {
-            "base": rounded([*goal.places[0, 1], *plan.whole.orientation_at_ends["goal"]["quaternion_xyzw"]]),
+            "base": rounded([*goal.places[0, 1], *required(final.attitude).quaternion]),
             "positions": final.positions.tolist(),
-            "com": rounded(plan.ballistics.positions(np.array([plan.duration]))[0]),
+            "com": rounded(outlines.com_positions(plan, np.array([plan.duration]))[0]),
         },
         "ball": {"centre": rounded(centre), "radius": radius},
-        "vector": vector,
-        "scale": f"angular momentum, {size_of_h:.4g} kg m²/s",
+        **of_flight,
     }
 
 
@@ -151,7 +156,7 @@ def robot_in_space(robot: Robot) -> dict[str, Any]:
 
 
 def _colours(robot: Robot) -> dict[str, list[str]]:
-    return {"colours": [to_hex(colour) for colour in palette(len(robot.joints) + 1)]}
+    return {"colours": list(map(to_hex, palette(len(robot.joints) + 1)))}
 
 
 def sample_grid(duration: float) -> Array:
@@ -337,7 +342,9 @@ def phase_lines(jump: JumpMotion) -> list[list[str]]:
 
 def check_lines(check: JumpCheck, request: JumpRequest) -> tuple[list[list[str]], list[list[str]]]:
     """Cells of the findings of a jump's check, under ``STANCES``: broken limits, and those that are satisfied."""
-    figures = {name: value for name, value in check.figures.items() if name != "torque_speed" or value > 0}
+    figures = dict(check.figures)
+    if not figures.get("torque_speed", 1.0) > 0:
+        del figures["torque_speed"]
     broken, satisfied = sentences_on(request, figures, check.unlimited)
     return [[f"not within limits: {words}", limit] for words, limit in broken], list(map(list, satisfied))
 
@@ -351,14 +358,29 @@ def request_rows(problem: Problem, request: JumpRequest) -> list[Row]:
         is_guess = name in of_flight and of_flight[name] not in request.fixed
         if name not in chosen_by_search and not is_guess:
             rows.append(Row(name, text))
-    start_turns = round(problem.initial.orientation / (2 * np.pi))
-    goal_turns = round(problem.final.orientation / (2 * np.pi))
-    rows.append(Row("whole turns", f"{goal_turns - start_turns}"))
+    if problem.robot.base == "free-flyer":
+        rows.append(Row("turns", _turns_in_words(problem)))
+    else:
+        start_turns = round(problem.initial.orientation / (2 * np.pi))
+        goal_turns = round(problem.final.orientation / (2 * np.pi))
+        rows.append(Row("whole turns", f"{goal_turns - start_turns}"))
     for name, end in (("from", request.takeoff.from_), ("to", request.landing.to)):
         angles = [] if isinstance(end, str) else [f"{joint} {np.degrees(angle):.4g}°" for joint, angle in end.items()]
         rows.append(Row(name, ", ".join(angles) or "standing"))
     shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
     return [*rows, Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
+
+
+def _turns_in_words(problem: Problem) -> str:
+    """By how much the base turns in space, about each axis, for a person."""
+    axes, names = attitude_axes(problem)
+    start = required(problem.initial.attitude).angles_about(axes)
+    goal = required(problem.final.attitude).angles_about(axes)
+    words = []
+    for name, axis, angle in zip(names, axes, np.degrees(np.asarray(goal) - start), strict=True):
+        if abs(angle) > 0.01:
+            words.append(f"{name} about {axis} by {angle:.4g}°")
+    return ", ".join(words) or "none"
 
 
 def jump_sections(jump: JumpMotion, tone: Tone, simulated: Sequence[Row] = ()) -> list[dict[str, Any]]:
@@ -390,22 +412,27 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
     """Return the data of a jump's picture that a flight's has not.
 
     ``frames``, the contacts, each with the columns of its ``force`` and where this ``acts``; ``flown``, the flight from
-    and to, s; a friction ``cone``, the ``metres_per_newton`` of forces in the picture, and the ``scale`` in words.
+    and to, s; a friction ``cone``, the ``metres_per_newton`` of forces in the picture, and the ``scale`` in words; in
+    space the height of the ground on which the robot casts its ``shadow``.
     """
     standing = footing(jump)
+    is_spatial = flies_in_space(jump)
     frames = []
     for index, (name, contact) in enumerate(standing.contacts.items()):
-        spot = contact.spots[0]
-        frame = _frame(name, "stands", standing.colours[name], spot.body, spot.place)
-        columns = {
-            "force": [f"force_x.{index}", f"force_z.{index}"],
-            "acts": [f"foot_x.{index}", f"foot_z.{index}"],
-        }
-        frames.append(frame | columns)
+        entry: dict[str, Any] = {"name": name, "role": "stands", "colour": standing.colours[name]}
+        if isinstance(contact, Foot):
+            entry |= {"body": contact.body - 1, "at": rounded(contact.local)}
+        else:
+            spot = contact.spots[0]
+            entry |= {"body": spot.body, "at": rounded(outlines.pairs(spot.place))}
+        entry["force"] = [f"force_{letter}.{index}" for letter in standing.axes]
+        entry["acts"] = [f"foot_{letter}.{index}" for letter in standing.axes]
+        frames.append(entry)
     return {
         "frames": frames,
         "flown": jump.flight_span,
-        "cone": rounded(outlines.pairs(standing.cone)),
+        "cone": rounded(standing.cone_in_world if is_spatial else outlines.pairs(standing.cone)),
         "scale": standing.scale,
         "metres_per_newton": standing.metres_per_newton,
+        "shadow": jump.ground if is_spatial else None,
     }

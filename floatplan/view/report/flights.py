@@ -24,11 +24,11 @@ from floatplan.problem.attitude import required
 from floatplan.simulation.results import ClosedLoop, JumpLandings, JumpReplay
 from floatplan.simulation.spatial_motion import angle_between
 from floatplan.view.figures.animation import animate
+from floatplan.view.jumps import flies_in_space
 from floatplan.view.report.report import asset, filled, policy, write_report
 from floatplan.view.style import COLUMN, PALETTE, legend_above, new_figure, palette, picture
 
 WITH, WITHOUT = PALETTE.hues[:2]  # corrections
-LANDING_TITLES = ("", "with corrections", "without")
 LANDING_TITLES = ("", "with corrections", "without")
 
 Cells = Sequence[str]
@@ -117,14 +117,15 @@ def landing_rows(flights: ClosedLoop) -> list[Cells]:
 def jump_rows(flights: JumpReplay) -> list[Cells]:
     """Return the same of flights of a jump; a single column where none was corrected."""
     columns = []
+    angle = "attitude" if flies_in_space(flights.motion) else "pitch"
     for landings in _series(flights):
         links = ", ".join(f"{link} {count}" for link, count in landings.links.most_common(3))
         cells = {
             "stands in the end": f"{landings.stands.sum()} of {flights.flights}",
             "on its feet alone": f"{landings.clean.sum()} of {flights.flights}",
             "other links that touched": links or "none",
-            "pitch at touchdown": f"{_degrees(landings.pitch_rms)} rms",
-            "pitch, worst": _degrees(landings.pitch_worst),
+            f"{angle} at touchdown": f"{_degrees(landings.pitch_rms)} rms",
+            f"{angle}, worst": _degrees(landings.pitch_worst),
             "torque wanted": f"{100 * landings.torque.max():.3g} % of what motors can",
             "feet slid, worst": f"{1e3 * landings.slid.max():.3g} mm",
         }

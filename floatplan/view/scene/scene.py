@@ -33,8 +33,7 @@ from floatplan.robot import Plane
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.view import outlines
-from floatplan.view.jumps import footing
-from floatplan.view.sampled import flies_in_space
+from floatplan.view.jumps import flies_in_space, footing
 from floatplan.view.scene import meshes
 from floatplan.view.solids import CAMERA, obstacle_solid, rendered_solids
 from floatplan.view.style import PALETTE, palette, rgb_bytes
@@ -79,8 +78,10 @@ def scene(plan: Trajectory) -> str:
         obstacles: list[tuple[Any, Plane | None, Obstacle]] = []
         momentum = None
         if flies_in_space(plan):
-            momentum = _add_space(server, plan)
-            for index, obstacle in enumerate(plan.problem.obstacles):
+            _add_space(server, plan)
+            if isinstance(plan, Plan):
+                momentum = _add_momentum(server, plan)
+            for index, obstacle in enumerate(plan.whole_problem.obstacles):
                 if obstacle.bounded:
                     obstacles.append((add_obstacle(server, index, obstacle, obstacle_solid(obstacle)), None, obstacle))
         else:
@@ -126,18 +127,22 @@ def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane | None, O
     return obstacles
 
 
-def _add_space(server: Any, plan: Plan) -> Any:
-    """Add the surroundings of a flight in space; return the node of the angular momentum, an arrow at the CM."""
-    times = np.linspace(0.0, plan.duration, 121)
+def _add_space(server: Any, plan: Trajectory) -> None:
+    """Add the surroundings of a motion in space."""
+    times = np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpMotion) else 121)
     poses = outlines.bodies(plan, times)
-    com = plan.at(times).com_position
+    com = outlines.com_positions(plan, times)
     centre, radius = outlines.ball(plan)
     _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
     for index, line in enumerate(outlines.grids(plan)):
         server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
-    takeoff = poses.frame(plan.robot, plan.problem.takeoff.frame)
-    landing = poses.frame(plan.robot, plan.problem.landing.frame)
+    takeoff = poses.frame(plan.robot, plan.whole_problem.takeoff.frame)
+    landing = poses.frame(plan.robot, plan.whole_problem.landing.frame)
     _add_trails(server, plan, (com, takeoff, landing))
+
+
+def _add_momentum(server: Any, plan: Plan) -> Any:
+    """Add the angular momentum of a flight in space, an arrow at the CM; return its node."""
     h = np.asarray(plan.angular_momentum)
     size = outlines.robot_size(plan)
     tip = 0.5 * size * h / (np.linalg.norm(h) or 1.0)  # half as long as the robot
@@ -410,38 +415,33 @@ class ForceNodes:
 
     def __init__(self, server: Any, jump: JumpMotion, times: Array) -> None:
         standing = footing(jump)
-        plane = jump.robot.plane
         contacts = standing.contacts.values()
-        self._nodes = list[tuple[Any, Any, Array]]()
+        self._nodes = list[tuple[Any, Any, Array, Array]]()
         look = {name: size * jump.height for name, size in ARROW.items()}
         scale = standing.metres_per_newton * max(len(contact.names) for contact in contacts)
         state = jump.at(times)
-        # a cone: a rim of 33 corners, the last on the first, and the tip
-        side = standing.cone[1]
-        corners = 33
-        here = np.arange(corners - 1)
-        around = side.real * np.exp(2j * np.pi * np.arange(corners) / (corners - 1))[:, None]
-        rim = around.real * plane.horizontal + around.imag * plane.normal + side.imag * plane.vertical
-        vertices = np.append(rim, np.zeros((1, 3)), axis=0)
-        faces = np.stack((here, here + 1, 0 * here + corners), axis=1)
+        forces = jump.forces(times)
+        vertices = standing.cone_in_world
+        tip = len(vertices) - 1
+        here = np.arange(tip - 1)
+        faces = np.stack((here, here + 1, np.full_like(here, tip)), axis=1)
         nodes = server.scene
         for contact, colour in zip(contacts, standing.colours.values(), strict=True):
             rgb = rgb_bytes(colour)
             for name in contact.names:
-                point = state.points[name]
-                across, up = scale * state.forces[name].T[..., None]
-                ends = np.stack((point, point + across * plane.horizontal + up * plane.vertical), axis=1)
                 path = f"/forces/{name}"
                 cone = nodes.add_mesh_simple(f"{path}/cone", vertices, faces, color=rgb, opacity=0.3, side="double")
                 arrow = nodes.add_arrows(f"{path}/arrow", np.zeros((1, 2, 3)), rgb, **look)
-                self._nodes.append((arrow, cone, ends))
+                self._nodes.append((arrow, cone, state.points[name], scale * forces[name]))
 
     def put(self, index: int) -> None:
         """Show the forces at an instant; those shorter than an arrow's head are left out."""
-        for arrow, cone, ends in self._nodes:
-            length = float(np.linalg.norm(ends[index, 1] - ends[index, 0]))
-            arrow.visible = length > arrow.head_length
-            cone.visible = bool(np.isfinite(length))
+        for arrow, cone, points, forces in self._nodes:
+            point = points[index]
+            force = forces[index]
+            arrow.visible = bool(np.linalg.norm(force) > arrow.head_length)
+            cone.visible = bool(np.isfinite(point).all())
             if cone.visible:
-                cone.position = ends[index, 0]
-                arrow.points = ends[index : index + 1].astype(np.float32)
+                cone.position = point
+                arrow.position = point
+                arrow.points = np.stack((np.zeros(3), force))[None].astype(np.float32)

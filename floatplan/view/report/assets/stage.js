@@ -54,6 +54,7 @@ class Stage {
       ghost.group.style.setProperty("--strength", strength);
       this.stays.push([ghost, motion.posture(time)]);
     });
+    this.shadow = Number.isFinite(data.shadow) ? add(front, "path", { class: "shadow" }) : null;
     this.moving = flat.filter(moves).map((obstacle) => [obstacle, drawObstacle(front, obstacle)]);
     this.flown = drawn(front, "trail flown");
     this.drawPushes(front);
@@ -68,7 +69,8 @@ class Stage {
     const { frames, cone, robot, vector } = this.motion.data;
     const pushed = frames.filter(({ force }) => force);
     const drawn = (name, attributes) => pushed.map(({ colour }) => dyed(add(front, name, attributes), colour));
-    const cones = drawn("polygon", { class: "push cone", points: cone });
+    const cones = drawn("path", { class: "push cone" });
+    this.cone = cone;
     this.robot = this.drawRobot(front, "flying", ["ring", "link"], TONES);
     const pivots = this.motion.data.ball ? [] : robot.origins.slice(1).map((_, body) => [{ body: body + 1, at: [0, 0] }, "pivot"]);
     this.marks = [...pivots, ...frames.map((frame) => [frame, "frame"]), [{ colour: INK }, "com"]].map(([point, name]) => [
@@ -99,6 +101,10 @@ class Stage {
       for (const [key, value] of [["x", 1.3 * x], ["y", -1.3 * y]]) label.setAttribute(key, value);
       label.textContent = name;
     });
+    if (this.cone) {
+      const outline = path(hull(this.cone.map((corner) => this.flat(corner))));
+      for (const [, element] of this.pushes) element.setAttribute("d", outline);
+    }
     for (const [ends, element] of this.floor) element.setAttribute("points", ends.map((end) => this.flat(end)));
     this.seen = this.trails.map((points) => points.map((point) => this.flat(point)));
     this.seen.forEach((points, index) => this.whole[index].setAttribute("points", points));
@@ -208,6 +214,7 @@ class Stage {
     const posture = this.motion.posture(time);
     this.frame(posture.com);
     this.put(this.robot, posture);
+    if (this.shadow) this.shadow.setAttribute("d", this.shadowOf(posture));
     for (const solid of this.solids) this.putSolid(time, posture.com, ...solid);
     for (const [point, element] of this.marks) {
       element.setAttribute("transform", `translate(${this.flat(this.motion.place(posture, point))})`);
@@ -217,15 +224,23 @@ class Stage {
       const stands = ![...force, ...acts].includes(null);
       for (const element of [cone, ...arrow]) {
         element.classList.toggle("absent", !stands);
-        if (stands) element.setAttribute("transform", `translate(${acts})`);
+        if (stands) element.setAttribute("transform", `translate(${this.flat(acts)})`);
       }
       const scaled = force.map((part) => this.motion.data.metres_per_newton * part);
-      if (stands) for (const element of arrow) element.setAttribute("d", this.arrow(scaled));
+      if (stands) for (const element of arrow) element.setAttribute("d", this.arrow(this.flat(scaled)));
     }
     for (const element of this.vectors) {
       element.setAttribute("transform", `translate(${this.flat(posture.com)})`);
       element.setAttribute("d", this.arrow(this.flat(this.motion.data.vector)));
     }
+  }
+
+  /* The shadow of a posture, straight below it on the ground. */
+  shadowOf(posture) {
+    const { robot, shadow } = this.motion.data;
+    const below = ({ body, points }) =>
+      points.map((at) => this.flat([...this.motion.place(posture, { body, at }).slice(0, 2), shadow]));
+    return robot.links.map((link) => path(hull(below(link)))).join("");
   }
 
   /* What the picture holds while the centre of mass is somewhere. */

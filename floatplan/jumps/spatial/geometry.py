@@ -1,0 +1,73 @@
+"""Where the links of a jumping robot are in space."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+import pinocchio as pin
+
+from floatplan.arrays import Array
+from floatplan.jumps.spatial.standing import Foot, feet_links
+from floatplan.motion.dynamics import FlightState
+from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.clearance import SpatialSegments, pair_distances_in_space, shapes_in_space
+from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.robot.robot import Robot
+
+
+class SpatialGeometry:
+    """The geometry of a robot in space; see :class:`~floatplan.jumps.jump_motion.JumpGeometry`.
+
+    Attributes
+    ----------
+    robot : Robot
+    contacts : on which it stands at some time
+    """
+
+    def __init__(self, robot: Robot, contacts: Sequence[Foot]) -> None:
+        self.robot = robot
+        self.contacts = list({foot.name: foot for foot in contacts}.values())
+
+    def links_of(self, contacts: Iterable[Foot]) -> set[str | None]:
+        """Links on which feet stand."""
+        return feet_links(self.robot, list(contacts))
+
+    def locate(self, state: FlightState) -> BodyPoses:
+        """Where the bodies are at the N instants of a state."""
+        return BodyPoses.of(self.robot, of_quaternions(state.orientation), state.positions, state.com_position)
+
+    def lowest(self, located: BodyPoses) -> Iterator[tuple[str, Array]]:
+        """Links with the heights (N,) of their lowest points, m, by their solids."""
+        heights: dict[str, Array] = {}
+        for solid in self.robot.solids:
+            own = located.lowest(solid)
+            heights[solid.link] = np.minimum(heights[solid.link], own) if solid.link in heights else own
+        yield from heights.items()
+
+    def segments(self, located: BodyPoses) -> SpatialSegments:
+        """The links' capsules."""
+        return shapes_in_space(self.robot).place(located)
+
+    def distances(self, segments: SpatialSegments, links: Sequence[str]) -> Array:
+        """Distances (N, r) between the capsules of two links, m."""
+        owners = np.array([capsule.link for capsule in self.robot.solid_capsules])
+        first, second = (segments.of(np.flatnonzero(owners == link)) for link in links)
+        return pair_distances_in_space(first, second)
+
+    def rotated_heights(self, state: FlightState, error: float) -> Iterator[float]:
+        """Least heights over the ground of all but feet, m, of a robot that is rotated on its feet.
+
+        It is rotated about either horizontal axis and either way.
+        """
+        poses = self.locate(state)
+        links = self.links_of(self.contacts)
+        for axis in np.vstack((np.eye(3)[:2], -np.eye(3)[:2])):
+            rotation = pin.exp3(error * axis)
+            rotated = BodyPoses(poses.places @ rotation.T, rotation @ poses.rotations)
+            grounds = []
+            for foot in self.contacts:
+                position = rotated.points(foot.body, np.array([foot.local]))
+                grounds.append(position[:, 0, 2] - foot.depth)
+            ground = np.min(grounds, axis=0)
+            for link, heights in self.lowest(rotated):
+                if link not in links:
+                    yield float((heights - ground).min())

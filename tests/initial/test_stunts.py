@@ -1,0 +1,94 @@
+"""``floatplan init --stunt``: a problem file of a jump in space, which is that of problems/jumps/space."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from jumps import GO2, INSTALLED
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.errors import InputError
+from floatplan.initial.stunts import STUNTS, stunt_file_text
+from floatplan.jumps.spatial.setup import spatial_setup
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+
+A1 = "example-robot-data:a1_description/urdf/a1.urdf"
+Command = Callable[..., Any]
+
+
+@pytest.mark.parametrize(
+    ("source", "stunt", "file"),
+    [
+        (GO2, "roll", "go2_roll"),
+        (GO2, "half-twist", "go2_half_flip_half_twist"),
+        (A1, "turn", "a1_quarter_turn"),
+        (A1, "half-turn", "a1_half_turn"),
+        (A1, "side", "a1_side"),
+        (GO2, "diagonal", "go2_diagonal"),
+    ],
+)
+def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, source: str, stunt: str, file: str) -> None:
+    """The same goal, contacts and limits; the posture to within some degrees, the displacement to a tenth."""
+    path = tmp_path / "jump.toml"
+    path.write_text(stunt_file_text(source, stunt, {}, path))
+    written = fp.load_problem(path)
+    example = fp.load_problem(root / "problems" / "jumps" / "space" / f"{file}.toml")
+    assert written.jump is not None
+    assert example.jump is not None
+    assert written.goal.orientation.axes == example.goal.orientation.axes
+    assert written.goal.orientation.angles == pytest.approx(example.goal.orientation.angles)
+    np.testing.assert_allclose(written.start.positions, example.start.positions, atol=np.deg2rad(5))
+    np.testing.assert_array_equal(written.motor_torque_limits, example.motor_torque_limits)
+    assert written.jump.margin == example.jump.margin
+    assert written.jump.friction == example.jump.friction
+    assert written.flight.duration == example.flight.duration
+    wanted = example.jump.landing.displacement
+    assert written.jump.landing.displacement == (None if wanted is None else pytest.approx(wanted, rel=0.1))
+    setups = [spatial_setup(problem, problem.jump) for problem in (written, example)]
+    assert [phase.frames for phase in setups[0].phases] == [phase.frames for phase in setups[1].phases]
+
+
+def test_a_backflip_leaves_from_the_rear_and_lands_on_the_front(tmp_path: Path) -> None:
+    path = tmp_path / "jump.toml"
+    path.write_text(stunt_file_text(GO2, "backflip", {}, path))
+    problem = fp.load_problem(path)
+    assert problem.jump is not None
+    phases = spatial_setup(problem, problem.jump).phases
+    assert set(phases[1].frames) == {"RL_foot", "RR_foot"}
+    assert set(phases[3].frames) == {"FL_foot", "FR_foot"}
+
+
+def test_every_stunt_is_written(tmp_path: Path) -> None:
+    for name in STUNTS:
+        path = tmp_path / f"{name}.toml"
+        path.write_text(stunt_file_text(A1, name, {}, path))
+        assert fp.load_problem(path).jump is not None
+
+
+def test_the_command(floatplan: Command) -> None:
+    run = floatplan("init", GO2, "--stunt", "roll", "-o", "roll.toml")
+    assert run.code == 0, run
+    assert "next: floatplan jump roll.toml" in run.stderr
+    assert Path("roll.toml").read_text().startswith("# go2_description stands, rolls once about its long axis")
+    assert floatplan("init", GO2, "--stunt", "roll", "-o", "roll.toml").code == 2  # it is there
+    for options, words in (
+        (("--stunt", "cartwheel"), "there is no stunt 'cartwheel'"),
+        (("--stunt", "roll", "--turns", "2"), "--turns: says what jumps in a plane do"),
+        (("--stunt", "roll", "--coupled", "mirror"), "--coupled: is for jumps in a plane"),
+    ):
+        run = floatplan("init", GO2, *options, "-o", "other.toml")
+        assert run.code == 2
+        assert words in run.stderr
+        assert not Path("other.toml").exists()
+
+
+def test_robots_without_such_feet_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no foot was recognised"):
+        stunt_file_text("example-robot-data:ur_description/urdf/ur5_robot.urdf", "roll", {}, tmp_path / "jump.toml")

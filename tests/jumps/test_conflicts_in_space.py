@@ -1,0 +1,116 @@
+"""What is in the way of a jump in space: the limits that bind where the search ended."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import casadi as ca
+import numpy as np
+import pytest
+
+import floatplan as fp
+from floatplan.jumps.spatial.conflicts import binding_limits
+from floatplan.jumps.spatial.guess import guess
+from floatplan.jumps.spatial.planner import MARGINS
+from floatplan.jumps.spatial.program import SpatialProgram
+from floatplan.jumps.spatial.setup import spatial_setup
+
+LABELS = (
+    "balance of forces (takeoff)",
+    "torque of knee (takeoff)",
+    "friction of foot (takeoff)",
+    "torque of hip (flight)",
+)
+
+
+def program(required: float) -> SpatialProgram:
+    """``3 x0 + x1 = required``, where x0 is a knee's torque, x1 a friction force, x2 a hip's torque: 1 at most each."""
+    x = ca.MX.sym("x", 3)
+    parameters = ca.MX.sym("p", 4)
+    rows = ca.vertcat(3 * x[0] + x[1], x[0], x[1], x[2])
+    assembly = SimpleNamespace(
+        functions={"jac_g": ca.Function("jac_g", [x, parameters], [rows, ca.jacobian(rows, x)])},
+        low=np.array([required, -1.0, -np.inf, -1.0]),
+        high=np.array([required, 1.0, 1.0, 1.0]),
+        labels=LABELS,
+        weights=np.ones(3),
+    )
+    fake = SimpleNamespace(
+        assembly=assembly,
+        size=3,
+        box=(np.full(3, -np.inf), np.full(3, np.inf)),
+        begins=np.zeros(1, int),
+        phases=(),
+        model=SimpleNamespace(size=0, robot=SimpleNamespace(joints=())),
+        height=1.0,
+    )
+    return cast("SpatialProgram", fake)
+
+
+def test_the_limit_that_leaves_most_comes_first() -> None:
+    """Of ``(3 x0 + x1 - 5)^2 / 2`` at (1, 1) the derivatives by both bounds are -3 and -1; x2 has none."""
+    limits = binding_limits(program(5.0), np.array([1.0, 1.0, 1.0]))
+    assert [limit.label for limit in limits] == [LABELS[1], LABELS[2]]
+    assert [limit.kind for limit in limits] == ["torque", "friction"]
+    assert [limit.weight for limit in limits] == pytest.approx([3.0, 1.0])
+
+
+def test_a_limit_that_is_far_does_not_bind() -> None:
+    limits = binding_limits(program(5.0), np.array([1.0, 0.5, 0.0]))
+    assert [limit.label for limit in limits] == [LABELS[1]]
+
+
+def test_what_pushes_the_other_way_does_not_bind() -> None:
+    """Too much at the upper bounds: less torque and less friction would do, and nothing forbids it."""
+    assert binding_limits(program(3.0), np.array([1.0, 1.0, 0.0])) == []
+
+
+def test_where_all_rows_hold_nothing_binds() -> None:
+    assert binding_limits(program(4.0), np.array([1.0, 1.0, 1.0])) == []
+
+
+@pytest.fixture(scope="module")
+def quarter_turn(root: Path) -> fp.Problem:
+    return fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
+
+
+def test_the_explanation_names_limits(quarter_turn: fp.Problem, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search that ends where it begins, with rates at their limits."""
+    slow = (1e-3 * np.asarray(quarter_turn.velocity_limits)).tolist()
+    problem = replace(quarter_turn, limits=replace(quarter_turn.limits, velocity=slow))
+
+    def end_at_once(program: SpatialProgram, raw: Any, is_near: bool = False) -> Any:
+        low, high = program.box
+        rates = slice(program.model.size + 6, 2 * program.model.size)
+        raw = np.clip(raw, low, high)
+        for begin in program.begins[:-1]:
+            raw[begin:][rates] = high[begin:][rates]
+        return program.solution(raw, 0, False)
+
+    monkeypatch.setattr(SpatialProgram, "solve", end_at_once)
+    result = fp.jump(problem, starts=1)
+    assert not result.ok
+    assert "No jump was found in 1 start. In the nearest this is farthest from what is required: " in result.explanation
+    named = re.search(r" In the way: .*rate of (\w+) \([^)]*\), with all of the (\S+) rad/s", result.explanation)
+    assert named is not None, result.explanation
+    limit = quarter_turn.velocity_limits[problem.robot.joints.index(named[1])]
+    assert float(named[2]) == pytest.approx(0.88e-3 * limit, rel=5e-3)
+
+
+@pytest.mark.long
+def test_what_was_made_too_small_binds(quarter_turn: fp.Problem) -> None:
+    """A robot whose joints are four times as slow does not rise fast enough for a flight as long as is required."""
+    slow = (0.25 * np.asarray(quarter_turn.velocity_limits)).tolist()
+    problem = replace(quarter_turn, limits=replace(quarter_turn.limits, velocity=slow))
+    assert problem.jump is not None
+    coarse = spatial_setup(problem, problem.jump).program(replace(MARGINS, refinement=0.4))
+    solution = coarse.solve(guess(coarse))
+    assert not solution.converged
+    limits = binding_limits(coarse, solution.raw)
+    kinds = [limit.kind for limit in limits]
+    assert "velocity" in kinds, limits
+    assert "friction" not in kinds, limits

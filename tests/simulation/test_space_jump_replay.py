@@ -1,0 +1,130 @@
+"""Replay of jumps in space in MuJoCo with contact: how they land, and what corrections in flight make of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from jumps import INSTALLED, roll
+from needed import skip_or_fail
+
+import floatplan as fp
+from floatplan.simulation.contact_model import ContactRobot
+from floatplan.simulation.jump_flight import PERIOD, JumpControl
+from floatplan.simulation.perturbation import Perturbation
+from floatplan.view.report.flights import jump_rows, write_jump_pages
+
+if not INSTALLED:
+    skip_or_fail("CasADi or example-robot-data is not installed")
+pytest.importorskip("mujoco")
+
+SOFT = 40.0, 1.0  # [N m/rad, N m s/rad]
+PERTURBED = "mass=5%,armature=0.005,noise=0.1deg,delay=4ms"
+
+
+@pytest.fixture(scope="module")
+def flown() -> fp.JumpReplay:
+    """Perturbed robots, late, with corrections in flight and without."""
+    return fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=2, gains=SOFT, budget=None)
+
+
+def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
+    for landings in (flown.uncorrected, flown.corrected):
+        assert landings is not None
+        assert landings.clean.all()
+        assert landings.torque.max() < 1
+        assert (landings.pitch >= 0).all()  # an angle between two attitudes
+
+
+def test_corrections_turn_it_to_its_goal(flown: fp.JumpReplay) -> None:
+    assert flown.corrected is not None
+    assert flown.corrected.pitch_worst < np.deg2rad(2)
+    assert flown.corrected.pitch_rms < flown.uncorrected.pitch_rms / 2
+    assert flown.statuses["applied"] > 50
+
+
+def test_its_motion_is_a_motion(flown: fp.JumpReplay) -> None:
+    """The recorded first flight: rates are those of positions, the ground bears it, and its roll is a whole turn."""
+    motion = flown.motion
+    times = np.arange(0.0, motion.duration - 0.1, PERIOD)
+    state = motion.state(times)
+    moved = np.trapezoid(state.com_velocity, times, axis=0)
+    np.testing.assert_allclose(state.com_position[-1] - state.com_position[0], moved, atol=2e-3)
+    forces = sum(motion.forces(times).values())
+    weight = 9.81 * motion.robot.mass
+    np.testing.assert_allclose(forces.mean(axis=0), [0.0, 0.0, weight], atol=0.06 * weight)  # masses are 5 % off
+    np.testing.assert_allclose(np.linalg.norm(motion.q(times)[:, 3:7], axis=1), 1.0, atol=1e-12)
+    quaternions = motion.q(times)[:, 3:7]
+    assert quaternions[0] @ quaternions[-1] < -0.95  # after one turn it has the other sign
+    assert jump_rows(flown)[3][0] == "attitude at touchdown"
+
+
+def test_the_simulated_base_is_the_planned_one() -> None:
+    """Configuration, velocity and acceleration that are set in MuJoCo come back as Pinocchio has them."""
+    jump = roll()
+    control = JumpControl(jump, np.ones((2, 12)), None)
+    sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
+    robot = ContactRobot(jump, control.reduced, 0.6, sample)
+    time = jump.takeoff_time + 0.1
+    planned = jump.at(time)
+    robot.begin(jump.q(np.array([time]))[0, [0, 1, 2, 6, 3, 4, 5]], planned.positions[0])
+    own_q, own_v = robot.mujoco_robot.own_state(planned.positions[0], planned.velocities[0])
+    robot.data.qpos[:] = own_q
+    robot.data.qvel[:] = own_v
+    robot.data.qfrc_applied[robot.mujoco_robot.velocities] = planned.torques[0, 6:]
+    robot.mujoco_robot.mujoco.mj_forward(robot.model, robot.data)
+    q, v = robot.state()
+    np.testing.assert_allclose(q, planned.positions[0], atol=1e-12)
+    np.testing.assert_allclose(v, planned.velocities[0], atol=1e-12)
+    scale = np.abs(planned.accelerations).max()
+    np.testing.assert_allclose(robot.accelerations(), planned.accelerations[0], atol=1e-3 * scale)
+
+
+def test_feet_and_links_stand_where_the_jump_has_them() -> None:
+    """Spheres of the feet touch the ground, and no other shape does, where the robot stands at either end."""
+    jump = roll()
+    control = JumpControl(jump, np.ones((2, 12)), None)
+    sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
+    robot = ContactRobot(jump, control.reduced, 0.6, sample)
+    for row in (0, -1):
+        positions = control.planned.positions[row]
+        robot.begin(positions[[0, 1, 2, 6, 3, 4, 5]], positions)
+        for name in robot.feet:
+            assert robot.data.geom(name).xpos[2] - robot.model.geom(name).size[0] == pytest.approx(
+                jump.ground, abs=1e-6
+            )
+    data = jump.robot.model.createData()
+    pin.forwardKinematics(jump.robot.model, data, positions)
+    for foot in jump.contacts:
+        place = data.oMi[foot.body].act(np.array(foot.local))
+        assert robot.data.geom(foot.frame).xpos[:2] == pytest.approx(place[:2], abs=1e-3)
+
+
+def test_without_a_turn_it_does_not_stand() -> None:
+    """A robot that is level, but short of its whole turn, has not done what was planned."""
+    jump = roll()
+    control = JumpControl(jump, np.ones((2, 12)), None)
+    sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
+    robot = ContactRobot(jump, control.reduced, 0.6, sample)
+    first = control.planned.positions[0]
+    last = control.planned.positions[-1]
+    robot.begin(first[[0, 1, 2, 6, 3, 4, 5]], first)
+    assert robot.stands(first[[0, 1, 2, 6, 3, 4, 5]], first[3:7])
+    assert not robot.stands(last[[0, 1, 2, 6, 3, 4, 5]], last[3:7])
+
+
+@pytest.mark.long
+def test_pages_and_film(flown: fp.JumpReplay, tmp_path: Path) -> None:
+    paths = write_jump_pages(flown, tmp_path)
+    assert [path.name for path in paths] == ["report.html", "flight.gif", "flights.html"]
+    assert "stands in MuJoCo with contact" in paths[0].read_text()
+    assert "attitude at touchdown" in paths[2].read_text()
+
+
+@pytest.mark.long
+def test_gains_are_searched() -> None:
+    flown = fp.replay_jump(roll(), 250.0, perturb="noise=0.1deg,delay=4ms", friction=0.85)
+    assert flown.tried > 1
+    assert flown.landed
