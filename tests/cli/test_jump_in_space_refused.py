@@ -7,11 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from jumps import INSTALLED
-from needed import skip_or_fail
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 GOAL = 'angles = [360, 0, 0], axes = "xyz"'
 ALL = '"FL_foot", "FR_foot", "RL_foot", "RR_foot"'

@@ -8,16 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from jumps import GO2, INSTALLED
-from needed import skip_or_fail
+from jumps import GO2
 
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.initial.stunts import STUNTS, stunt_file_text
 from floatplan.jumps.spatial.setup import spatial_setup
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
 
 A1 = "example-robot-data:a1_description/urdf/a1.urdf"
 Command = Callable[..., Any]

@@ -7,18 +7,13 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from jumps import INSTALLED, roll
-from needed import skip_or_fail
+from jumps import roll
 
 import floatplan as fp
 from floatplan.simulation.contact_model import ContactRobot
 from floatplan.simulation.jump_flight import PERIOD, JumpControl
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.view.report.flights import jump_rows, write_jump_pages
-
-if not INSTALLED:
-    skip_or_fail("CasADi or example-robot-data is not installed")
-pytest.importorskip("mujoco")
 
 SOFT = 40.0, 1.0  # [N m/rad, N m s/rad]
 PERTURBED = "mass=5%,armature=0.005,noise=0.1deg,delay=4ms"

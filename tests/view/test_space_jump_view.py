@@ -145,7 +145,6 @@ def test_it_is_drawn_filmed_and_shown(view: SpatialJump, tmp_path: Path, monkeyp
 
 
 def test_the_scene_has_arrows_and_cones(view: SpatialJump, tmp_path: Path) -> None:
-    pytest.importorskip("viser")
     from floatplan.view.scene.scene import write_scene
 
     assert write_scene(view, tmp_path / "scene.html").stat().st_size > 100_000
