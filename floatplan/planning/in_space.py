@@ -206,11 +206,10 @@ class SpatialSearch(Search):
         return result if np.isfinite(result.residual).all() else None
 
     def _smallest(self, motion: LiftedMotion) -> AttemptResult:
-        """Where a closed motion ends that is made smaller; where that is steep, in small steps on, if what follows holds."""
+        """Where a closed motion ends that is made smaller; where that is steep, in small steps on, if that holds."""
         smaller = descend(motion)
-        candidates = [smaller]
-        if steepness(smaller) > LIFTING.steep:
-            candidates.insert(0, descend(smaller, rules=IN_A_VALLEY))
+        is_steep = steepness(smaller) > LIFTING.steep
+        candidates = [descend(smaller, rules=IN_A_VALLEY), smaller] if is_steep else [smaller]
         for candidate in candidates:
             final = refined(candidate)
             status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
