@@ -22,7 +22,7 @@ PACKAGE = Path(floatplan.__file__).parent
 ROOT = Path(__file__).parents[1]
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (41_250, 26_500),
+    "statements": (41_260, 26_500),
     "statements of the largest file": (407, 405),
     "packs `a, b = x, y` per 1000 lines": (1.1, 4),
     "comprehensions per 1000 lines": (26.7, 25),
