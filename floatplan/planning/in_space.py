@@ -15,17 +15,18 @@ from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.spatial.attitude import IntegrationError
 from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.lifting import (
+    IN_A_VALLEY,
     LIFTING,
     TO_A_MINIMUM,
     LiftedFlight,
     LiftedMotion,
     close,
     descend,
-    descend_far,
     is_least,
     nearby,
     refined,
     starts,
+    steepness,
 )
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import AttemptResult, SearchResult, summary
@@ -200,11 +201,22 @@ class SpatialSearch(Search):
             smaller = descend(motion)
             result = self._within_limits(smaller, stop, before + most_work)
         else:
-            final = refined(descend_far(motion)) if usable else None
-            status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
-            result = self._judged(final or motion, status)
+            result = self._smallest(motion) if usable else self._judged(motion, "infeasible")
         result.work = self.work.done - before
         return result if np.isfinite(result.residual).all() else None
+
+    def _smallest(self, motion: LiftedMotion) -> AttemptResult:
+        """Where a closed motion ends that is made smaller; where that is steep, in small steps on, if that holds."""
+        smaller = descend(motion)
+        is_steep = steepness(smaller) > LIFTING.steep
+        candidates = [descend(smaller, rules=IN_A_VALLEY), smaller] if is_steep else [smaller]
+        for candidate in candidates:
+            final = refined(candidate)
+            status = "infeasible" if final is None else "optimal" if is_least(final) else "feasible"
+            result = self._judged(final or motion, status)
+            if result.holds:
+                break
+        return result
 
     def _robust(self, motion: LiftedMotion, stop: Callable[[], bool], until: float) -> AttemptResult:
         """Where a closed motion ends for the objective "robust".

@@ -74,6 +74,8 @@ class LiftingSettings:
 
 
 LIFTING = LiftingSettings()
+# Of a descent through a curved valley: a Go2 that levels out has a size of 1.44 rad where a step first gains less than
+# a thousandth, and of 1.13 at the bottom.
 IN_A_VALLEY = replace(LIFTING, descent_steps=200, least_gain=1e-4)
 # Of a descent to what may be called optimal: it ends where hardly anything is left to gain.
 TO_A_MINIMUM = replace(LIFTING, descent_steps=200, least_gain=1e-5, no_gradient=1e-5, shortest_step=1e-4)
@@ -340,16 +342,6 @@ def descend(
             if radius < rules.shortest_step:
                 break
     return motion
-
-
-def descend_far(motion: LiftedMotion) -> LiftedMotion:
-    """Make a closed motion smaller; where steps gain little although it is steep, in small steps.
-
-    A Go2 that levels out goes through a curved valley, in which the size is 1.44 rad where a step first gains less than
-    a thousandth, and 1.13 at the bottom.
-    """
-    smaller = descend(motion)
-    return descend(smaller, rules=IN_A_VALLEY) if steepness(smaller) > LIFTING.steep else smaller
 
 
 def steepness(motion: LiftedMotion) -> float:
