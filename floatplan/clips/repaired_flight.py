@@ -126,7 +126,7 @@ def _planned(
         return _none(flight, choice, f"it falls over its own heights in {duration:.2g} s, too short for a flight")
 
     def plan_within(near: Plan | None = None) -> Plan:
-        margin = 0.97  # [-] of the limits, which hold at nodes and are judged between them
+        margin = 0.985  # [-] of the limits, which hold at nodes and are judged between them
         problem = flight_problem(clip, flight, duration, degree, gravity, share_of_limits=margin)
         return planned(problem, SearchOptions(), near=near).plan
 
@@ -218,8 +218,10 @@ def flight_problem(
     columns = [robot.model_joints.index(joint) for joint in robot.joints]
     planned = positions[:, columns]
     low, high = _ranges(robot.position_limits, planned)
-    # [s, -] longer flights need higher degrees
-    chosen = degree or next(value for longest, value in ((0.35, 9), (0.7, 11), (math.inf, 13)) if duration <= longest)
+    # [s, -] longer flights need higher degrees; within limits, which bind for a while only, so do short ones
+    lowest = 9 if share_of_limits is None else 10
+    by_duration = ((0.35, lowest), (0.7, 11), (math.inf, 13))
+    chosen = degree or next(value for longest, value in by_duration if duration <= longest)
     rates = _end_rates(planned, (low + high) / 2, (high - low) / 2, duration, chosen)
     limits: dict[str, Any] = {"position": tuple(zip(low.tolist(), high.tolist(), strict=True))}
     if share_of_limits is not None:
