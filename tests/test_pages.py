@@ -22,7 +22,14 @@ LONG = {WITH_JUMP} | {
 }  # README without its jump: always
 LONG |= {
     f"docs/howto/{page}.md"
-    for page in ("flip_in_mujoco", "jump_to_controller", "obstacles", "own_robot", "reference_motions")
+    for page in (
+        "flip_in_mujoco",
+        "jump_to_controller",
+        "jumps_in_space",
+        "obstacles",
+        "own_robot",
+        "reference_motions",
+    )
 }
 VERDICTS = (
     "floatplan takeoff",
