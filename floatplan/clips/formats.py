@@ -211,6 +211,20 @@ def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
     return tuple(values.tolist())
 
 
+def _optional_names(data: Mapping[str, Any], key: str) -> tuple[str, ...] | None:
+    """The names of a key that a file may have."""
+    return _texts(data, key) if key in data else None
+
+
+def _contacts(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of contacts of a file: none where it does not name them."""
+    if "contacts" not in data or "contact_names" not in data:
+        return {}
+    names = _texts(data, "contact_names")
+    contacts = _numbers(data, "contacts", len(names))
+    return {"contact_names": names, "contacts": contacts > 0}
+
+
 def _unitree(table: Array) -> Recording:
     if table.shape[1] < 8:
         raise InputError(f"has {table.shape[1]} columns, not position, quaternion and joints: 8 at least")
@@ -232,9 +246,11 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
         joints=_numbers(data, "joint_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="wxyz",
+        joint_names=_optional_names(data, "joint_names"),
         body_places=places,
         body_quaternions=quaternions,
-        others={"fps_shape": np.shape(data["fps"])},
+        others={"fps_shape": np.shape(data["fps"]), "body_names": _optional_names(data, "body_names")},
+        **_contacts(data),
     )
 
 
@@ -246,7 +262,9 @@ def _gmr(data: Mapping[str, Any]) -> Recording:
         joints=_numbers(data, "dof_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others=without(others, KEYS["gmr-pkl"]),
+        joint_names=_optional_names(data, "joint_names"),
+        others=without(others, KEYS["gmr-pkl"] | OF_CONTACTS),
+        **_contacts(data),
     )
 
 
@@ -263,7 +281,9 @@ def _mimickit(data: Mapping[str, Any]) -> Recording:
         joints=frames[:, 6:],
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others={"loop_mode": data.get("loop_mode", 0)},
+        joint_names=_optional_names(data, "joint_names"),
+        others={"loop_mode": 0} | {key: data[key] for key in ("loop_mode", "joint_names") if key in data},
+        **_contacts(data),
     )
 
 
@@ -298,7 +318,8 @@ def _isaac_amp(data: Mapping[str, Any]) -> Recording:
     bodies = _texts(data, "body_names")
     if places.shape[:2] != quaternions.shape[:2] or places.shape[1] != len(bodies):
         raise InputError(f"is of {places.shape[1]} bodies, body_names of {len(bodies)}", element="body_positions")
-    contacts = data.get("contacts")
+    if "contacts" in data and "contact_names" not in data:
+        raise InputError("is missing", element="contact_names")
     return Recording(
         position=places[:, 0],
         quaternion=quaternions[:, 0],
@@ -306,9 +327,8 @@ def _isaac_amp(data: Mapping[str, Any]) -> Recording:
         fps=_rate(data, "fps"),
         quaternion_order="wxyz",
         joint_names=_texts(data, "dof_names"),
-        contact_names=() if contacts is None else _texts(data, "contact_names"),
-        contacts=None if contacts is None else _numbers(data, "contacts") > 0,
         others={"body_names": bodies},
+        **_contacts(data),
     )
 
 
@@ -320,6 +340,7 @@ READERS: dict[str, Callable[[Any], Recording]] = {
     "loco-mujoco": _loco_mujoco,
     "isaac-amp": _isaac_amp,
 }
+OF_CONTACTS = {"contact_names", "contacts", "contact_forces"}
 KEYS: dict[str, set[str]] = {
     "mjlab-npz": {"fps", "joint_pos", "body_pos_w", "body_quat_w"},
     "loco-mujoco": {"qpos", "joint_names", "frequency"},
