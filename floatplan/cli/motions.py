@@ -325,5 +325,5 @@ def export(
             common.tell(quiet)(f"{form}: {note}")
         extras = extras_path(path)
         if chosen_format.extras is not None and extras.is_file():
-            common.tell(quiet)(f"{extras.name}, next to it, has what {form} has no room for: velocities, contacts")
+            common.tell(quiet)(f"{extras.name}, next to it, has what {form} cannot hold: velocities, contacts")
         common.print_path(path)

@@ -263,7 +263,7 @@ def _gmr(data: Mapping[str, Any]) -> Recording:
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
         joint_names=_optional_names(data, "joint_names"),
-        others=without(others, KEYS["gmr-pkl"] | OF_CONTACTS),
+        others=without(others, KEYS["gmr-pkl"] | {"contact_names", "contacts", "contact_forces"}),
         **_contacts(data),
     )
 
@@ -340,7 +340,6 @@ READERS: dict[str, Callable[[Any], Recording]] = {
     "loco-mujoco": _loco_mujoco,
     "isaac-amp": _isaac_amp,
 }
-OF_CONTACTS = {"contact_names", "contacts", "contact_forces"}
 KEYS: dict[str, set[str]] = {
     "mjlab-npz": {"fps", "joint_pos", "body_pos_w", "body_quat_w"},
     "loco-mujoco": {"qpos", "joint_names", "frequency"},

@@ -46,7 +46,7 @@ class Format:
     of_model : which names of the model of a reading program its files use: joints, bodies
     of_plans : content of plans' files, which have less than those of other motions, and no gains
     by_limbs : whether joints and bodies of a URDF are in MuJoCo's order, not in that of the file
-    extras : content of a second file, of what the format has no room for; none where that is empty
+    extras : content of a second file, of what the format cannot hold; none where that is empty
     """
 
     content: Content

@@ -1,4 +1,4 @@
-"""Frames of a motion for programs that learn from it, and the files that are made of them alone.
+"""Frames of a motion for programs that learn from it, and files that are made of nothing else.
 
 A plan, a jump and a recorded motion are sampled once, as :class:`Frames`; each function here is the format of one
 program. Joints and bodies are in the order of the frames, which is that of the program's model.
@@ -14,8 +14,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
-
-PROTOCOL = 4  # [-] of pickles: Python 3.4 and later read it
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +70,7 @@ def mjlab_arrays(frames: Frames) -> dict[str, Any]:
 
 
 def gmr_pickle(frames: Frames, others: Mapping[str, Any]) -> bytes:
-    """Return a pickle of GMR, numbers, lists and arrays alone, with ``others`` that do not change with the motion.
+    """Return a pickle of GMR, of numbers, lists and arrays, with ``others`` that do not change with the motion.
 
     ``fps``, ``root_pos`` (N, 3), ``root_rot`` (N, 4) x, y, z, w, ``dof_pos`` (N, J); and of the bodies, where there
     are any, ``link_body_list`` (B,) and ``local_body_pos`` (N, B, 3), m, from the base in its axes.
@@ -89,18 +87,18 @@ def gmr_pickle(frames: Frames, others: Mapping[str, Any]) -> bytes:
         in_world = frames.body_motions["body_positions"] - frames.base_position[:, None]
         axes = Rotation.from_quat(np.array(frames.base_quaternion)).as_matrix()
         data |= {"link_body_list": list(frames.bodies), "local_body_pos": np.einsum("nji,nbj->nbi", axes, in_world)}
-    return pickle.dumps(data, protocol=PROTOCOL)
+    return _pickled(data)
 
 
 def mimickit_pickle(frames: Frames, others: Mapping[str, Any]) -> bytes:
-    """Return a pickle of MimicKit, numbers and lists alone, with ``others`` that do not change with the motion.
+    """Return a pickle of MimicKit, of numbers and lists, with ``others`` that do not change with the motion.
 
     ``fps``, and ``frames``: rows of base position, rotation vector and joints.
     """
     vectors = continuous_vectors(Rotation.from_quat(np.array(frames.base_quaternion)).as_rotvec())
     rows = np.concatenate((frames.base_position, vectors, frames.positions), axis=1)
     data = {**others, "fps": frames.rate, "frames": rows.tolist(), **_lists(frames.contacts)}
-    return pickle.dumps(data, protocol=PROTOCOL)
+    return _pickled(data)
 
 
 def continuous_vectors(vectors: Array) -> Array:
@@ -120,3 +118,7 @@ def continuous_vectors(vectors: Array) -> Array:
 
 def _lists(arrays: Mapping[str, Any]) -> dict[str, Any]:
     return {name: np.asarray(values).tolist() for name, values in arrays.items()}
+
+
+def _pickled(data: Mapping[str, Any]) -> bytes:
+    return pickle.dumps(data, protocol=4)  # which Python reads since 3.4

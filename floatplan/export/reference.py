@@ -54,7 +54,7 @@ def motion_csv_content(motion: Exported, rate: float) -> str:
 
 
 def motion_csv_extras(motion: Exported, rate: float) -> bytes:
-    """Return NumPy's archive of what such a CSV has no room for, at the same frames.
+    """Return NumPy's archive of what such a CSV cannot hold, at the same frames.
 
     ``fps``; ``joint_names`` (J,) and ``joint_velocities`` (N, J); ``base_linear_velocity``, of the root link's origin,
     and ``base_angular_velocity`` (N, 3), in the world; and the contacts of a jump.
@@ -82,7 +82,7 @@ def mjlab_content(motion: Exported, rate: float) -> bytes:
     Raises
     ------
     InputError
-        A body of the reading model has no name, so that the robot's link cannot be told.
+        A body of the reading model has no name, and may be any of the robot's links.
     """
     mjcf = motion.names.mjcf
     if mjcf is not None and np.count_nonzero(mjcf.compiled.body_rootid == mjcf.base.base) != len(motion.names.bodies):

@@ -97,7 +97,7 @@ class Outputs:
             ``floatplan export --help``.
         path : path, optional
             The file; left out, the format's own name in the working directory. What "motion-csv", "unitree-csv" and
-            "loco-mujoco" have no room for, velocities and contacts, goes next to it, as ``motion.extras.npz``.
+            "loco-mujoco" cannot hold, velocities and contacts, goes next to it, as ``motion.extras.npz``.
         rate : float, optional
             Instants per second, Hz; left out, what suits the format.
         kp, kd : float or mapping, optional

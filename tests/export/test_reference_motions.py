@@ -407,9 +407,9 @@ def check_by_numbers(content, model, every=7):
     """Bodies are where MuJoCo's kinematics put them from the base and the joints of the same frame, and as fast."""
     for frame in range(0, len(content["joint_pos"]), every):
         data, twist = mujoco.MjData(model), np.zeros(6)
-        turn = np.zeros(9)
-        mujoco.mju_quat2Mat(turn, content["body_quat_w"][frame, 0])
-        spin = turn.reshape(3, 3).T @ content["body_ang_vel_w"][frame, 0]
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, content["body_quat_w"][frame, 0])
+        spin = axes.reshape(3, 3).T @ content["body_ang_vel_w"][frame, 0]
         data.qpos[:] = np.concatenate(
             (content["body_pos_w"][frame, 0], content["body_quat_w"][frame, 0], content["joint_pos"][frame])
         )
@@ -446,14 +446,14 @@ def test_mjlab_has_the_order_of_its_mjcf(pair, model, tmp_path):
 
 def names_in(path):
     """What a pickle imports when it is read."""
-    texts, found = [], set()
+    texts, imported = [], set()
     for opcode, argument, _ in pickletools.genops(path.read_bytes()):
         if opcode.name in ("SHORT_BINUNICODE", "BINUNICODE"):
             texts.append(argument)
         elif opcode.name == "STACK_GLOBAL":
-            found.add(tuple(texts[-2:]))
+            imported.add(tuple(texts[-2:]))
         assert opcode.name != "GLOBAL"
-    return found
+    return imported
 
 
 def test_mimickit_reads_lists_alone(pair, model, tmp_path):
