@@ -23,7 +23,7 @@ LONG = {WITH_JUMP} | {
 LONG |= {
     f"docs/howto/{page}.md"
     for page in ("flip_in_mujoco", "jump_to_controller", "obstacles", "own_robot", "reference_motions")
-}
+} | {"docs/howto/flip_for_learning.md"}
 VERDICTS = (
     "floatplan takeoff",
     "floatplan plan",
