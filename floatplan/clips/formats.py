@@ -205,7 +205,10 @@ def _rate(data: Mapping[str, Any], key: str) -> float:
 
 def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
     """The names of a key."""
-    values = np.ravel(np.asarray(data.get(key, [])))
+    try:
+        values = np.ravel(np.asarray(data.get(key, [])))
+    except (ValueError, TypeError):  # lists of several lengths
+        raise InputError("is not a list of names", element=key) from None
     if values.dtype.kind != "U":
         raise InputError("is not a list of names", element=key)
     return tuple(values.tolist())
@@ -213,12 +216,12 @@ def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
 
 def _optional_names(data: Mapping[str, Any], key: str) -> tuple[str, ...] | None:
     """The names of a key that a file may have."""
-    return _texts(data, key) if key in data else None
+    return None if data.get(key) is None else _texts(data, key)
 
 
 def _contacts(data: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of contacts of a file: none where it does not name them."""
-    if "contacts" not in data or "contact_names" not in data:
+    if data.get("contacts") is None or data.get("contact_names") is None:
         return {}
     names = _texts(data, "contact_names")
     contacts = _numbers(data, "contacts", len(names))
@@ -240,16 +243,17 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
         raise InputError(
             f"is of {quaternions.shape[:2]} frames and bodies, body_pos_w of {places.shape[:2]}", element="body_quat_w"
         )
+    names = {key: _optional_names(data, key) for key in ("joint_names", "body_names")}
     return Recording(
         position=places[:, 0],
         quaternion=quaternions[:, 0],
         joints=_numbers(data, "joint_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="wxyz",
-        joint_names=_optional_names(data, "joint_names"),
+        joint_names=names["joint_names"],
         body_places=places,
         body_quaternions=quaternions,
-        others={"fps_shape": np.shape(data["fps"]), "body_names": _optional_names(data, "body_names")},
+        others={"fps_shape": np.shape(data["fps"]), **names},
         **_contacts(data),
     )
 

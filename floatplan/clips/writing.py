@@ -87,8 +87,9 @@ def _unitree(clip: Clip) -> bytes:
 
 
 def _gmr(clip: Clip) -> bytes:
-    bodies = clip.layout.others.get("link_body_list") or []
-    are_links = all(name in clip.robot.file_tree.links for name in bodies)
+    bodies = clip.layout.others.get("link_body_list")
+    bodies = bodies if isinstance(bodies, list) else []
+    are_links = all(isinstance(name, str) and name in clip.robot.file_tree.links for name in bodies)
     return gmr_pickle(_frames(clip, tuple(bodies) if are_links else ()), clip.layout.others)
 
 
@@ -144,9 +145,8 @@ def _mjlab(clip: Clip) -> bytes:
     if not names or any(name not in clip.robot.file_tree.links for name in names):
         _, recording = read_recording(clip.path, clip.layout.format)
         names = _body_names(clip, recording)
-    arrays = mjlab_arrays(_frames(clip, names))
-    if not others.get("body_names"):
-        arrays = without(arrays, ("joint_names", "body_names"))
+    unnamed = [key for key in ("joint_names", "body_names") if not others.get(key)]
+    arrays = without(mjlab_arrays(_frames(clip, names)), unnamed)
     return archive(arrays | {"fps": np.full(others.get("fps_shape", ()), clip.fps)})
 
 

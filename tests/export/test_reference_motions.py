@@ -387,6 +387,10 @@ def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path):
         near(content["body_positions"][frame], data.xpos[1:])
     same = export(motion, "isaac-amp", tmp_path / "same", rate=RATE, model=path)
     assert same.read_bytes() == (tmp_path / "amp").read_bytes()
+    mjlab = export(motion, "mjlab-npz", tmp_path / "mjlab", rate=RATE)
+    check_by_numbers(by_mjlab(mjlab, model), model)
+    same = export(motion, "mjlab-npz", tmp_path / "same", rate=RATE, model=path)
+    assert same.read_bytes() == mjlab.read_bytes()
     loco = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE, model=path))
     own = mujoco.MjModel.from_xml_path(str(path))
     assert loco["joint_names"].tolist() == [own.joint(number).name for number in range(own.njnt)]
@@ -568,3 +572,34 @@ def test_a_flight_in_space_is_read_by_numbers_too(root, tmp_path):
     check_by_numbers(by_mjlab(export(motion, "mjlab-npz", tmp_path / "file", rate=RATE), model), model, every=40)
     for form in ("gmr", "mimickit", "mjlab-npz"):
         check_read_back(motion, form, tmp_path)
+
+
+def test_the_command_tells_of_the_second_file(floatplan, pair, tmp_path):
+    plan_file = pair.save(tmp_path / "run" / "plan.json")
+    run = floatplan("export", plan_file, "-f", "unitree-csv")
+    assert "unitree_motion.extras.npz, next to it, has what unitree-csv cannot hold" in run.stderr
+    assert run.stdout.strip() == str(plan_file.parent / "unitree_motion.csv")
+    assert read(plan_file.parent / "unitree_motion.extras.npz")["fps"] == 30.0
+    assert "extras" not in floatplan("export", plan_file, "-f", "gmr").stderr
+
+
+WRONG = {
+    "joint_names": ([["left_hip"], []], [1, 2], {"a": 1}),
+    "contact_names": ([["a"], []], [3.0], ["one", "two"]),
+    "contacts": ([[True], []], "all", [[True]]),
+}
+
+
+@pytest.mark.parametrize("form", ["gmr", "mimickit"])
+@pytest.mark.parametrize("key", WRONG)
+def test_names_and_contacts_that_are_none_are_refused_by_their_key(pair, form, key, tmp_path):
+    path = export(pair, form, tmp_path / "motion.pkl", rate=RATE)
+    data = pickle.loads(path.read_bytes())
+    stands = [[True]] * len(frame_times(pair, RATE))
+    for wrong in WRONG[key]:
+        path.write_bytes(pickle.dumps(data | {"contact_names": ["foot"], "contacts": stands} | {key: wrong}))
+        with pytest.raises(InputError) as refused:
+            fp.load_clip(path, model=pair.robot.path)
+        assert "contacts" in str(refused.value) or key in str(refused.value)
+    path.write_bytes(pickle.dumps(data | dict.fromkeys(WRONG)))  # None: as without
+    assert fp.load_clip(path, model=pair.robot.path).contacts is None
