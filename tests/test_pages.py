@@ -23,6 +23,7 @@ LONG = {WITH_JUMP} | {
 LONG |= {
     f"docs/howto/{page}.md"
     for page in (
+        "flip_for_learning",
         "flip_in_mujoco",
         "jump_to_controller",
         "jumps_in_space",

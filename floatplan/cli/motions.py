@@ -311,7 +311,7 @@ def export(
     Files of jumps also have phases, contacts, forces and gains, where their format has them.
     """
     from floatplan.cli.option_values import gain
-    from floatplan.export.formats import format_of, read_notes
+    from floatplan.export.formats import extras_path, format_of, read_notes
 
     chosen_format = format_of(form)
     stiffness, damping = gain("--kp", kp), gain("--kd", kd)
@@ -323,4 +323,7 @@ def export(
     if not quiet:
         for note in read_notes(path) if form == "mujoco" else ():
             common.tell(quiet)(f"{form}: {note}")
+        extras = extras_path(path)
+        if chosen_format.extras is not None and extras.is_file():
+            common.tell(quiet)(f"{extras.name}, next to it, has what {form} cannot hold: velocities, contacts")
         common.print_path(path)

@@ -205,10 +205,27 @@ def _rate(data: Mapping[str, Any], key: str) -> float:
 
 def _texts(data: Mapping[str, Any], key: str) -> tuple[str, ...]:
     """The names of a key."""
-    values = np.ravel(np.asarray(data.get(key, [])))
+    try:
+        values = np.ravel(np.asarray(data.get(key, [])))
+    except (ValueError, TypeError):  # lists of several lengths
+        raise InputError("is not a list of names", element=key) from None
     if values.dtype.kind != "U":
         raise InputError("is not a list of names", element=key)
     return tuple(values.tolist())
+
+
+def _optional_names(data: Mapping[str, Any], key: str) -> tuple[str, ...] | None:
+    """The names of a key that a file may have."""
+    return None if data.get(key) is None else _texts(data, key)
+
+
+def _contacts(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of contacts of a file: none where it does not name them."""
+    if data.get("contacts") is None or data.get("contact_names") is None:
+        return {}
+    names = _texts(data, "contact_names")
+    contacts = _numbers(data, "contacts", len(names))
+    return {"contact_names": names, "contacts": contacts > 0}
 
 
 def _unitree(table: Array) -> Recording:
@@ -226,15 +243,18 @@ def _mjlab(data: Mapping[str, Any]) -> Recording:
         raise InputError(
             f"is of {quaternions.shape[:2]} frames and bodies, body_pos_w of {places.shape[:2]}", element="body_quat_w"
         )
+    names = {key: _optional_names(data, key) for key in ("joint_names", "body_names")}
     return Recording(
         position=places[:, 0],
         quaternion=quaternions[:, 0],
         joints=_numbers(data, "joint_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="wxyz",
+        joint_names=names["joint_names"],
         body_places=places,
         body_quaternions=quaternions,
-        others={"fps_shape": np.shape(data["fps"])},
+        others={"fps_shape": np.shape(data["fps"]), **names},
+        **_contacts(data),
     )
 
 
@@ -246,7 +266,9 @@ def _gmr(data: Mapping[str, Any]) -> Recording:
         joints=_numbers(data, "dof_pos"),
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others=without(others, KEYS["gmr-pkl"]),
+        joint_names=_optional_names(data, "joint_names"),
+        others=without(others, KEYS["gmr-pkl"] | {"contact_names", "contacts", "contact_forces"}),
+        **_contacts(data),
     )
 
 
@@ -263,7 +285,9 @@ def _mimickit(data: Mapping[str, Any]) -> Recording:
         joints=frames[:, 6:],
         fps=_rate(data, "fps"),
         quaternion_order="xyzw",
-        others={"loop_mode": data.get("loop_mode", 0)},
+        joint_names=_optional_names(data, "joint_names"),
+        others={"loop_mode": 0} | {key: data[key] for key in ("loop_mode", "joint_names") if key in data},
+        **_contacts(data),
     )
 
 
@@ -298,7 +322,8 @@ def _isaac_amp(data: Mapping[str, Any]) -> Recording:
     bodies = _texts(data, "body_names")
     if places.shape[:2] != quaternions.shape[:2] or places.shape[1] != len(bodies):
         raise InputError(f"is of {places.shape[1]} bodies, body_names of {len(bodies)}", element="body_positions")
-    contacts = data.get("contacts")
+    if "contacts" in data and "contact_names" not in data:
+        raise InputError("is missing", element="contact_names")
     return Recording(
         position=places[:, 0],
         quaternion=quaternions[:, 0],
@@ -306,9 +331,8 @@ def _isaac_amp(data: Mapping[str, Any]) -> Recording:
         fps=_rate(data, "fps"),
         quaternion_order="wxyz",
         joint_names=_texts(data, "dof_names"),
-        contact_names=() if contacts is None else _texts(data, "contact_names"),
-        contacts=None if contacts is None else _numbers(data, "contacts") > 0,
         others={"body_names": bodies},
+        **_contacts(data),
     )
 
 

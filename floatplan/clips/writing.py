@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
+from floatplan.arguments import without
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import FOOT_CLEARANCE
 from floatplan.clips.formats import Recording, read_recording
 from floatplan.errors import InputError, naming
+from floatplan.export.frames import Frames, gmr_pickle, mimickit_pickle, mjlab_arrays
 from floatplan.export.reference import body_motions
-from floatplan.export.table import archive
+from floatplan.export.table import archive, number_rows
 from floatplan.files import write_atomically
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
@@ -62,40 +62,39 @@ def _quaternion(clip: Clip, order: str) -> Array:
     return clip.base_quaternion if order == "xyzw" else np.roll(clip.base_quaternion, 1, axis=1)
 
 
+def _frames(clip: Clip, bodies: tuple[str, ...] = ()) -> Frames:
+    """The frames of a clip, its joints in the file's order, with the motions of bodies of these names."""
+    velocity = _velocities(clip)
+    contacts = {}
+    if clip.contacts is not None:
+        contacts = {"contact_names": np.array(clip.contact_names), "contacts": clip.contacts}
+    return Frames(
+        rate=clip.fps,
+        joints=clip.layout.joints,
+        positions=_joints(clip, clip.positions),
+        velocities=_joints(clip, velocity[:, BASE:]),
+        base_position=clip.base_position,
+        base_quaternion=clip.base_quaternion,
+        bodies=bodies,
+        body_motions=body_motions(clip.robot.model, bodies, clip.configurations, velocity) if bodies else {},
+        contacts=contacts,
+    )
+
+
 def _unitree(clip: Clip) -> bytes:
     quaternion = _quaternion(clip, clip.layout.quaternion)
-    rows = np.concatenate((clip.base_position, quaternion, _joints(clip, clip.positions)), axis=1)
-    return "".join(",".join(map(repr, row)) + "\n" for row in rows.tolist()).encode()
+    return number_rows(np.concatenate((clip.base_position, quaternion, _joints(clip, clip.positions)), axis=1)).encode()
 
 
 def _gmr(clip: Clip) -> bytes:
-    data: dict[str, Any] = {
-        "fps": clip.fps,
-        "root_pos": np.array(clip.base_position),
-        "root_rot": np.array(clip.base_quaternion),
-        "dof_pos": _joints(clip, clip.positions),
-    }
-    return pickle.dumps({**clip.layout.others, **data}, protocol=4)
+    bodies = clip.layout.others.get("link_body_list")
+    bodies = bodies if isinstance(bodies, list) else []
+    are_links = all(isinstance(name, str) and name in clip.robot.file_tree.links for name in bodies)
+    return gmr_pickle(_frames(clip, tuple(bodies) if are_links else ()), clip.layout.others)
 
 
 def _mimickit(clip: Clip) -> bytes:
-    turns = _continuous_vectors(Rotation.from_quat(clip.base_quaternion).as_rotvec())
-    frames = np.concatenate((clip.base_position, turns, _joints(clip, clip.positions)), axis=1)
-    return pickle.dumps({**clip.layout.others, "fps": clip.fps, "frames": frames.tolist()}, protocol=4)
-
-
-def _continuous_vectors(turns: Array) -> Array:
-    """Rotation vectors (N, 3), rad, each of the two nearest to 180 degrees that is nearer to the one before."""
-    continuous = turns.copy()
-    for frame in range(1, len(continuous)):
-        angle = float(np.linalg.norm(continuous[frame]))
-        if angle > 0:
-            other = continuous[frame] * (1.0 - 2.0 * np.pi / angle)
-            if np.linalg.norm(other - continuous[frame - 1]) < np.linalg.norm(
-                continuous[frame] - continuous[frame - 1]
-            ):
-                continuous[frame] = other
-    return continuous
+    return mimickit_pickle(_frames(clip), clip.layout.others)
 
 
 def _loco_mujoco(clip: Clip) -> bytes:
@@ -120,9 +119,7 @@ def _loco_mujoco(clip: Clip) -> bytes:
 
 
 def _isaac_amp(clip: Clip) -> bytes:
-    bodies = tuple(clip.layout.others["body_names"])
-    velocity = _velocities(clip)
-    of_bodies = body_motions(clip.robot.model, bodies, clip.configurations, velocity)
+    frames = _frames(clip, tuple(clip.layout.others["body_names"]))
     names = clip.contact_names
     contacts = clip.contacts
     if contacts is None:
@@ -131,11 +128,11 @@ def _isaac_amp(clip: Clip) -> bytes:
     return archive(
         {
             "fps": np.int64(round(clip.fps)) if clip.fps == round(clip.fps) else np.float64(clip.fps),
-            "dof_names": np.array(clip.layout.joints),
-            "body_names": np.array(bodies),
-            "dof_positions": _joints(clip, clip.positions),
-            "dof_velocities": _joints(clip, velocity[:, BASE:]),
-            **of_bodies,
+            "dof_names": np.array(frames.joints),
+            "body_names": np.array(frames.bodies),
+            "dof_positions": frames.positions,
+            "dof_velocities": frames.velocities,
+            **frames.body_motions,
             "contact_names": np.array(names),
             "contacts": contacts,
         }
@@ -143,20 +140,14 @@ def _isaac_amp(clip: Clip) -> bytes:
 
 
 def _mjlab(clip: Clip) -> bytes:
-    _, recording = read_recording(clip.path, clip.layout.format)
-    velocity = _velocities(clip)
-    of_bodies = body_motions(clip.robot.model, _body_names(clip, recording), clip.configurations, velocity)
-    return archive(
-        {
-            "fps": np.full(clip.layout.others.get("fps_shape", ()), clip.fps),
-            "joint_pos": _joints(clip, clip.positions),
-            "joint_vel": _joints(clip, velocity[:, BASE:]),
-            "body_pos_w": of_bodies["body_positions"],
-            "body_quat_w": of_bodies["body_rotations"],
-            "body_lin_vel_w": of_bodies["body_linear_velocities"],
-            "body_ang_vel_w": of_bodies["body_angular_velocities"],
-        }
-    )
+    others = clip.layout.others
+    names = others.get("body_names")
+    if not names or any(name not in clip.robot.file_tree.links for name in names):
+        _, recording = read_recording(clip.path, clip.layout.format)
+        names = _body_names(clip, recording)
+    unnamed = [key for key in ("joint_names", "body_names") if not others.get(key)]
+    arrays = without(mjlab_arrays(_frames(clip, names)), unnamed)
+    return archive(arrays | {"fps": np.full(others.get("fps_shape", ()), clip.fps)})
 
 
 def _body_names(clip: Clip, recording: Recording) -> tuple[str, ...]:

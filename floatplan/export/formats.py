@@ -45,6 +45,8 @@ class Format:
     gains : whether its files can have gains
     of_model : which names of the model of a reading program its files use: joints, bodies
     of_plans : content of plans' files, which have less than those of other motions, and no gains
+    by_limbs : whether joints and bodies of a URDF are in MuJoCo's order, not in that of the file
+    extras : content of a second file, of what the format cannot hold; none where that is empty
     """
 
     content: Content
@@ -54,6 +56,8 @@ class Format:
     gains: bool = True
     of_model: tuple[str, ...] = ()
     of_plans: Callable[[Any, float], str | bytes] | None = None
+    by_limbs: bool = False
+    extras: Content | None = None
 
 
 def export(
@@ -82,8 +86,20 @@ def export(
     if (of_plans is not None or not format_.gains) and (kp is not None or kd is not None):
         with_gains = [name for name, other in FORMATS.items() if other.gains and other.of_plans is None]
         raise _no_room("gains", form, with_gains)
-    content = format_.content(exported(motion, kp, kd, names), rate) if of_plans is None else of_plans(motion, rate)
-    return write_atomically(format_.file if path is None else path, content)
+    path = format_.file if path is None else path
+    if of_plans is not None:
+        return write_atomically(path, of_plans(motion, rate))
+    sampled = exported(motion, kp, kd, names)
+    content = format_.content(sampled, rate)
+    extras = format_.extras(sampled, rate) if format_.extras is not None else ""
+    if extras:
+        write_atomically(extras_path(path), extras)
+    return write_atomically(path, content)
+
+
+def extras_path(path: str | Path) -> Path:
+    """Return where the second file of a format lies that has :attr:`Format.extras`: ``motion.extras.npz``."""
+    return Path(path).with_suffix(".extras.npz")
 
 
 def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNames | None:
@@ -95,7 +111,9 @@ def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNa
         own = own_mjcf(robot)  # the coordinates of these files are an MJCF's
         if form == "mujoco" or own.floats_by_joints:
             return own
-    return None if model is None else matched(own_names(robot), model, with_bodies="bodies" in format_.of_model)
+    if model is None:
+        return own_names(robot, by_limbs=True) if format_.by_limbs else None
+    return matched(own_names(robot), model, with_bodies="bodies" in format_.of_model, by_limbs=format_.by_limbs)
 
 
 def _no_room(what: str, form: str, others: list[str]) -> InputError:
@@ -342,9 +360,57 @@ FORMATS: dict[str, Format] = {
         reference.isaac_amp_content, "isaac_amp.npz", "NumPy: AMP in Isaac Lab", 50.0, False, ("joints", "bodies")
     ),
     "motion-csv": Format(
-        reference.motion_csv_content, "motion.csv", "CSV for csv_to_npz: BeyondMimic, mjlab", 50.0, False, JOINTS
+        reference.motion_csv_content,
+        "motion.csv",
+        "CSV for csv_to_npz: BeyondMimic, mjlab",
+        50.0,
+        gains=False,
+        of_model=JOINTS,
+        extras=reference.motion_csv_extras,
     ),
     "loco-mujoco": Format(
-        reference.loco_mujoco_content, "loco_mujoco.npz", "NumPy: a trajectory of LocoMuJoCo", 50.0, False, JOINTS
+        reference.loco_mujoco_content,
+        "loco_mujoco.npz",
+        "NumPy: a trajectory of LocoMuJoCo",
+        50.0,
+        gains=False,
+        of_model=JOINTS,
+        extras=reference.contact_extras,
+    ),
+    "unitree-csv": Format(
+        reference.motion_csv_content,
+        "unitree_motion.csv",
+        "CSV of Unitree's retargeted motions: no comments",
+        30.0,
+        gains=False,
+        of_model=JOINTS,
+        extras=reference.motion_csv_extras,
+    ),
+    "mjlab-npz": Format(
+        reference.mjlab_content,
+        "mjlab.npz",
+        "NumPy: a motion of mjlab, bodies in MuJoCo's order",
+        50.0,
+        gains=False,
+        of_model=("joints", "bodies"),
+        by_limbs=True,
+    ),
+    "gmr": Format(
+        reference.gmr_content,
+        "gmr.pkl",
+        "pickle of arrays and lists, as GMR's",
+        50.0,
+        gains=False,
+        of_model=JOINTS,
+        by_limbs=True,
+    ),
+    "mimickit": Format(
+        reference.mimickit_content,
+        "mimickit.pkl",
+        "pickle of lists, as MimicKit's",
+        50.0,
+        gains=False,
+        of_model=JOINTS,
+        by_limbs=True,
     ),
 }

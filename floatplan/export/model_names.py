@@ -59,9 +59,12 @@ class ModelNames:
         return f"its {kinds} are in another order than in the robot's file; what is written has its order"
 
 
-def own_names(robot: Robot) -> ModelNames:
-    """Return the joints that move and the links of a robot's file, in its order."""
-    return _in_urdf(fromstring(robot.xml))
+def own_names(robot: Robot, *, by_limbs: bool = False) -> ModelNames:
+    """Return the joints that move and the links of a robot's file, in its order, or else limb by limb.
+
+    The latter is MuJoCo's order: after each link all that hang on it, of several joints of it the file's first first.
+    """
+    return _in_urdf(fromstring(robot.xml), by_limbs)
 
 
 def own_mjcf(robot: Robot) -> ModelNames:
@@ -70,12 +73,12 @@ def own_mjcf(robot: Robot) -> ModelNames:
         return _in_mjcf(robot.path, compiled_file(robot.path, robot.balance_inertias))
 
 
-def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNames:
+def matched(own: ModelNames, path: str | Path, *, with_bodies: bool, by_limbs: bool = False) -> ModelNames:
     """Return the names in a model, URDF or MJCF, that is to read a motion of the robot with the names ``own``.
 
     In an MJCF the robot is the tree with most joints, without those of its base, which floats here. Of a URDF the
     joints by which its base floats do not count, where the motion has none of them. Links of ``own`` that a model has
-    fused are left out.
+    fused are left out. Names of a URDF are in its order, or limb by limb as of :func:`own_names`.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
     if root.tag not in ("robot", "mujoco"):
         raise InputError(f"is neither a URDF nor an MJCF: its root element is <{root.tag}>", source=path)
     with naming(path):
-        names = _in_urdf(root) if root.tag == "robot" else _in_mjcf(Path(path), compiled_file(Path(path)))
+        names = _in_urdf(root, by_limbs) if root.tag == "robot" else _in_mjcf(Path(path), compiled_file(Path(path)))
     if root.tag == "robot" and set(names.joints) - set(own.joints):
         with naming(path):
             base = {joint.name for joint in free_base(read_tree(root))} - set(own.joints)
@@ -111,10 +114,41 @@ def matched(own: ModelNames, path: str | Path, *, with_bodies: bool) -> ModelNam
     return names
 
 
-def _in_urdf(root: Element) -> ModelNames:
-    joints = [joint.get("name", "") for joint in root.iterfind("joint") if joint.get("type") in MOVING]
-    links = [link.get("name", "") for link in root.iterfind("link") if link.get("type") != "frame"]  # no body
-    return ModelNames(tuple(joints), tuple(links))
+def _in_urdf(root: Element, by_limbs: bool) -> ModelNames:
+    joints = list(root.iterfind("joint"))
+    links = list(root.iterfind("link"))
+    if by_limbs:
+        joints, links = _by_limbs(joints, links)
+    return ModelNames(
+        joints=tuple(joint.get("name", "") for joint in joints if joint.get("type") in MOVING),
+        bodies=tuple(link.get("name", "") for link in links if link.get("type") != "frame"),  # which is no body
+    )
+
+
+def _by_limbs(joints: list[Element], links: list[Element]) -> tuple[list[Element], list[Element]]:
+    """Elements of joints and links, limb by limb."""
+
+    def end(joint: Element, tag: str) -> str:
+        element = joint.find(tag)
+        return "" if element is None else element.get("link", "")
+
+    link_of = {link.get("name", ""): link for link in links}
+    children = {end(joint, "child") for joint in joints}
+    ordered_joints: list[Element] = []
+    ordered_links: list[Element] = []
+    stack: list[Element] = []
+
+    def visit(name: str) -> None:
+        ordered_links.append(link_of[name])
+        stack.extend(joint for joint in reversed(joints) if end(joint, "parent") == name)
+
+    for root in link_of.keys() - children:
+        visit(root)
+    while stack:
+        joint = stack.pop()
+        ordered_joints.append(joint)
+        visit(end(joint, "child"))
+    return ordered_joints, ordered_links
 
 
 def _in_mjcf(path: Path, model: CompiledMjcf) -> ModelNames:

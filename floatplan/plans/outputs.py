@@ -93,16 +93,18 @@ class Outputs:
         ----------
         form : str
             "csv", "csv-full", "parquet", "npz", "pinocchio", "mujoco", "ros", "mcap", "unitree", "unitree-sdk",
-            "isaac-amp", "motion-csv" or "loco-mujoco"; see ``floatplan export --help``.
+            "isaac-amp", "motion-csv", "loco-mujoco", "unitree-csv", "mjlab-npz", "gmr" or "mimickit"; see
+            ``floatplan export --help``.
         path : path, optional
-            The file; left out, the format's own name in the working directory.
+            The file; left out, the format's own name in the working directory. What "motion-csv", "unitree-csv" and
+            "loco-mujoco" cannot hold, velocities and contacts, goes next to it, as ``motion.extras.npz``.
         rate : float, optional
             Instants per second, Hz; left out, what suits the format.
         kp, kd : float or mapping, optional
             Gains of the joints, N m/rad and N m s/rad, of all or by name, in files that have them.
         model : path, optional
-            URDF or MJCF of what reads a reference motion ("isaac-amp", "motion-csv", "loco-mujoco"), or flies it
-            ("mujoco"): the file has its joints, bodies and actuators, in its order. Left out, "mujoco" is for the MJCF
+            URDF or MJCF of what reads a reference motion ("isaac-amp" and those after it), or flies it ("mujoco"):
+            the file has its joints, bodies and actuators, in its order. Left out, "mujoco" is for the MJCF
             that the robot was read from.
 
         Raises

@@ -1,6 +1,8 @@
 """Reference motions: each file is read as its readers read it, and is the plan's motion in MuJoCo's world."""
 
 import math
+import pickle
+import pickletools
 import re
 from dataclasses import replace
 
@@ -12,6 +14,7 @@ from flown_plans import forward_plan
 from robot_samples import PAIR, RandomTree, inertial, robot_text
 
 import floatplan as fp
+from floatplan.clips import writing as clips_writing
 from floatplan.errors import InputError
 from floatplan.export.formats import export
 
@@ -287,6 +290,16 @@ def test_a_urdf_is_a_model_too_and_may_lack_fixed_links(plan, pair, tmp_path):
             "the motion has no joint knee; the model has no joint left_knee; give",
         ),
         ("isaac-amp", "left_knee_link", "shank", "the motion has no body shank;"),
+        ("mjlab-npz", "left_knee_link", "shank", "the motion has no body shank;"),
+        ("mjlab-npz", ' name="left_knee_link"', "", "has a body without a name"),
+        ("gmr", '<joint name="left_knee"/>', "", "the model has no joint left_knee;"),
+        ("mimickit", '<joint name="left_knee"/>', "", "the model has no joint left_knee;"),
+        (
+            "mimickit",
+            '<joint name="left_hip"/><geom size=".1"/>\n<body name="left_knee_link"><joint name="left_knee"/>',
+            '<joint name="left_hip"/><joint name="left_knee"/><geom size=".1"/>\n<body name="left_knee_link">',
+            "has several joints in one body: left_hip, left_knee",
+        ),
         ("motion-csv", '<joint name="left_knee"/>', "", "the model has no joint left_knee;"),
         (
             "motion-csv",
@@ -329,7 +342,10 @@ def test_rates_that_no_reader_can_use(pair, tmp_path, monkeypatch):
     for wrong in (np.inf, np.nan, -50.0):
         with pytest.raises(InputError, match="Hz"):
             export(pair, "isaac-amp", tmp_path / "file", rate=wrong)
-    for form in ("isaac-amp", "motion-csv", "loco-mujoco"):
+    for form in ("isaac-amp", "motion-csv", "loco-mujoco", "unitree-csv", "mjlab-npz", "gmr", "mimickit"):
+        for wrong in (0.0, -50.0, np.nan):
+            with pytest.raises(InputError, match="Hz"):
+                export(pair, form, tmp_path / "file", rate=wrong)
         with pytest.raises(InputError, match="one frame"):
             export(pair, form, tmp_path / "file", rate=1)
         with pytest.raises(InputError, match="no room for gains"):
@@ -371,7 +387,219 @@ def test_a_robot_of_an_mjcf_is_its_own_model(tmp_path):
         near(content["body_positions"][frame], data.xpos[1:])
     same = export(motion, "isaac-amp", tmp_path / "same", rate=RATE, model=path)
     assert same.read_bytes() == (tmp_path / "amp").read_bytes()
+    mjlab = export(motion, "mjlab-npz", tmp_path / "mjlab", rate=RATE)
+    check_by_numbers(by_mjlab(mjlab, model), model)
+    same = export(motion, "mjlab-npz", tmp_path / "same", rate=RATE, model=path)
+    assert same.read_bytes() == mjlab.read_bytes()
     loco = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE, model=path))
     own = mujoco.MjModel.from_xml_path(str(path))
     assert loco["joint_names"].tolist() == [own.joint(number).name for number in range(own.njnt)]
     assert loco["qpos"].shape[1] == own.nq
+
+
+def by_mjlab(path, model):
+    """What mjlab's loader makes of a file: bodies and joints by their numbers in its model, the world left out."""
+    content = read(path)
+    assert model.nbody - 1 == content["body_pos_w"].shape[1]
+    assert [model.body(number + 1).name for number in range(model.nbody - 1)] == content["body_names"].tolist()
+    assert [model.joint(number + 1).name for number in range(model.njnt - 1)] == content["joint_names"].tolist()
+    assert content["fps"].tolist() == [RATE]
+    return content
+
+
+def check_by_numbers(content, model, every=7):
+    """Bodies are where MuJoCo's kinematics put them from the base and the joints of the same frame, and as fast."""
+    for frame in range(0, len(content["joint_pos"]), every):
+        data, twist = mujoco.MjData(model), np.zeros(6)
+        axes = np.zeros(9)
+        mujoco.mju_quat2Mat(axes, content["body_quat_w"][frame, 0])
+        spin = axes.reshape(3, 3).T @ content["body_ang_vel_w"][frame, 0]
+        data.qpos[:] = np.concatenate(
+            (content["body_pos_w"][frame, 0], content["body_quat_w"][frame, 0], content["joint_pos"][frame])
+        )
+        data.qvel[:] = np.concatenate((content["body_lin_vel_w"][frame, 0], spin, content["joint_vel"][frame]))
+        mujoco.mj_forward(model, data)
+        near(content["body_pos_w"][frame], data.xpos[1:])
+        near(abs(np.einsum("bi,bi->b", content["body_quat_w"][frame], data.xquat[1:])), 1.0)
+        for body in range(1, model.nbody):
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_XBODY, body, twist, 0)
+            near(content["body_ang_vel_w"][frame, body - 1], twist[:3])
+            near(content["body_lin_vel_w"][frame, body - 1], twist[3:])
+
+
+def test_mjlab_finds_bodies_by_their_numbers_in_mujoco(plan, tmp_path):
+    """Links of a URDF limb by limb, in whatever order its file has them; numbers are those of the other formats."""
+    content = by_mjlab(export(plan, "mjlab-npz", tmp_path / "file", rate=RATE), in_mujoco(plan.robot))
+    check_by_numbers(content, in_mujoco(plan.robot))
+    amp = read(export(plan, "isaac-amp", tmp_path / "amp", rate=RATE))
+    columns = [amp["body_names"].tolist().index(name) for name in content["body_names"].tolist()]
+    np.testing.assert_array_equal(content["body_lin_vel_w"], amp["body_linear_velocities"][:, columns])
+    columns = [amp["dof_names"].tolist().index(name) for name in content["joint_names"].tolist()]
+    np.testing.assert_array_equal(content["joint_vel"], amp["dof_velocities"][:, columns])
+
+
+def test_mjlab_has_the_order_of_its_mjcf(pair, model, tmp_path):
+    content = read(export(pair, "mjlab-npz", tmp_path / "file", rate=RATE, model=model))
+    assert content["joint_names"].tolist() == IN_ITS_ORDER
+    assert content["body_names"].tolist() == ["body", *(f"{name}_link" for name in IN_ITS_ORDER)]
+    own = by_mjlab(export(pair, "mjlab-npz", tmp_path / "own", rate=RATE), in_mujoco(pair.robot))
+    check_by_numbers(own, in_mujoco(pair.robot))
+    columns = [own["body_names"].tolist().index(name) for name in content["body_names"].tolist()]
+    np.testing.assert_array_equal(content["body_ang_vel_w"], own["body_ang_vel_w"][:, columns])
+
+
+def names_in(path):
+    """What a pickle imports when it is read."""
+    texts, imported = [], set()
+    for opcode, argument, _ in pickletools.genops(path.read_bytes()):
+        if opcode.name in ("SHORT_BINUNICODE", "BINUNICODE"):
+            texts.append(argument)
+        elif opcode.name == "STACK_GLOBAL":
+            imported.add(tuple(texts[-2:]))
+        assert opcode.name != "GLOBAL"
+    return imported
+
+
+def test_mimickit_reads_lists_alone(pair, model, tmp_path):
+    """As its ``load_motion`` and ``extract_pose_data``: position, rotation vector, joints, depth first."""
+    path = export(pair, "mimickit", tmp_path / "file", rate=RATE, model=model)
+    assert not names_in(path)
+    data = pickle.loads(path.read_bytes())
+    assert (data["loop_mode"], data["fps"]) == (0, RATE)
+    frames = np.array(data["frames"])
+    table = np.loadtxt(export(pair, "motion-csv", tmp_path / "csv", rate=RATE, model=model), delimiter=",")
+    np.testing.assert_array_equal(frames[:, :3], table[:, :3])
+    np.testing.assert_array_equal(frames[:, 6:], table[:, 7:])
+    assert np.linalg.norm(frames[:, 3:6], axis=1).max() > np.pi  # it turned far enough
+    assert abs(np.diff(frames[:, 3:6], axis=0)).max() < 1.0
+    quaternion = np.zeros(4)
+    for vector, row in zip(frames[:, 3:6], table, strict=True):
+        angle = np.linalg.norm(vector)
+        mujoco.mju_axisAngle2Quat(quaternion, vector / angle if angle else np.array([1.0, 0, 0]), angle)
+        near(abs(quaternion @ row[[6, 3, 4, 5]]), 1.0)
+
+
+def test_mimickit_has_no_joints_that_slide(plan, tmp_path):
+    with pytest.raises(InputError, match="slides: MimicKit has hinges only"):
+        export(plan, "mimickit", tmp_path / "file", rate=RATE)
+    assert not list(tmp_path.iterdir())
+
+
+def test_gmr_s_loader_finds_its_arrays(plan, tmp_path):
+    """As its ``load_robot_motion``: arrays that it indexes, and bodies from the base, in its axes."""
+    path = export(plan, "gmr", tmp_path / "file", rate=RATE)
+    assert {name for _, name in names_in(path)} <= {"_reconstruct", "ndarray", "dtype"}
+    data = pickle.loads(path.read_bytes())
+    assert data["fps"] == RATE
+    wxyz = data["root_rot"][:, [3, 0, 1, 2]]
+    model = in_mujoco(plan.robot)
+    assert data["link_body_list"] == [model.body(number).name for number in range(1, model.nbody)]
+    for frame in range(0, len(wxyz), 7):
+        simulated = state_in_mujoco(model, plan, to_world(plan), frame / RATE)
+        near(data["root_pos"][frame], simulated.qpos[:3])
+        near(abs(wxyz[frame] @ simulated.qpos[3:7]), 1.0)
+        near(data["dof_pos"][frame], simulated.qpos[7:])
+        in_base = (simulated.xpos[1:] - simulated.xpos[1]) @ simulated.xmat[1].reshape(3, 3)
+        near(data["local_body_pos"][frame], in_base)
+
+
+def test_unitree_s_csv_is_numbers_alone(pair, model, tmp_path):
+    own = export(pair, "unitree-csv", tmp_path / "own", rate=RATE)
+    assert own.read_text() == export(pair, "motion-csv", tmp_path / "other", rate=RATE).read_text()
+    table = np.loadtxt(export(pair, "unitree-csv", tmp_path / "file", rate=RATE, model=model), delimiter=",")
+    assert table.shape[1] == 7 + len(IN_ITS_ORDER)
+    near(np.linalg.norm(table[:, 3:7], axis=1), 1.0, 1e-15)
+
+
+LEARNED = ("isaac-amp", "motion-csv", "loco-mujoco", "unitree-csv", "mjlab-npz", "gmr", "mimickit")
+
+
+def check_read_back(motion, form, folder):
+    """A clip of the file is the motion, whatever the order of its joints, with its contacts or those next to it."""
+    suffix = {"isaac-amp": "npz", "loco-mujoco": "npz", "mjlab-npz": "npz", "gmr": "pkl", "mimickit": "pkl"}
+    path = export(motion, form, folder / f"{form}.{suffix.get(form, 'csv')}", rate=RATE)
+    clip = fp.load_clip(path, model=motion.problem.robot.path, fps=RATE)
+    whole = motion.full_motion(clip.times)
+    order = [whole.joints.index(name) for name in clip.joints]
+    near(clip.positions, whole.positions[:, order], 0 if form != "mimickit" else 1e-15)
+    near(clip.base_position, whole.base_position)
+    near(abs(np.einsum("ki,ki->k", clip.base_quaternion, whole.base_quaternion)), 1.0)
+    again = fp.load_clip(clips_writing.write_clip(clip, folder / f"again{path.suffix}"), model=clip.robot, fps=RATE)
+    np.testing.assert_array_equal(again.positions, clip.positions)
+    near(again.base_quaternion, clip.base_quaternion)
+    return path, clip, again
+
+
+@pytest.mark.parametrize("form", LEARNED)
+def test_what_is_written_is_read_as_a_clip(pair, form, tmp_path):
+    path, clip, _ = check_read_back(pair, form, tmp_path)
+    assert clip.contacts is None
+    extras = path.with_name(f"{form}.extras.npz")
+    assert extras.exists() == (form in ("motion-csv", "unitree-csv"))
+    if extras.exists():
+        content = read(extras)
+        amp = read(export(pair, "isaac-amp", tmp_path / "amp", rate=RATE))
+        assert content["joint_names"].tolist() == amp["dof_names"].tolist()
+        np.testing.assert_array_equal(content["joint_velocities"], amp["dof_velocities"])
+        root = amp["body_names"].tolist().index("body")
+        np.testing.assert_array_equal(content["base_linear_velocity"], amp["body_linear_velocities"][:, root])
+        np.testing.assert_array_equal(content["base_angular_velocity"], amp["body_angular_velocities"][:, root])
+
+
+@pytest.mark.long
+def test_a_jump_has_its_contacts_in_every_file_or_next_to_it(tmp_path):
+    jump = jumps.backflip()
+    amp = read(export(jump, "isaac-amp", tmp_path / "amp", rate=RATE))
+    for form in LEARNED:
+        path, clip, again = check_read_back(jump, form, tmp_path)
+        if form in ("motion-csv", "unitree-csv", "loco-mujoco"):
+            content = read(path.with_name(f"{form}.extras.npz"))
+            for name in ("contact_names", "contacts", "contact_forces"):
+                np.testing.assert_array_equal(content[name], amp[name])
+            continue
+        assert list(clip.contact_names) == amp["contact_names"].tolist()
+        np.testing.assert_array_equal(clip.contacts, amp["contacts"])
+        np.testing.assert_array_equal(again.contacts, amp["contacts"])
+
+
+@pytest.mark.usefixtures("little_work")
+def test_a_flight_in_space_is_read_by_numbers_too(root, tmp_path):
+    robot = fp.Robot.from_urdf(root / "urdf" / "space_arm.urdf", base="free-flyer")
+    start = fp.Posture(fp.Attitude(quaternion_xyzw=[0.1, 0.2, 0.3, 0.9]), 0.1)
+    goal = fp.Posture(fp.Attitude(angles=[1.1, 0.5, 3.2], axes="yxz"), 0.4)
+    motion = fp.plan(fp.Problem(robot, start, goal, fp.Flight(4.0, angular_momentum=[5.0, -9.0, 30.0])), starts=1)
+    model = in_mujoco(robot)
+    check_by_numbers(by_mjlab(export(motion, "mjlab-npz", tmp_path / "file", rate=RATE), model), model, every=40)
+    for form in ("gmr", "mimickit", "mjlab-npz"):
+        check_read_back(motion, form, tmp_path)
+
+
+def test_the_command_tells_of_the_second_file(floatplan, pair, tmp_path):
+    plan_file = pair.save(tmp_path / "run" / "plan.json")
+    run = floatplan("export", plan_file, "-f", "unitree-csv")
+    assert "unitree_motion.extras.npz, next to it, has what unitree-csv cannot hold" in run.stderr
+    assert run.stdout.strip() == str(plan_file.parent / "unitree_motion.csv")
+    assert read(plan_file.parent / "unitree_motion.extras.npz")["fps"] == 30.0
+    assert "extras" not in floatplan("export", plan_file, "-f", "gmr").stderr
+
+
+WRONG = {
+    "joint_names": ([["left_hip"], []], [1, 2], {"a": 1}),
+    "contact_names": ([["a"], []], [3.0], ["one", "two"]),
+    "contacts": ([[True], []], "all", [[True]]),
+}
+
+
+@pytest.mark.parametrize("form", ["gmr", "mimickit"])
+@pytest.mark.parametrize("key", WRONG)
+def test_names_and_contacts_that_are_none_are_refused_by_their_key(pair, form, key, tmp_path):
+    path = export(pair, form, tmp_path / "motion.pkl", rate=RATE)
+    data = pickle.loads(path.read_bytes())
+    stands = [[True]] * len(frame_times(pair, RATE))
+    for wrong in WRONG[key]:
+        path.write_bytes(pickle.dumps(data | {"contact_names": ["foot"], "contacts": stands} | {key: wrong}))
+        with pytest.raises(InputError) as refused:
+            fp.load_clip(path, model=pair.robot.path)
+        assert "contacts" in str(refused.value) or key in str(refused.value)
+    path.write_bytes(pickle.dumps(data | dict.fromkeys(WRONG)))  # None: as without
+    assert fp.load_clip(path, model=pair.robot.path).contacts is None
