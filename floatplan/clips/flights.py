@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,7 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
+LEAST_CLEARANCE = 0.005  # [m] over the ground, above which a foot may be: more than noise of frames that stand
 LEAST_DURATION = 0.1  # [s] of a flight: a shorter one is noise of the frames
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
 BASE_BODY = 1  # the model's joint that carries the base
@@ -167,29 +169,45 @@ class Scene:
         over_ground = self.foot_heights - self.ground.heights[:, None]
         return np.stack([np.interp(times, self.times, column) for column in over_ground.T], axis=1)
 
-    def in_the_air(self) -> BoolArray:
-        """Whether nothing touches the ground, (K,); the file's own labels decide where it has any."""
+    def in_the_air(self, clearance: float = FOOT_CLEARANCE) -> BoolArray:
+        """Whether nothing touches the ground, (K,): feet are higher over it than a clearance, m.
+
+        The file's own labels decide where it has any.
+        """
         if self.contacts is not None:
             frame = np.rint(self.times * self.curve.fps).astype(np.int64)
             stands = np.asarray(self.contacts.any(axis=1))
             return ~stands[np.minimum(frame, self.curve.frames - 1)]
-        feet = self.foot_heights - FOOT_CLEARANCE
+        feet = self.foot_heights - clearance
         others = self.other_heights - self.other_clearances
         return np.asarray(np.concatenate((feet, others), axis=1).min(axis=1) > self.ground.heights)
 
     def flights(self) -> tuple[ClipFlight, ...]:
         """The flights, in their order."""
-        flights: list[ClipFlight] = []
+        stretches = _stretches(self.in_the_air())
+        flights = [self._flight(first, last) for first, last in stretches]
+        return tuple(flight for flight in flights if flight.duration >= LEAST_DURATION)
+
+    def longest(self, flight: ClipFlight) -> ClipFlight:
+        """The time about a flight in which feet are low, but may be in the air already, or still."""
+        for longer in self._longest_flights:
+            if longer.begin <= flight.begin and flight.end <= longer.end:
+                return longer
+        return flight
+
+    @cached_property
+    def _longest_flights(self) -> tuple[ClipFlight, ...]:
+        stretches = _stretches(self.in_the_air(LEAST_CLEARANCE))
+        return tuple(self._flight(first, last) for first, last in stretches)
+
+    def _flight(self, first: int, last: int) -> ClipFlight:
+        """The flight from one instant to another, by their numbers."""
         fps = self.curve.fps
-        for first, last in _stretches(self.in_the_air()):
-            begin = float(self.times[first])
-            end = float(self.times[last])
-            if end - begin < LEAST_DURATION:
-                continue
-            first_frame = int(np.ceil(begin * fps - 1e-9))
-            last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
-            flights.append(ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame))
-        return tuple(flights)
+        begin = float(self.times[first])
+        end = float(self.times[last])
+        first_frame = int(np.ceil(begin * fps - 1e-9))
+        last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
+        return ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame)
 
 
 def _stretches(true: BoolArray) -> list[tuple[int, int]]:
