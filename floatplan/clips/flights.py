@@ -184,7 +184,7 @@ class Scene:
 
     def flights(self) -> tuple[ClipFlight, ...]:
         """The flights, in their order."""
-        stretches = _stretches(self.in_the_air())
+        stretches = self._stretches_in_the_air(FOOT_CLEARANCE)
         flights = [self._flight(first, last) for first, last in stretches]
         return tuple(flight for flight in flights if flight.duration >= LEAST_DURATION)
 
@@ -197,8 +197,21 @@ class Scene:
 
     @cached_property
     def _longest_flights(self) -> tuple[ClipFlight, ...]:
-        stretches = _stretches(self.in_the_air(LEAST_CLEARANCE))
+        stretches = self._stretches_in_the_air(LEAST_CLEARANCE)
         return tuple(self._flight(first, last) for first, last in stretches)
+
+    def _stretches_in_the_air(self, clearance: float) -> list[tuple[int, int]]:
+        """First and last instant of each stretch in the air; a robot that hangs still, and lets go, flies from then on.
+
+        The file's own labels decide where it has any.
+        """
+        in_air = self.in_the_air(clearance)
+        hangs = np.zeros(len(self.times), np.bool_)
+        if self.contacts is None:
+            height, still = _lowest_foot(self.foot_heights, np.linalg.norm(self.foot_velocities, axis=2))
+            for first, last in _long_stands(self.times, height, still):
+                hangs[first : last + 1] = in_air[(first + last) // 2]
+        return sorted(_stretches(in_air & hangs) + _stretches(in_air & ~hangs))
 
     def _flight(self, first: int, last: int) -> ClipFlight:
         """The flight from one instant to another, by their numbers."""
@@ -282,20 +295,36 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    Where its base tilts much it is taken at the identity, as of an upright robot: in the air it may be upside down for
-    most of a clip. A base that ends a limb is a foot or a hand; it has its first attitude of the clip.
+    Where its base tilts much it is taken as of an upright robot: in the air it may be upside down for most of a clip. A
+    base that ends a limb is a foot or a hand; it has its first attitude of the clip.
     """
     times = np.linspace(0.0, curve.duration, 50)  # enough to compare limbs
     attitudes = curve.attitudes(times)
     if _base_ends_a_limb(curve.robot):
         attitudes[:] = attitudes[0]
     else:
-        attitudes[attitudes[:, 2, 2] < np.cos(np.deg2rad(30.0))] = np.eye(3)  # [rad] more tilt than of a stance
+        upright = _upright(attitudes)
+        tilts = attitudes[:, 2] @ upright[2] < np.cos(np.deg2rad(30.0))  # [rad] more than that of a stance
+        attitudes[tilts] = upright
     poses = body_poses(curve.robot, np.zeros((len(times), 3)), attitudes, curve.positions(times))
     heights = BodySolids(tuple(by_body.values())).lowest(poses)[..., 2]
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     often = np.percentile(over_lowest, 20.0, axis=0)  # [%] of the time
     return often, float(np.median(over_lowest.max(axis=1)))
+
+
+def _upright(attitudes: Array) -> Array:
+    """The attitude (3, 3) of the base of an upright robot, among those of a clip (K, 3, 3).
+
+    It is the identity, unless the clip begins and ends with another axis of the base up, as of models with y upwards.
+    """
+    first = attitudes[0, 2]
+    last = attitudes[-1, 2]
+    far = np.cos(np.deg2rad(60.0))  # [rad] no robot bends so far where it stands
+    near = np.cos(np.deg2rad(30.0))  # [rad] it stands the same way at both ends
+    if first[2] < far and last[2] < far and first @ last > near:
+        return attitudes[0]
+    return np.eye(3)
 
 
 def _base_ends_a_limb(robot: Robot) -> bool:
@@ -332,14 +361,11 @@ def _ground(times: Array, heights: Array, speeds: Array, level: float | None) ->
     """
     if level is not None:
         return Ground(times, np.full(len(times), level))
-    lowest = heights.argmin(axis=1)
-    index = np.arange(len(times))
-    height = heights[index, lowest]
-    still = speeds[index, lowest] < STILL
+    height, still = _lowest_foot(heights, speeds)
     if not still.any():
         return Ground(times, np.full(len(times), height.min()))
     result = _level(times, times[still], height[still])
-    stands = [(first, last) for first, last in _stretches(still) if _is_long_stand(times, height, first, last)]
+    stands = _long_stands(times, height, still)
     for first, last in stands:
         result[first : last + 1] = np.median(height[first : last + 1])
     for (_, last), (following, _) in pairwise(stands):
@@ -348,6 +374,18 @@ def _ground(times: Array, heights: Array, speeds: Array, level: float | None) ->
             result[last:top] = result[last]
             result[top:following] = result[following]
     return Ground(times, result)
+
+
+def _lowest_foot(heights: Array, speeds: Array) -> tuple[Array, BoolArray]:
+    """Height (K,) of the lowest of all feet (K, F), and whether that one is still."""
+    lowest = heights.argmin(axis=1)
+    index = np.arange(len(heights))
+    return heights[index, lowest], np.asarray(speeds[index, lowest] < STILL)
+
+
+def _long_stands(times: Array, height: Array, still: BoolArray) -> list[tuple[int, int]]:
+    """First and last instant of each stretch in which the lowest foot is on one level for long."""
+    return [(first, last) for first, last in _stretches(still) if _is_long_stand(times, height, first, last)]
 
 
 def _is_long_stand(times: Array, height: Array, first: int, last: int) -> bool:
