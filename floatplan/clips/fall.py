@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import fdtri, stdtrit
 
 from floatplan.arrays import Array
 
+LEAST_NOISE = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
 NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which motions may be off
 
 
@@ -44,6 +45,11 @@ class Fall:
         return np.vander(times - middle, 3, increasing=True) @ self.coefficients
 
     @property
+    def squares(self) -> float:
+        """The sum of the squares of what is left, m^2."""
+        return 3.0 * max(len(self.times) - 3, 0) * self.rms**2
+
+    @property
     def tolerance(self) -> float:
         """By how much it may be off, m/s^2."""
         return max(0.5, self.interval)  # [m/s^2] whatever the noise
@@ -74,10 +80,9 @@ def fit_fall(times: Array, places: Array) -> Fall:
     interval = np.inf
     if freedom > 0:
         covariance = np.linalg.inv(terms.T @ terms)
-        least_noise = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
-        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, least_noise)
+        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, LEAST_NOISE)
         confidence = 0.9995  # [-] one-sided: one false alarm in a thousand flights whose noise is as assumed
-        interval = float(student.ppf(confidence, 3 * freedom) * deviation)
+        interval = float(stdtrit(3 * freedom, confidence) * deviation)
     return Fall(
         fall=float(-acceleration[2]),
         interval=interval,
@@ -88,6 +93,41 @@ def fit_fall(times: Array, places: Array) -> Fall:
         times=times,
         places=places,
     )
+
+
+def fit_longer_fall(times: Array, places: Array, first: int, last: int) -> Fall:
+    """Fit a parabola to frames from first to last, and to those before and after that continue it.
+
+    The error of the acceleration is as the number of frames to the power of -2.5. A frame that is next to those of the
+    parabola continues it if the squares of what is left grow no more than by noise: an F test of its three coordinates
+    (Chow 1960, Econometrica 28, 591). Else the robot stands in it.
+
+    Parameters
+    ----------
+    times : (K,) s
+    places : (K, 3) m
+    first, last : of the frames of the parabola, four at least
+    """
+    confidence = 0.99  # [-] that a frame in the air is taken
+    fall = fit_fall(times[first : last + 1], places[first : last + 1])
+    steps = [(-1, 0), (0, 1)]
+    while steps:
+        for step in tuple(steps):
+            low = first + step[0]
+            high = last + step[1]
+            longer = fall
+            if low >= 0 and high < len(times):
+                longer = fit_fall(times[low : high + 1], places[low : high + 1])
+            freedom = 3 * (len(fall.times) - 3)
+            grown = longer.squares - fall.squares
+            noise = max(fall.rms, LEAST_NOISE)
+            if longer is fall or grown > 3.0 * noise**2 * fdtri(3, freedom, confidence):
+                steps.remove(step)
+                continue
+            first = low
+            last = high
+            fall = longer
+    return fall
 
 
 def frame_noise(residuals: Array) -> float:

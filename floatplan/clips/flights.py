@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,7 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
+LEAST_CLEARANCE = 0.005  # [m] over the ground, above which a foot may be: more than noise of frames that stand
 LEAST_DURATION = 0.1  # [s] of a flight: a shorter one is noise of the frames
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
 BASE_BODY = 1  # the model's joint that carries the base
@@ -167,29 +169,58 @@ class Scene:
         over_ground = self.foot_heights - self.ground.heights[:, None]
         return np.stack([np.interp(times, self.times, column) for column in over_ground.T], axis=1)
 
-    def in_the_air(self) -> BoolArray:
-        """Whether nothing touches the ground, (K,); the file's own labels decide where it has any."""
+    def in_the_air(self, clearance: float = FOOT_CLEARANCE) -> BoolArray:
+        """Whether nothing touches the ground, (K,): feet are higher over it than a clearance, m.
+
+        The file's own labels decide where it has any.
+        """
         if self.contacts is not None:
             frame = np.rint(self.times * self.curve.fps).astype(np.int64)
             stands = np.asarray(self.contacts.any(axis=1))
             return ~stands[np.minimum(frame, self.curve.frames - 1)]
-        feet = self.foot_heights - FOOT_CLEARANCE
+        feet = self.foot_heights - clearance
         others = self.other_heights - self.other_clearances
         return np.asarray(np.concatenate((feet, others), axis=1).min(axis=1) > self.ground.heights)
 
     def flights(self) -> tuple[ClipFlight, ...]:
         """The flights, in their order."""
-        flights: list[ClipFlight] = []
+        stretches = self._stretches_in_the_air(FOOT_CLEARANCE)
+        flights = [self._flight(first, last) for first, last in stretches]
+        return tuple(flight for flight in flights if flight.duration >= LEAST_DURATION)
+
+    def longest(self, flight: ClipFlight) -> ClipFlight:
+        """The time about a flight in which feet are low, but may be in the air already, or still."""
+        for longer in self._longest_flights:
+            if longer.begin <= flight.begin and flight.end <= longer.end:
+                return longer
+        return flight
+
+    @cached_property
+    def _longest_flights(self) -> tuple[ClipFlight, ...]:
+        stretches = self._stretches_in_the_air(LEAST_CLEARANCE)
+        return tuple(self._flight(first, last) for first, last in stretches)
+
+    def _stretches_in_the_air(self, clearance: float) -> list[tuple[int, int]]:
+        """First and last instant of each stretch in the air; a robot that hangs still, and lets go, flies from then on.
+
+        The file's own labels decide where it has any.
+        """
+        in_air = self.in_the_air(clearance)
+        hangs = np.zeros(len(self.times), np.bool_)
+        if self.contacts is None:
+            height, still = _lowest_foot(self.foot_heights, np.linalg.norm(self.foot_velocities, axis=2))
+            for first, last in _long_stands(self.times, height, still):
+                hangs[first : last + 1] = in_air[(first + last) // 2]
+        return sorted(_stretches(in_air & hangs) + _stretches(in_air & ~hangs))
+
+    def _flight(self, first: int, last: int) -> ClipFlight:
+        """The flight from one instant to another, by their numbers."""
         fps = self.curve.fps
-        for first, last in _stretches(self.in_the_air()):
-            begin = float(self.times[first])
-            end = float(self.times[last])
-            if end - begin < LEAST_DURATION:
-                continue
-            first_frame = int(np.ceil(begin * fps - 1e-9))
-            last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
-            flights.append(ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame))
-        return tuple(flights)
+        begin = float(self.times[first])
+        end = float(self.times[last])
+        first_frame = int(np.ceil(begin * fps - 1e-9))
+        last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
+        return ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame)
 
 
 def _stretches(true: BoolArray) -> list[tuple[int, int]]:
@@ -264,20 +295,36 @@ def _named_feet(names: Sequence[str], by_body: dict[int, list[LinkSolid]]) -> li
 def _usual_heights(curve: ClipCurve, by_body: dict[int, list[LinkSolid]]) -> tuple[Array, float]:
     """How far over the lowest of all bodies each of them (B,) often is, m, and how far the highest.
 
-    Where its base tilts much it is taken at the identity, as of an upright robot: in the air it may be upside down for
-    most of a clip. A base that ends a limb is a foot or a hand; it has its first attitude of the clip.
+    Where its base tilts much it is taken as of an upright robot: in the air it may be upside down for most of a clip. A
+    base that ends a limb is a foot or a hand; it has its first attitude of the clip.
     """
     times = np.linspace(0.0, curve.duration, 50)  # enough to compare limbs
     attitudes = curve.attitudes(times)
     if _base_ends_a_limb(curve.robot):
         attitudes[:] = attitudes[0]
     else:
-        attitudes[attitudes[:, 2, 2] < np.cos(np.deg2rad(30.0))] = np.eye(3)  # [rad] more tilt than of a stance
+        upright = _upright(attitudes)
+        tilts = attitudes[:, 2] @ upright[2] < np.cos(np.deg2rad(30.0))  # [rad] more than that of a stance
+        attitudes[tilts] = upright
     poses = body_poses(curve.robot, np.zeros((len(times), 3)), attitudes, curve.positions(times))
     heights = BodySolids(tuple(by_body.values())).lowest(poses)[..., 2]
     over_lowest = heights - heights.min(axis=1, keepdims=True)
     often = np.percentile(over_lowest, 20.0, axis=0)  # [%] of the time
     return often, float(np.median(over_lowest.max(axis=1)))
+
+
+def _upright(attitudes: Array) -> Array:
+    """The attitude (3, 3) of the base of an upright robot, among those of a clip (K, 3, 3).
+
+    It is the identity, unless the clip begins and ends with another axis of the base up, as of models with y upwards.
+    """
+    first = attitudes[0, 2]
+    last = attitudes[-1, 2]
+    far = np.cos(np.deg2rad(60.0))  # [rad] no robot bends so far where it stands
+    near = np.cos(np.deg2rad(30.0))  # [rad] it stands the same way at both ends
+    if first[2] < far and last[2] < far and first @ last > near:
+        return attitudes[0]
+    return np.eye(3)
 
 
 def _base_ends_a_limb(robot: Robot) -> bool:
@@ -314,14 +361,11 @@ def _ground(times: Array, heights: Array, speeds: Array, level: float | None) ->
     """
     if level is not None:
         return Ground(times, np.full(len(times), level))
-    lowest = heights.argmin(axis=1)
-    index = np.arange(len(times))
-    height = heights[index, lowest]
-    still = speeds[index, lowest] < STILL
+    height, still = _lowest_foot(heights, speeds)
     if not still.any():
         return Ground(times, np.full(len(times), height.min()))
     result = _level(times, times[still], height[still])
-    stands = [(first, last) for first, last in _stretches(still) if _is_long_stand(times, height, first, last)]
+    stands = _long_stands(times, height, still)
     for first, last in stands:
         result[first : last + 1] = np.median(height[first : last + 1])
     for (_, last), (following, _) in pairwise(stands):
@@ -330,6 +374,18 @@ def _ground(times: Array, heights: Array, speeds: Array, level: float | None) ->
             result[last:top] = result[last]
             result[top:following] = result[following]
     return Ground(times, result)
+
+
+def _lowest_foot(heights: Array, speeds: Array) -> tuple[Array, BoolArray]:
+    """Height (K,) of the lowest of all feet (K, F), and whether that one is still."""
+    lowest = heights.argmin(axis=1)
+    index = np.arange(len(heights))
+    return heights[index, lowest], np.asarray(speeds[index, lowest] < STILL)
+
+
+def _long_stands(times: Array, height: Array, still: BoolArray) -> list[tuple[int, int]]:
+    """First and last instant of each stretch in which the lowest foot is on one level for long."""
+    return [(first, last) for first, last in _stretches(still) if _is_long_stand(times, height, first, last)]
 
 
 def _is_long_stand(times: Array, height: Array, first: int, last: int) -> bool:

@@ -59,9 +59,7 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
     frames = slice(flight.first, flight.last + 1)
     times = np.asarray(clip.times[frames])
     attitudes = of_quaternions(clip.base_quaternion[frames])
-    poses = body_poses(clip.robot, clip.base_position[frames], attitudes, clip.positions[frames])
-    places = centre_of_mass(clip.robot, poses)
-    fall = fit_fall(times, places)
+    fall = fit_fall(times, com_of_frames(clip, frames))
     dynamics = free_dynamics(clip.robot)
     joints = turning = rate_share = torque_share = None
     if len(times) >= LEAST_FRAMES:
@@ -83,6 +81,14 @@ def judge_flight(clip: Clip, flight: ClipFlight, gravity: float = GRAVITY) -> Fl
         floating=floating,
         sinking=sinking,
         sliding=sliding,
+    )
+
+
+def com_of_frames(clip: Clip, frames: slice) -> Array:
+    """Places (K, 3) of the centre of mass in frames of a clip, m."""
+    attitudes = of_quaternions(clip.base_quaternion[frames])
+    return centre_of_mass(
+        clip.robot, body_poses(clip.robot, clip.base_position[frames], attitudes, clip.positions[frames])
     )
 
 

@@ -17,8 +17,9 @@ from scipy.spatial.transform import Rotation
 from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
+from floatplan.clips.fall import fit_longer_fall
 from floatplan.clips.flights import LEAST_DURATION, SAMPLING, ClipFlight
-from floatplan.clips.judge import FlightJudgement, largest_share
+from floatplan.clips.judge import FlightJudgement, com_of_frames, largest_share
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
@@ -179,17 +180,21 @@ def repaired_duration(clip: Clip, judged: FlightJudgement, choice: str | float, 
     """How long a flight of a clip takes when it is repaired, s: that of its fall over its own heights, or the clip's.
 
     A share is one between both. Where the centre of mass is on a parabola, that tells its heights: noise of the frames
-    at its ends and top would change the duration.
+    at its ends and top would change the duration. So would that of few frames; those continue it in which feet are low.
     """
     flight = judged.flight
     times = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
     if judged.fall.on_parabola and math.isfinite(judged.fall.interval):
-        heights = judged.fall.at(times)[:, 2]
+        longest = clip.scene.longest(flight)
+        frames = slice(longest.first, longest.last + 1)
+        first = flight.first - longest.first
+        fall = fit_longer_fall(clip.times[frames], com_of_frames(clip, frames), first, first + flight.frames - 1)
+        heights = fall.at(times)[:, 2]
     else:
         heights = centre_of_mass(clip.robot, clip.curve.poses(times))[:, 2]
     share = SHARES[choice] if isinstance(choice, str) else choice
-    fall = fall_duration(float(heights[0]), float(heights.max()), float(heights[-1]), gravity)
-    return share * flight.duration + (1.0 - share) * fall
+    falling = fall_duration(float(heights[0]), float(heights.max()), float(heights[-1]), gravity)
+    return share * flight.duration + (1.0 - share) * falling
 
 
 def flight_problem(

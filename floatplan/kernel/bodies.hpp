@@ -131,7 +131,9 @@ struct Limb {
     }
 };
 
-// One step of Gauss and Newton, damped: the miss (6) is taken away by the smallest change J^T (J J^T + damping)^-1 miss.
+// One step of Levenberg and Marquardt: the miss (6) is taken away by the smallest change J^T (J J^T + damping)^-1 miss.
+// The damping grows with the miss (Fan and Yuan 2005, Computing 74, 23) times the lever of the joints, which bounds how
+// the miss curves: without it a limb that is straight, and too short for its target, would swing to and fro.
 // Returns the largest change of a joint, rad.
 static inline Vector bend_once(const SpatialTree &tree, const LimbTargets &targets, const Instants &k, Limb &limb) {
     BodyFrame frame = {k.load9(targets.attitudes), k.load3(targets.base)};
@@ -146,7 +148,8 @@ static inline Vector bend_once(const SpatialTree &tree, const LimbTargets &targe
     Vector normal[6][6], right[6] = {miss.linear.x,  miss.linear.y,  miss.linear.z,
                                      miss.angular.x, miss.angular.y, miss.angular.z};
     for (int a = 0; a < 6; ++a)
-        for (int b = 0; b <= a; ++b) normal[a][b] = all(a == b ? targets.damping : 0);
+        for (int b = 0; b <= a; ++b) normal[a][b] = all(0);
+    Vector lever = all(0);
     for (Index i = 0; i < targets.links; ++i) {
         if (!targets.moves[i]) continue;
         const Threes along = limb.along[i];
@@ -154,11 +157,14 @@ static inline Vector bend_once(const SpatialTree &tree, const LimbTargets &targe
                            ? Moving{along, nothing()}
                            : Moving{cross(along, point - limb.origin[i]), weight * along};
         const Moving &rate = limb.rate[i];
+        lever += dot(rate.linear, rate.linear);
         const Vector of[] = {rate.linear.x,  rate.linear.y,  rate.linear.z,
                              rate.angular.x, rate.angular.y, rate.angular.z};
         for (int a = 0; a < 6; ++a)
             for (int b = 0; b <= a; ++b) normal[a][b] += of[a] * of[b];
     }
+    const Vector damping = all(targets.damping) + square_root(dot(miss.linear, miss.linear) * lever);
+    for (int a = 0; a < 6; ++a) normal[a][a] += damping;
     solve_six(normal, right);
     const Moving pull = {{right[0], right[1], right[2]}, {right[3], right[4], right[5]}};
     Vector largest = all(0);

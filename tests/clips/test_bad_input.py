@@ -180,7 +180,10 @@ def test_a_robot_that_hangs_is_remarked(robot: fp.Robot, tmp_path: Path) -> None
     assert any(re.search(r"ground from 0\.00 to 1\.00 m high: of a robot that hangs", each) for each in check.remarks)
     level = fp.check_clip(fp.load_clip(path, model=robot, fps=FPS, ground=0.0))
     assert not any("hangs" in remark for remark in level.remarks)
-    assert level.flights[0].flight.begin == 0.0
+    assert [judged.verdict for judged in level.flights] == ["afloat", "physical"]
+    afloat, falls = level.flights
+    assert afloat.flight.begin == 0.0
+    assert falls.flight.begin == pytest.approx(1.0, abs=0.05)
 
 
 def test_options_that_contradict_the_file(robot: fp.Robot, tmp_path: Path) -> None:

@@ -173,3 +173,18 @@ def test_a_page_shows_it(model: Path, tmp_path: Path, floatplan: Callable[..., A
     assert page.count("<svg") == 8
     assert "falls at 7.00" in page
     assert "nan" not in page
+
+
+def test_a_base_with_another_axis_upwards(tmp_path: Path) -> None:
+    frame = (
+        '<link name="frame"/><joint name="fixed" type="fixed"><parent link="frame"/><child link="base"/>'
+        f'<origin rpy="{-np.pi / 2} 0 0"/></joint></robot>'
+    )
+    model = tmp_path / "y_upwards.urdf"
+    model.write_text(samples.robot_text().replace("</robot>", frame))
+    hop = samples.hops(50)
+    turned = replace(hop, attitudes=hop.attitudes * Rotation.from_rotvec([np.pi / 2, 0.0, 0.0]))
+    path = samples.write_csv(turned, tmp_path / "clip.csv", digits=9)
+    clip = fp.load_clip(path, model=model, fps=50, quaternion="xyzw")
+    assert clip.scene.foot_names == ("l_shank", "r_shank")
+    assert [judged.verdict for judged in fp.check_clip(clip).flights] == ["physical"]

@@ -107,6 +107,26 @@ def test_a_leg_is_bent_to_where_its_foot_is_to_be(robot: fp.Robot) -> None:
     assert (np.linalg.norm(now - place, axis=1) <= np.linalg.norm(before - place, axis=1) + 1e-9).all()
 
 
+def test_a_straight_leg_does_not_swing(robot: fp.Robot) -> None:
+    """It is too short for most targets: then it stays next to straight, and its foot as near as it can be."""
+    leg = Limb(robot, (2, 3), (2, 3))
+    begin = np.tile([0.0, 0.01, 0.0, 0.0], (COUNT, 1))
+    bases = np.zeros((COUNT, 3))
+    upright = np.tile(np.eye(3), (COUNT, 1, 1))
+    poses = body_poses(robot, bases, upright, begin)
+    local = np.zeros((COUNT, 3))
+    local[:, 2] = -0.2
+    missing = np.linspace(0.0, 0.03, COUNT)[:, None]  # [m]
+    place = on_body(poses, 3, local)
+    bent = leg.bent(bases, upright, begin, local, place - missing * [0.0, 0.0, 1.0], poses.rotations[:, 3])
+    assert np.abs(bent).max() < 0.02
+    moved = begin.copy()
+    moved[:, :2] = bent
+    foot = on_body(body_poses(robot, bases, upright, moved), 3, local)
+    misses = np.linalg.norm(foot - place + missing * [0.0, 0.0, 1.0], axis=1)
+    np.testing.assert_allclose(misses, missing[:, 0], atol=1e-4)
+
+
 def test_turns_by_momentum_are_derivatives(robot: fp.Robot) -> None:
     grid = cells(8, 6)
     positions = 0.5 * np.sin(3.0 * grid.s[:, None] + np.arange(4))

@@ -196,7 +196,7 @@ class Limb:
             "LimbTargets",
             instants=len(positions),
             links=len(columns),
-            sweeps=8,  # steps of Gauss and Newton: they converge in fewer
+            sweeps=30,  # steps of Levenberg and Marquardt: those of bent limbs converge in 3 to 8
             chain=integers(columns),
             moves=integers([joint in self.moved for joint in self.chain]),
             base=doubles(base_positions),
@@ -205,7 +205,7 @@ class Limb:
             target=doubles(target),
             attitude=doubles(attitude),
             turn_weight=0.01,  # [m/rad] with fewer than six joints the position wins
-            damping=1e-7,  # [m^2]
+            damping=1e-7,  # [m^2] at the least
             settled=1e-8,  # [rad] the next step changes nothing
             positions=result,
         )
