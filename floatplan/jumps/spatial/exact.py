@@ -219,7 +219,7 @@ def _fine_motion(
     begin, end = program.borders[index], program.borders[index + 1]
     coarse = program.times(solution.durations)[begin : end + 1]
     # On two feet nothing bears the moment about the line between instants: there they are denser.
-    times = refined(coarse, 10 if len(program.phases[index].feet) == 2 else 6)
+    times = refined(coarse, 12 if len(program.phases[index].feet) == 2 else 6)
     interval = np.minimum(np.searchsorted(coarse, times, "right") - 1, len(coarse) - 2)
     step = np.diff(coarse)[interval]
     since = times - coarse[interval]

@@ -22,7 +22,6 @@ from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
-from floatplan.tables import STEEPEST
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
@@ -42,6 +41,7 @@ class SpatialBounds:
     clearance : m, of what is no foot from the ground
     lift : m, of feet in the middle of the flight
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
+    tilt : rad, of the middle one of the base's angles
     """
 
     torque: Array
@@ -53,6 +53,7 @@ class SpatialBounds:
     clearance: float
     lift: float
     dip: float
+    tilt: float
 
 
 @dataclass(frozen=True)
@@ -414,7 +415,6 @@ class SpatialProgram:
         bounds = self.bounds
         low = np.full(self.size, -np.inf)
         high = np.full(self.size, np.inf)
-        steepest = STEEPEST - math.radians(5.0)  # a little less than what the flight's plan may tilt
         for node, kind in enumerate(self.kinds):
             begin = self.begins[node]
             if kind.is_end:
@@ -427,8 +427,8 @@ class SpatialProgram:
                     low[begin : begin + 2] = -np.inf
                     high[begin : begin + 2] = np.inf
             else:
-                low[begin + 4] = -steepest
-                high[begin + 4] = steepest
+                low[begin + 4] = -bounds.tilt
+                high[begin + 4] = bounds.tilt
                 low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T
                 low[begin + n + BASE : begin + 2 * n] = -bounds.velocity
                 high[begin + n + BASE : begin + 2 * n] = bounds.velocity

@@ -11,7 +11,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.phases import Side
 from floatplan.jumps.setup import NodeMargins, duration_bounds
-from floatplan.jumps.spatial.model import SpatialModel
+from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.phases import SpatialPhase, side_phases, usual_groups
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialBounds, SpatialEnds, SpatialProgram
 from floatplan.jumps.spatial.standing import (
@@ -29,7 +29,7 @@ from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
-from floatplan.tables import POINT_FEET
+from floatplan.tables import POINT_FEET, STEEPEST
 
 IN_PLANE = "is for jumps in a plane, so far"
 
@@ -84,12 +84,24 @@ class SpatialSetup:
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
             lift=margins.lift,
             dip=margins.dip,
+            tilt=self._largest_tilt,
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
         points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
         return SpatialProgram(model, phases, self.ends, points, corners, bounds, request.friction)
+
+    @property
+    def _largest_tilt(self) -> float:
+        """Of the base's middle angle, rad: a little less than what the flight's plan may tilt.
+
+        Where flip and twist are more than a whole rotation, it is much less: with the middle angle near 90 degrees they
+        become half the flip, and the twist in the other direction about another axis.
+        """
+        rotation = float(np.abs(np.diff(self.ends.y[:, 3:BASE], axis=0)).sum())
+        is_combined = rotation > 2 * math.pi + 0.1
+        return math.radians(35.0) if is_combined else STEEPEST - math.radians(5.0)
 
     @property
     def _lowest(self) -> float:
