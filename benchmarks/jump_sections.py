@@ -22,7 +22,9 @@ from floatplan.jumps.setup import jump_setup
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")
 PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
-GAINS_IN_SPACE = (40.0, 0.7)  # with more damping the shanks, of 0.003 kg m^2, ring where no rotor is on them
+PERTURBED_IN_SPACE = "mass=5%,friction=17.647%,armature=0.005,noise=0.1deg,delay=4ms"
+# With more damping shanks, of 0.003 kg m^2 those of a Go2, ring where no rotor is on them. Others are searched for.
+GAINS_IN_SPACE = {"a1": (40.0, 0.7), "go1": (40.0, 0.7), "go2": (40.0, 0.7), "solo12": (4.0, 0.1)}
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -97,21 +99,21 @@ def contact(counts: Counts) -> None:
 def contact_in_space(counts: Counts) -> None:
     """Jumps in space in MuJoCo with contact, without corrections in flight and with them at 250 Hz."""
     paths = sorted((PROBLEMS / "jumps" / "space").glob("*.toml"))[: counts.stunts]
-    about = f"{counts.landings} flights of each jump, friction {GRIP}, {PERTURBED}, armature=0.005"
-    heading(f"contact in space: {about}")
+    heading(f"contact in space: {counts.landings} flights of each jump, friction {GRIP}, {PERTURBED_IN_SPACE}")
     rows = []
     for path in paths:
         found = fp.jump(path)
         if not found.ok:
             rows.append([path.stem, "not found", *[0] * 5])
             continue
+        robot = path.stem.partition("_")[0]
         flown = fp.replay_jump(
             found,
             250.0,
-            perturb=f"{PERTURBED},armature=0.005",
+            perturb=PERTURBED_IN_SPACE,
             flights=counts.landings,
             friction=GRIP,
-            gains=GAINS_IN_SPACE,
+            gains=GAINS_IN_SPACE.get(robot, (None, None)),
             budget=None,
         )
         assert flown.corrected is not None
