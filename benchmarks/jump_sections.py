@@ -22,7 +22,11 @@ from floatplan.jumps.setup import jump_setup
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")
 PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
-GAINS_IN_SPACE = (40.0, 0.7)  # with more damping the shanks, of 0.003 kg m^2, ring where no rotor is on them
+PERTURBED_IN_SPACE = "mass=5%,friction=17.647%,noise=0.1deg,delay=4ms"
+# Stiffness, damping, and armature that is unknown, kg m^2, by robot; without gains they are searched for. With more
+# damping shanks, of 0.003 kg m^2 those of a Go2, ring where no rotor is on them.
+GAINS_IN_SPACE = dict.fromkeys(("a1", "go1", "go2"), ((40.0, 0.7), 0.005)) | {"solo12": ((8.0, 0.12), 0.0005)}
+SEARCHED = ((None, None), 0.005)
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -97,21 +101,21 @@ def contact(counts: Counts) -> None:
 def contact_in_space(counts: Counts) -> None:
     """Jumps in space in MuJoCo with contact, without corrections in flight and with them at 250 Hz."""
     paths = sorted((PROBLEMS / "jumps" / "space").glob("*.toml"))[: counts.stunts]
-    about = f"{counts.landings} flights of each jump, friction {GRIP}, {PERTURBED}, armature=0.005"
-    heading(f"contact in space: {about}")
+    heading(f"contact in space: {counts.landings} flights of each jump, friction {GRIP}, {PERTURBED_IN_SPACE}")
     rows = []
     for path in paths:
         found = fp.jump(path)
         if not found.ok:
             rows.append([path.stem, "not found", *[0] * 5])
             continue
+        gains, armature = GAINS_IN_SPACE.get(path.stem.partition("_")[0], SEARCHED)
         flown = fp.replay_jump(
             found,
             250.0,
-            perturb=f"{PERTURBED},armature=0.005",
+            perturb=f"{PERTURBED_IN_SPACE},armature={armature}",
             flights=counts.landings,
             friction=GRIP,
-            gains=GAINS_IN_SPACE,
+            gains=gains,
             budget=None,
         )
         assert flown.corrected is not None

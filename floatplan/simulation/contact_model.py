@@ -149,7 +149,7 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     """Return a jump's robot on its ground; of ``reduced`` nothing is rigid.
 
     Feet are spheres about their frames, as large as these are high above the ground where they stand; each end of a
-    sole is one of ``SMALLEST``.
+    sole, in space its heel and each toe, is one of ``SMALLEST``.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def _feet_in_space(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
     for foot in jump.contacts:
         radius = max(foot.depth, SMALLEST)
         upwards = data.oMi[foot.body].rotation.T @ jump.robot.up
-        feet[foot.frame] = (foot.body, foot.local + (radius - foot.depth) * upwards, radius)
+        feet[foot.name] = (foot.body, foot.local + (radius - foot.depth) * upwards, radius)
     return feet
 
 

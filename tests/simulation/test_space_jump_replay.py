@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ import pytest
 from jumps import roll
 
 import floatplan as fp
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.spatial.standing import Foot
 from floatplan.simulation.contact_model import ContactRobot
 from floatplan.simulation.jump_flight import PERIOD, JumpControl
 from floatplan.simulation.perturbation import Perturbation
@@ -95,6 +98,28 @@ def test_feet_and_links_stand_where_the_jump_has_them() -> None:
     for foot in jump.contacts:
         place = data.oMi[foot.body].act(np.array(foot.local))
         assert robot.data.geom(foot.frame).xpos[:2] == pytest.approx(place[:2], abs=1e-3)
+
+
+def test_each_point_of_a_sole_touches_the_ground(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three spheres of one link, where its points are."""
+    jump = roll()
+    control = JumpControl(jump, np.ones((2, 12)), None)
+    foot = jump.contacts[0]
+    sole = []
+    for suffix, local in zip(Foot.of_soles, ((-0.05, 0.0, 0.0), (0.1, 0.03, 0.0), (0.1, -0.03, 0.0)), strict=True):
+        sole.append(replace(foot, suffix=suffix, local=local, depth=0.0))
+    feet = [*jump.contacts, *sole]
+    monkeypatch.setattr(JumpMotion, "contacts", feet)
+    robot = ContactRobot(jump, control.reduced, 0.6, Perturbation().sampled(0, 0, 12, jump.robot.model.njoints))
+    first = control.planned.positions[0]
+    robot.begin(first[[0, 1, 2, 6, 3, 4, 5]], first)
+    assert robot.feet == tuple(dict.fromkeys(point.name for point in feet))
+    data = jump.robot.model.createData()
+    pin.forwardKinematics(jump.robot.model, data, first)
+    for point in sole:
+        radius = robot.model.geom(point.name).size[0]
+        place = data.oMi[point.body].act(np.array(point.local))
+        np.testing.assert_allclose(robot.data.geom(point.name).xpos - [0.0, 0.0, radius], place, atol=1e-9)
 
 
 def test_without_a_turn_it_does_not_stand() -> None:
