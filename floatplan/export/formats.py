@@ -3,6 +3,7 @@
 import json
 import zipfile
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -18,7 +19,7 @@ from floatplan.export.model_names import MjcfModel, ModelNames, matched, own_mjc
 from floatplan.export.motion import Exported, exported
 from floatplan.export.ros_bag import mcap_content
 from floatplan.export.table import archive
-from floatplan.files import write_atomically
+from floatplan.files import write_all, write_atomically
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory, sample_times
 from floatplan.robot.robot import Robot
@@ -86,20 +87,25 @@ def export(
     if (of_plans is not None or not format_.gains) and (kp is not None or kd is not None):
         with_gains = [name for name, other in FORMATS.items() if other.gains and other.of_plans is None]
         raise _no_room("gains", form, with_gains)
-    path = format_.file if path is None else path
+    path = Path(format_.file if path is None else path)
     if of_plans is not None:
         return write_atomically(path, of_plans(motion, rate))
     sampled = exported(motion, kp, kd, names)
-    content = format_.content(sampled, rate)
-    extras = format_.extras(sampled, rate) if format_.extras is not None else ""
-    if extras:
-        write_atomically(extras_path(path), extras)
-    return write_atomically(path, content)
+    contents = {path: format_.content(sampled, rate)}
+    if format_.extras is not None:
+        extras = format_.extras(sampled, rate)
+        if extras:
+            contents[extras_path(path)] = extras
+        else:
+            with suppress(OSError):  # it may not be there, or may not be removed
+                extras_path(path).unlink()  # of another motion, under the same name
+    return write_all(contents)[0]
 
 
 def extras_path(path: str | Path) -> Path:
     """Return where the second file of a format lies that has :attr:`Format.extras`: ``motion.extras.npz``."""
-    return Path(path).with_suffix(".extras.npz")
+    path = Path(path)
+    return path.parent / f"{path.stem}.extras.npz"
 
 
 def names_of_model(form: str, model: str | Path | None, robot: Robot) -> ModelNames | None:

@@ -581,6 +581,19 @@ def test_the_command_tells_of_the_second_file(floatplan, pair, tmp_path):
     assert run.stdout.strip() == str(plan_file.parent / "unitree_motion.csv")
     assert read(plan_file.parent / "unitree_motion.extras.npz")["fps"] == 30.0
     assert "extras" not in floatplan("export", plan_file, "-f", "gmr").stderr
+    older = plan_file.parent / "loco_mujoco.extras.npz"
+    older.write_bytes(b"of another motion")
+    assert "extras" not in floatplan("export", plan_file, "-f", "loco-mujoco").stderr
+    assert not older.exists()
+
+
+def test_where_no_file_can_be_there_is_no_second_one(floatplan, pair, tmp_path):
+    plan_file = pair.save(tmp_path / "run" / "plan.json")
+    for output in (tmp_path, ".", ""):
+        run = floatplan("export", plan_file, "-f", "motion-csv", "-o", output)
+        assert run.code == 2
+        assert run.stderr.count("error: ") == 1
+    assert not list(tmp_path.rglob("*.npz"))
 
 
 WRONG = {
