@@ -101,7 +101,7 @@ class SpatialSetup:
         """
         rotation = float(np.abs(np.diff(self.ends.y[:, 3:BASE], axis=0)).sum())
         is_combined = rotation > 2 * math.pi + 0.1
-        return math.radians(35.0) if is_combined else STEEPEST - math.radians(5.0)
+        return math.radians(45.0) if is_combined else STEEPEST - math.radians(5.0)
 
     @property
     def _lowest(self) -> float:
