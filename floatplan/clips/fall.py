@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from scipy.special import fdtri, stdtrit
 
 from floatplan.arrays import Array
 
-LEAST_NOISE = 5e-5  # [m] of the centre of mass in a frame: digits of files, and splines between frames
 NOISE_FACTOR = 2.5  # [-] of the frames' own noise, by which motions may be off
 
 
@@ -24,11 +24,14 @@ class Fall:
     sideways : m/s^2, the acceleration across
     rms : m, root mean square of what is left, of one coordinate
     noise : m, the same of what changes from frame to frame
+    least_noise : m, of the centre of mass in a frame: digits of files, and splines between frames
     coefficients : (3, 3)
         Position, velocity and half the acceleration (by row), at the middle of the flight.
     times : (K,) s, of the frames
     places : (K, 3) m, of the centre of mass in the frames, in the world
     """
+
+    least_noise: ClassVar[float] = 5e-5
 
     fall: float
     interval: float
@@ -80,7 +83,7 @@ def fit_fall(times: Array, places: Array) -> Fall:
     interval = np.inf
     if freedom > 0:
         covariance = np.linalg.inv(terms.T @ terms)
-        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, LEAST_NOISE)
+        deviation = 2.0 * np.sqrt(covariance[2, 2]) * max(rms, Fall.least_noise)
         confidence = 0.9995  # [-] one-sided: one false alarm in a thousand flights whose noise is as assumed
         interval = float(stdtrit(3 * freedom, confidence) * deviation)
     return Fall(
@@ -120,7 +123,7 @@ def fit_longer_fall(times: Array, places: Array, first: int, last: int) -> Fall:
                 longer = fit_fall(times[low : high + 1], places[low : high + 1])
             freedom = 3 * (len(fall.times) - 3)
             grown = longer.squares - fall.squares
-            noise = max(fall.rms, LEAST_NOISE)
+            noise = max(fall.rms, Fall.least_noise)
             if longer is fall or grown > 3.0 * noise**2 * fdtri(3, freedom, confidence):
                 steps.remove(step)
                 continue

@@ -21,7 +21,6 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
-LEAST_CLEARANCE = 0.005  # [m] over the ground, above which a foot may be: more than noise of frames that stand
 LEAST_DURATION = 0.1  # [s] of a flight: a shorter one is noise of the frames
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
 BASE_BODY = 1  # the model's joint that carries the base
@@ -197,7 +196,8 @@ class Scene:
 
     @cached_property
     def _longest_flights(self) -> tuple[ClipFlight, ...]:
-        stretches = self._stretches_in_the_air(LEAST_CLEARANCE)
+        low = 0.005  # [m] of feet that may be in the air: more than noise of frames that stand
+        stretches = self._stretches_in_the_air(low)
         return tuple(self._flight(first, last) for first, last in stretches)
 
     def _stretches_in_the_air(self, clearance: float) -> list[tuple[int, int]]:

@@ -6,7 +6,7 @@ import clip_samples as samples
 import numpy as np
 from scipy import stats
 
-from floatplan.clips.fall import LEAST_NOISE, fit_fall, fit_longer_fall
+from floatplan.clips.fall import Fall, fit_fall, fit_longer_fall
 
 NOISE = 5e-4  # [m]
 TIMES = np.arange(31) / 30.0
@@ -52,5 +52,5 @@ def test_the_interval_is_that_of_students_t() -> None:
     fall = fit_fall(TIMES[IN_AIR], hop(9.0)[IN_AIR])
     since = TIMES[IN_AIR] - TIMES[IN_AIR].mean()
     terms = np.vander(since, 3, increasing=True)
-    deviation = 2.0 * np.sqrt(np.linalg.inv(terms.T @ terms)[2, 2]) * LEAST_NOISE
+    deviation = 2.0 * np.sqrt(np.linalg.inv(terms.T @ terms)[2, 2]) * Fall.least_noise
     np.testing.assert_allclose(fall.interval, stats.t.ppf(0.9995, 24) * deviation, rtol=1e-12)
