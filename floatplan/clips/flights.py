@@ -323,7 +323,7 @@ def _upright(attitudes: Array) -> Array:
     far = np.cos(np.deg2rad(60.0))  # [rad] no robot bends so far where it stands
     near = np.cos(np.deg2rad(30.0))  # [rad] it stands the same way at both ends
     if first[2] < far and last[2] < far and first @ last > near:
-        return attitudes[0]
+        return np.asarray(attitudes[0])
     return np.eye(3)
 
 
