@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -243,9 +244,13 @@ def _off_the_ground(clip: Clip) -> float:
     """How far feet are from being what stands on one level, m.
 
     That is by how much the height of the lowest foot changes in the lower half of its heights, without the lowest
-    tenth, and how far it usually is above the lowest of all other bodies.
+    tenth, and how far it usually is above the lowest of all other bodies. It is infinite where there seems to be no foot,
+    as of a robot that a wrong order puts on its head.
     """
-    scene = clip.scene
+    try:
+        scene = clip.scene
+    except InputError:
+        return math.inf
     lowest = scene.foot_heights.min(axis=1)
     low, high = np.percentile(lowest, [10, 50])
     above = lowest - scene.other_heights.min(axis=1, initial=np.inf)
