@@ -244,8 +244,8 @@ def _off_the_ground(clip: Clip) -> float:
     """How far feet are from being what stands on one level, m.
 
     That is by how much the height of the lowest foot changes in the lower half of its heights, without the lowest
-    tenth, and how far it usually is above the lowest of all other bodies. It is infinite where there seems to be no foot,
-    as of a robot that a wrong order puts on its head.
+    tenth, and how far it usually is above the lowest of all other bodies. It is infinite where there seems to be no
+    foot, as of a robot that a wrong order puts on its head.
     """
     try:
         scene = clip.scene
