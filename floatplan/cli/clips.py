@@ -147,7 +147,8 @@ def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, 
     )
 
     if not 0 <= number < len(clip.flights):
-        reason = f"there is no flight {number}: the clip has {len(clip.flights)}"
+        numbers = f"they are 0 to {len(clip.flights) - 1}" if clip.flights else "the clip has none"
+        reason = f"there is no flight {number}: {numbers}"
         raise InputError(reason, element="--problem")
     requested = _choice(choice)
     judged = judge_flight(clip, clip.flights[number])
