@@ -21,10 +21,9 @@ from floatplan.files import json_value, write_atomically
 from floatplan.motion.spatial.kinematics import centre_of_mass
 from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
-from floatplan.view.report.data import robot_in_space, rounded
+from floatplan.view.report.data import moving_robot
 from floatplan.view.report.report import page
 from floatplan.view.solids import rendered_solids
-from floatplan.view.style import PALETTE
 
 STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
@@ -144,22 +143,15 @@ def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
     placed = np.concatenate([poses.points(solid.body, solid.points) for solid in rendered_solids(robot)], axis=1)
     low = placed.min(axis=(0, 1))
     high = placed.max(axis=(0, 1))
-    return {
-        "duration": end - begin,
-        "columns": {name: rounded(values) for name, values in columns.items()},
-        "robot": robot_in_space(robot),
-        "frames": [],
-        "trail": PALETTE.trails[0],
-        "obstacles": [],
-        "ground": [],
-        "floor": [rounded(line) for line in floor_lines(low, high, float(clip.ground.at(times[:1])[0]))],
-        "ghosts": [],
-        "goal": {
-            "base": rounded([*poses.places[-1, 1], *quaternions[-1]]),
-            "positions": rounded(positions[-1]),
-            "com": rounded(com[-1]),
+    return moving_robot(
+        robot,
+        columns,
+        duration=end - begin,
+        ball=((low + high) / 2, float(np.linalg.norm(high - low)) / 2),
+        floor=floor_lines(low, high, float(clip.ground.at(times[:1])[0])),
+        goal={
+            "base": [*poses.places[-1, 1], *quaternions[-1]],
+            "positions": positions[-1],
+            "com": com[-1],
         },
-        "ball": {"centre": rounded((low + high) / 2), "radius": float(np.linalg.norm(high - low)) / 2},
-        "vector": None,
-        "scale": "",
-    }
+    )
