@@ -25,7 +25,7 @@ template <typename Remaining> class Correcting {
         arena.take(residual, most);
         arena.take(first, (6 + width) * n);
         arena.take(worst, f.blocks);
-        arena.take(sorted, f.block_first[f.blocks] * f.instants);
+        arena.take(near, f.block_first[f.blocks] * f.instants + 1);
         for (At *each : {present, tried}) rest.lay_out(arena, *each);
     }
 
@@ -80,8 +80,9 @@ template <typename Remaining> class Correcting {
     At two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *begun, *hessian, *jacobian, *residual, *first, *worst, *sorted;
+    double *best, *y, *step, *begun, *hessian, *jacobian, *residual, *first, *worst;
     double *of_miss;  // (e, size): of the present motion
+    Index *near;      // of a block, the numbers row * K + instant of what is below its aim
 
     // What is kept, and what changes are of: the present motion.
     void begin_at_present() {
@@ -252,25 +253,27 @@ template <typename Remaining> class Correcting {
 
     // The rows of a block that are below their aim, at most so many, the worst.
     void gather(Index block) {
-        const Index K = f.instants, begin = f.block_first[block] * K, end = f.block_first[block + 1] * K;
-        double *violation = present->violation, floor = 0;
-        Index near = 0;
-        for (Index e = begin; e < end; ++e) near += violation[e] > 0;
-        if (near > f.options.most_rows) {
-            double *end_sorted = sorted, *place;
-            for (Index e = begin; e < end; ++e) *end_sorted++ = violation[e] > 0 ? violation[e] : 0;  // none is NaN
-            std::nth_element(sorted, place = end_sorted - f.options.most_rows - 1, end_sorted);
-            floor = *place;
+        const double *violation = present->violation;
+        if (present->worst[block] >= f.aim[block]) return;
+        Index *end = near;
+        const Index last = f.block_first[block + 1] * f.instants;
+        for (Index entry = f.block_first[block] * f.instants; entry < last; ++entry) {
+            *end = entry;  // kept where the next one is not written over it
+            end += violation[entry] > 0;
         }
-        Index left = f.options.most_rows;
-        for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
-            for (Index e = begin; e < end && left; ++e) {
-                if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
-                --left;
-                double *row = jacobian + rows * size;
-                rest.differentiate(*present, e / K, e % K, row);
-                for (Index a = 0; a < size; ++a) row[a] /= f.softness[block];
-                residual[rows++] = -violation[e];
-            }
+        if (end - near > f.options.most_rows) {
+            const auto is_worse = [violation](Index a, Index b) {  // of legs that move alike, the first
+                return violation[a] != violation[b] ? violation[a] > violation[b] : a < b;
+            };
+            std::nth_element(near, near + f.options.most_rows, end, is_worse);
+            end = near + f.options.most_rows;
+            std::sort(near, end);
+        }
+        for (const Index *entry = near; entry < end; ++entry) {
+            double *row = jacobian + rows * size;
+            rest.differentiate(*present, *entry / f.instants, *entry % f.instants, row);
+            for (Index a = 0; a < size; ++a) row[a] /= f.softness[block];
+            residual[rows++] = -violation[*entry];
+        }
     }
 };
