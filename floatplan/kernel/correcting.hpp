@@ -20,7 +20,8 @@ template <typename Remaining> class Correcting {
         const Index most = e + f.options.most_rows * f.blocks;
         for (double **each : {&best, &y, &step, &begun}) arena.take(*each, size);
         arena.take(of_miss, e * size);
-        arena.take(hessian, size * size);
+        arena.take(system, size * size);
+        arena.take(shares, size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
         arena.take(first, (6 + width) * n);
@@ -80,7 +81,7 @@ template <typename Remaining> class Correcting {
     At two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *begun, *hessian, *jacobian, *residual, *first, *worst;
+    double *best, *y, *step, *begun, *system, *shares, *jacobian, *residual, *first, *worst;
     double *of_miss;  // (e, size): of the present motion
     Index *near;      // of a block, the numbers row * K + instant of what is below its aim
 
@@ -217,8 +218,8 @@ template <typename Remaining> class Correcting {
         for (Index a = 0; a < e; ++a) residual[a] = present->miss[a] / sigma;
         rows = e;
         for (Index block = 0; block < f.blocks; ++block) gather(block);
-        if (rows == e) step_along_miss();
-        else step_along_all();
+        if (rows < size) step_by_rows();
+        else step_by_changes();
         expected = 0;
         for (Index r = 0; r < rows; ++r) {
             const double left = dot(jacobian + r * size, step, size, residual[r]);
@@ -227,28 +228,33 @@ template <typename Remaining> class Correcting {
         for (Index a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
     }
 
-    // No limit is near: in closed form, by a system of as many equations as there are numbers of the miss.
-    void step_along_miss() {
-        double system[e * e], shares[e];
-        for (Index a = 0; a < e; ++a) {
-            const double *row = jacobian + a * size;
-            shares[a] = dot(row, best, size) - residual[a];
-            for (Index b = 0; b < e; ++b) system[a * e + b] = (a == b) * stiffness + dot(row, jacobian + b * size, size);
+    // With the matrix J of the rows and their residuals r: the least sum is at y = J^T (J J^T + stiffness)^-1 (J best - r),
+    // as many equations as there are rows, most often one for each number of the miss.
+    void step_by_rows() {
+        for (Index a = 0; a < rows; ++a) {
+            multiply_vector(jacobian, rows, size, size, jacobian + a * size, system + a * rows);
+            system[a * rows + a] += stiffness;
         }
-        eliminate(system, shares, e);
-        for (Index k = 0; k < size; ++k) step[k] = jacobian[k] * shares[0] - best[k];
-        for (Index a = 1; a < e; ++a) add(shares[a], jacobian + a * size, size, step);
+        multiply_vector(jacobian, rows, size, size, best, shares);
+        for (Index a = 0; a < rows; ++a) shares[a] -= residual[a];
+        eliminate(system, shares, rows);
+        for (Index k = 0; k < size; ++k) step[k] = -best[k];
+        for (Index a = 0; a < rows; ++a) add(shares[a], jacobian + a * size, size, step);
     }
 
-    void step_along_all() {
-        zero(hessian, size * size);
-        for (Index a = 0; a < size; ++a) hessian[a * size + a] = stiffness, step[a] = -stiffness * best[a];
+    // The same by (J^T J + stiffness) step = -J^T r - stiffness best, as many equations as there are changes.
+    void step_by_changes() {
+        zero(system, size * size);
+        for (Index a = 0; a < size; ++a) {
+            system[a * size + a] = stiffness;
+            step[a] = -stiffness * best[a];
+        }
         for (Index r = 0; r < rows; ++r) {
             const double *row = jacobian + r * size;
             add(-residual[r], row, size, step);
-            for (Index a = 0; a < size; ++a) add(row[a], row, size, hessian + a * size);
+            for (Index a = 0; a < size; ++a) add(row[a], row, size, system + a * size);
         }
-        eliminate(hessian, step, size);
+        eliminate(system, step, size);
     }
 
     // The rows of a block that are below their aim, at most so many, the worst.
