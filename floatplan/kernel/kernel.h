@@ -272,7 +272,7 @@ typedef struct {
 typedef struct {
     Index gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
     double far, weighed, settled, shorter, kept, taken_back, scales[2];
-    double angle_noise, rate_noise, largest_error, surprising;
+    double angle_noise, rate_noise, largest_error, surprising, believable, outlier_noise;
 } CorrectionOptions;
 
 // A tree of bodies in space; body 0 is a free base, body j + 1 is moved by joint j, which turns about an axis or slides.
@@ -407,10 +407,11 @@ typedef struct {
     double began, measured, now, landing;
     double *measured_orientation, *measured_rate;    // angle or (3, 3), (e)
     double *measured_positions, *measured_velocities;  // (n)
-    double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double *positions, *map;                         // (n): where the joints are to be; (n + 1)
+    double *joints_off, *rate_off, *allowed;         // (2, n), (e), (e): of what is measured, see Expected in Python
     double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
     double *turn_before, *turn_after;                // angle or (3, 3)
-    double *expected_rate, *aside, *variance, *noise;  // (e)
+    double *expected_rate, *aside, *noise;           // (e)
     Index evaluations, is_warm;
     double *warm_start, *coefficients, *planned, *worst;  // (width, n), twice (columns, n), (blocks)
     double *row_values, *torque_peak;                // (rows, K), (motors)
