@@ -159,7 +159,9 @@ class TestWrites:
             (["show", "--gif"], "flight.gif"),
             (["certify", "--save"], "plan.json"),
             (["replay", "--save"], "plan.json"),
-            (["replay", "--replan", "100", "--flights", "1", "-o", "."], "flights.html"),
+            pytest.param(
+                ["replay", "--replan", "100", "--flights", "1", "-o", "."], "flights.html", marks=pytest.mark.long
+            ),
         ],
     )
     def test_on_a_full_disk_the_file_is_named(self, floatplan, plan_file, tmp_path, monkeypatch, arguments, file):
@@ -328,13 +330,13 @@ def test_a_folder_whose_name_is_no_text_is_told(root, tmp_path, floatplan, monke
     """Its bytes are not UTF-8, so that no problem file can lead there; beside the robot it need not."""
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/d\xe9\xff"))
     folder.mkdir()
-    shutil.copy(root / "urdf" / "gymnast.urdf", folder / "robot.urdf")
+    shutil.copy(root / "urdf" / "acrobat.urdf", folder / "robot.urdf")
+    monkeypatch.setitem(sys.modules, "casadi", None)  # no jump is looked for, which takes seconds
     run = floatplan("init", folder / "robot.urdf", "-o", tmp_path / "here.toml")
     assert run.code == 2
     assert "cannot be written: it would hold" in run.stderr
     assert "which is not UTF-8; rename the file or folder" in run.stderr
     assert not (tmp_path / "here.toml").exists()
-    monkeypatch.setitem(sys.modules, "casadi", None)  # no jump is looked for, which takes seconds
     run = floatplan("init", folder / "robot.urdf", "-o", folder / "here.toml")
     assert run.code == 0, run.stderr
     assert run.stderr.isprintable() or "\\udce9" in run.stdout + run.stderr
