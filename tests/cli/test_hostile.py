@@ -108,19 +108,17 @@ class TestWrites:
         assert (run.code, "is not replaced" in run.stderr) == (2, True)
         assert pipe.is_fifo()
 
-    def test_what_an_older_run_made_goes(self, floatplan, root, tmp_path):
-        problem = root / "problems" / "new_configuration.toml"
-        assert floatplan("plan", problem, "-o", tmp_path, "--report", "--figures", "-q").code == 0
-        assert floatplan("export", tmp_path / "plan.json", "-f", "npz", "-q").code == 0
-        (tmp_path / "notes.txt").write_text("mine")
+    def test_what_an_older_run_made_goes(self, floatplan, root, results):
+        assert floatplan("export", results / "plan.json", "-f", "npz", "-q").code == 0
+        (results / "notes.txt").write_text("mine")
         for name in ("comparison.png", "moments.svg", "torque_use.png"):
-            (tmp_path / "figures" / name).touch()
-        older = {path.name for path in tmp_path.rglob("*") if path.is_file()}
-        assert {"report.html", "torques.png", "flight.npz"} <= older | {"flight.npz"}
-        run = floatplan("plan", problem, "-o", tmp_path, "--no-figures")
+            (results / "figures" / name).touch()
+        older = {path.name for path in results.rglob("*") if path.is_file()}
+        assert {"report.html", "torques.png", "trajectory.npz"} <= older
+        run = floatplan("plan", root / "problems" / "new_configuration.toml", "-o", results, "--no-figures")
         told = "the plan there is replaced, and what was made of it removed: report.html, trajectory.npz, figures"
-        assert (run.code, run.stderr) == (0, f"{tmp_path}: {told}\n")
-        assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == {
+        assert (run.code, run.stderr) == (0, f"{results}: {told}\n")
+        assert {path.name for path in results.rglob("*") if path.is_file()} == {
             "plan.json",
             "trajectory.csv",
             "notes.txt",
