@@ -18,7 +18,7 @@ from floatplan.plans.reading import checked, recorded_robot
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.urdf.tree import urdf_path
 
-MUTATIONS = 24  # scripts/mutations.py makes more
+MUTATIONS = 12  # scripts/mutations.py makes more
 SHARP = 3e-6  # [m] to which least distances are enclosed, and found by the judge
 SHORT = {"pairs": 2e-3, "heights": 2e-3, "faces": 2e-2}  # [m] to which bounds over a 32nd of a cell are sharp
 LITTLE = 1e-6  # [m] that a violation is refuted by

@@ -119,7 +119,7 @@ def test_without_tilt_all_feet_stand(root, name):
 
 def test_feet_are_held_where_they_stand(problem):
     """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
-    program = spatial_setup(problem, problem.jump).program(planner.MARGINS)
+    program = spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
     raw = guess(program)
     parameters = np.zeros(program.size + 1)
     of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])

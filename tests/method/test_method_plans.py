@@ -77,7 +77,8 @@ def test_plans_of_real_robots_are_minima_of_the_reference(name: str, planned: Ca
     assert same_minimum(kernel).objective_value == pytest.approx(kernel.objective_value, rel=SAME)
 
 
-@pytest.mark.parametrize("name", cases(SEVERAL, SEVERAL[1:]))
+@pytest.mark.long
+@pytest.mark.parametrize("name", SEVERAL)
 def test_each_finds_a_plan_and_the_kernel_s_is_a_minimum_of_the_reference(
     name: str, planned: Callable[[str], fp.Plan]
 ) -> None:

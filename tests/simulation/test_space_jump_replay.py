@@ -24,8 +24,8 @@ PERTURBED = "mass=5%,armature=0.005,noise=0.1deg,delay=4ms"
 
 @pytest.fixture(scope="module")
 def flown() -> fp.JumpReplay:
-    """Perturbed robots, late, with corrections in flight and without."""
-    return fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=2, gains=SOFT, budget=None)
+    """A perturbed robot, late, with corrections in flight and without."""
+    return fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=1, gains=SOFT, budget=None)
 
 
 def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
