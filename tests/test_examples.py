@@ -38,7 +38,10 @@ PROMISED = {
     "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
     "the_method": "|b| = 25.0411",
 }
-LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"}
+LONG = {
+    *("fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"),
+    "sweep",
+}
 
 
 @pytest.fixture(scope="module")

@@ -30,6 +30,8 @@ LONG |= {
         "obstacles",
         "own_robot",
         "reference_motions",
+        "space",
+        "export",
     )
 }
 VERDICTS = (

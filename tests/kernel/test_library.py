@@ -59,7 +59,7 @@ def test_coefficients_are_rounded_as_exact_arithmetic_does(kernel, degree):
 @pytest.fixture
 def checkout(tmp_path):
     """The package alone, without a library."""
-    shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("*.so"))
     for name in ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path / name)
     for name in ("urdf", "problems"):
