@@ -106,7 +106,7 @@ def run(source, namespace):
     return printed.getvalue() + ("" if value is None else repr(value))
 
 
-@pytest.mark.parametrize(("name", "count"), [("first_flip", 3), ("handstand", 6)])
+@pytest.mark.parametrize(("name", "count"), [("first_flip", 3), pytest.param("handstand", 6, marks=pytest.mark.long)])
 def test_notebook_gives_the_outputs_that_it_shows(name, count, monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     cells = json.loads((EXAMPLES / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
