@@ -353,7 +353,7 @@ def test_a_path_stands_for_what_is_in_its_file(root, plan, authority, tmp_path):
     assert fp.plan_many([toml, plan.problem]).ok.all()
     assert fp.replay(file).position_error.tolist() == fp.replay(plan).position_error.tolist()
     assert fp.Replanner(str(file)).plan.coefficients.tolist() == plan.coefficients.tolist()
-    assert fp.closed_loop(file, rate=50.0, flights=1).flights == 1
+    assert fp.closed_loop(file, 50.0, flights=1, feedback=50.0).flights == 1
     assert fp.authority(file).momentum.shape == authority.momentum.shape
 
 
@@ -400,7 +400,7 @@ def test_representations_are_short_and_tell(problem, plan, authority):
     replanner = fp.Replanner(plan)
     first = plan.at(0.0)
     measured = (float(first.orientation), float(first.orientation_rate), first.positions, first.velocities)
-    flown = fp.closed_loop(plan, rate=50.0, flights=2)
+    flown = fp.closed_loop(plan, 50.0, flights=2, feedback=50.0)
     for shown, told in (
         (plans, "status: 1000 optimal"),
         (family, "varied: flight.duration (1000,) from 1.3 to 1.5"),

@@ -90,7 +90,9 @@ def compiler(benchmark):
         skip_or_fail("gcc is not installed")
 
 
-@pytest.mark.parametrize("peer", ["peers_pinocchio.PinocchioSlsqp", "peers_compiled.CompiledSqp"])
+@pytest.mark.parametrize(
+    "peer", cases(["peers_pinocchio.PinocchioSlsqp", "peers_compiled.CompiledSqp"], {"peers_compiled.CompiledSqp"})
+)
 def test_a_peer_reaches_the_optimum(peer, planned, request):
     request.getfixturevalue("compiler" if "compiled" in peer else "benchmark")
     plan = planned("new_configuration")

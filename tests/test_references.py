@@ -24,9 +24,10 @@ NAMES = problem_names()
 OF_OTHERS = {  # flights of jumps in space that are as those of the Go2
     name for name in NAMES if name.startswith("jumps/space/") and not name.startswith("jumps/space/go2")
 }
+TWISTS = {"jumps/space/go2_half_flip_half_twist", "jumps/space/go2_backflip_half_twist"}  # as that of problems/space
 
 
-@pytest.mark.parametrize("name", cases(NAMES, {*OF_OTHERS, "jumps/space/go2_half_flip_half_twist"}))
+@pytest.mark.parametrize("name", cases(NAMES, {*OF_OTHERS, *TWISTS}))
 def test_answer_is_the_reference(planned, name):
     plan, wanted = planned(name), expected[name]
     found = answer(plan)

@@ -30,9 +30,10 @@ WRITTEN = [
 ]
 
 
-@pytest.mark.parametrize(("source", "stunt", "file"), cases(WRITTEN, WRITTEN[2:]))
-def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, source: str, stunt: str, file: str) -> None:
+@pytest.mark.parametrize("written_as", cases(WRITTEN, WRITTEN[2:]), ids=lambda case: case[-1])
+def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, written_as: tuple[str, str, str]) -> None:
     """The same goal, contacts and limits; the posture to within some degrees, the displacement to a tenth."""
+    source, stunt, file = written_as
     path = tmp_path / "jump.toml"
     path.write_text(stunt_file_text(source, stunt, {}, path))
     written = fp.load_problem(path)

@@ -117,6 +117,7 @@ def test_without_tilt_all_feet_stand(root, name):
     assert [len(phase.feet) for phase in phases] == [4, 0, 4]
 
 
+@pytest.mark.long
 def test_feet_are_held_where_they_stand(problem):
     """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
     program = spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
