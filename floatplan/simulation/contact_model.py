@@ -14,9 +14,9 @@ from floatplan.arrays import Array
 from floatplan.jumps.check import LIGHT
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.base_states import base_states
-from floatplan.simulation.followed_motion import FollowedMotion
 from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
+from floatplan.simulation.tracked_motion import TrackedMotion
 
 SOLE = "sole "  # before the name of a foot's hull; a number is after it
 LINK = "link "  # before the name of its shape, since a foot may be called as its link; a number is after it
@@ -35,30 +35,30 @@ class ContactRobot:
     slips : (C,) m/s, of those that press on the ground
     """
 
-    def __init__(self, followed: FollowedMotion, friction: float, sample: Sample) -> None:
-        self.robot = followed.robot
-        reduced = followed.reduced
-        self.mujoco_robot = MujocoRobot(contact_spec(followed, friction, sample))
+    def __init__(self, tracked: TrackedMotion, friction: float, sample: Sample) -> None:
+        self.robot = tracked.robot
+        reduced = tracked.reduced
+        self.mujoco_robot = MujocoRobot(contact_spec(tracked, friction, sample))
         self.model = self.mujoco_robot.model
         self.data = self.mujoco_robot.data
         self.axes = reduced.axes
-        self.light = LIGHT * self.robot.mass * followed.gravity
-        soles = [f"{SOLE}{link} {count}" for count, (link, _, _) in enumerate(followed.shapes.soles)]
-        self.feet = (*followed.shapes.balls, *soles)
+        self.light = LIGHT * self.robot.mass * tracked.gravity
+        soles = [f"{SOLE}{link} {count}" for count, (link, _, _) in enumerate(tracked.shapes.soles)]
+        self.feet = (*tracked.shapes.balls, *soles)
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
         self.forces = np.zeros((0, 3))
         self.points = np.zeros((0, 3))
         self.slips = np.zeros(0)
-        self.is_spatial = self.robot.in_plane is None
+        self.is_spatial = reduced.model.nq != reduced.model.nv
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
-        self.ground = followed.shapes.ground
+        self.ground = tracked.shapes.ground
 
     def begin(self, base: Array, positions: Array, velocities: Array | None = None) -> None:
         """Begin with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``.
 
-        It is at rest, unless a robot in space is given velocities, as of ``robot.model`` too.
+        It is at rest, unless a robot in space has velocities, as of ``robot.model`` too.
         """
         self.data.qpos[:7] = base
         self.data.qpos[self.mujoco_robot.positions] = positions[self.base.size :]
@@ -144,7 +144,7 @@ class ContactRobot:
         return bool(has_turned and is_level and is_high)
 
 
-def contact_spec(followed: FollowedMotion, friction: float, sample: Sample) -> MujocoSpec:
+def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> MujocoSpec:
     """Return the robot of a motion on its ground.
 
     Parameters
@@ -154,9 +154,9 @@ def contact_spec(followed: FollowedMotion, friction: float, sample: Sample) -> M
     """
     mujoco = import_mujoco()
     geoms = mujoco.mjtGeom
-    robot = followed.robot
-    reduced = followed.reduced
-    shapes = followed.shapes
+    robot = tracked.robot
+    reduced = tracked.reduced
+    shapes = tracked.shapes
     up = np.asarray(robot.up, dtype=np.float64)
     mujoco_spec = MujocoSpec(robot, reduced, sample, free=True)
     spec = mujoco_spec.spec

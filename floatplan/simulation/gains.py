@@ -38,7 +38,7 @@ def joint_inertia(model: Any, posture: Array) -> Array:
     return np.asarray(1.0 / np.diagonal(inverse)[base:])
 
 
-def given_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
+def requested_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
     """Return gains (J,) as requested, else as they are by default; InputError where one is wrong."""
     if requested is None:
         return default
@@ -90,7 +90,7 @@ def usual_gains(
     kp, kd = requested
     return np.stack(
         [
-            given_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
-            given_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
+            requested_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
+            requested_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
         ]
     )

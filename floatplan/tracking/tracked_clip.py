@@ -15,19 +15,14 @@ from floatplan.errors import InputError
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
-from floatplan.simulation.contact_shapes import ContactShapes, Hull, solid_hull
 from floatplan.simulation.control_loop import Motors
-from floatplan.simulation.followed_motion import PERIOD, FollowedMotion, control_times
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.tracked_motion import PERIOD, ContactShapes, Hull, TrackedMotion, control_times, solid_hull
 from floatplan.tables import GRAVITY
 
-DOWN = np.array([0.0, 0.0, -1.0])
-# Horizontal directions in which friction acts on a point of a foot: a pyramid of four sides.
-SIDES = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
 
-
-def followed_clip(clip: Clip, friction: float) -> FollowedMotion:
-    """Return a recorded motion that is to be followed, on one level ground of some friction.
+def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
+    """Return a recorded motion that is to be tracked, on one level ground of some friction.
 
     Joints and base are those of the clip's splines; the torques are by inverse dynamics: in the air those of free
     flight, on the ground with the least forces within the friction that come nearest to what the base needs.
@@ -50,7 +45,7 @@ def followed_clip(clip: Clip, friction: float) -> FollowedMotion:
     positions, velocities = _motion(clip, times)
     takeoff, landing = (clip.flights[-1].begin, clip.flights[-1].end) if clip.flights else (0.0, clip.duration)
     efforts = [robot.joint_tree.joint[name].effort for name in reduced.joints]
-    return FollowedMotion(
+    return TrackedMotion(
         robot=robot,
         reduced=reduced,
         gravity=GRAVITY,
@@ -63,14 +58,12 @@ def followed_clip(clip: Clip, friction: float) -> FollowedMotion:
         torques=_torques(clip, reduced, feet, (positions, velocities), friction),
         goal=positions[min(int(np.ceil(landing / PERIOD)), len(times) - 1), 3:7],
         base_ends=positions[[0, -1]][:, [0, 1, 2, 6, 3, 4, 5]],
-        motors=Motors(
-            effort=np.array(efforts), stall=np.full(len(efforts), np.inf), slope=np.zeros(len(efforts))
-        ),
+        motors=Motors(effort=np.array(efforts), stall=np.full(len(efforts), np.inf), slope=np.zeros(len(efforts))),
     )
 
 
 def _motion(clip: Clip, times: Array) -> tuple[Array, Array]:
-    """Configurations (K, 7 + J) and velocities (K, 6 + J) of the robot's model at times (K,), s; at rest after it."""
+    """Configurations (K, 7 + J) and velocities (K, 6 + J) of the robot's model at times (K,), s; zero after it."""
     inside = np.minimum(times, clip.duration)
     attitudes = clip.curve.attitudes(inside)
     quaternions = continuous_signs(Rotation.from_matrix(attitudes).as_quat())
@@ -93,7 +86,7 @@ def _foot_solids(clip: Clip) -> list[tuple[LinkSolid, ...]]:
         instant = stands[0] if len(stands) else int(clearances.argmin())
         poses = clip.curve.poses(scene.times[[instant]])
         body = scene.foot_bodies[foot]
-        down = DOWN @ poses.rotations[0, body]
+        down = -poses.rotations[0, body, 2]
         depths = np.array([solid.reach(down[None])[0] for solid in solids])
         lowest = solids[int(depths.argmax())]
         own = [
@@ -127,12 +120,6 @@ def _is_ball(solid: LinkSolid) -> bool:
     return len(solid.points) == 1 and bool(radii.min() > 0.99 * radii.max() > 0)
 
 
-def _clearances(clip: Clip, times: Array) -> Array:
-    """Heights (K, F), m, of feet over the ground at times (K,), s; infinite where the robot flies."""
-    in_air = np.interp(times, clip.scene.times, clip.scene.in_the_air().astype(np.float64)) > 0.5
-    return np.where(in_air[:, None], np.inf, clip.scene.foot_clearances(times))
-
-
 def _torques(
     clip: Clip,
     reduced: ReducedModel,
@@ -145,8 +132,8 @@ def _torques(
     model = reduced.model
     data = model.createData()
     accelerations = np.gradient(velocities, PERIOD, axis=0)
-    accelerations[int(clip.duration / PERIOD) :] = 0.0  # it is at rest from there on
-    clearances = _clearances(clip, np.minimum(np.arange(len(positions)) * PERIOD, clip.duration))
+    accelerations[int(clip.duration / PERIOD) :] = 0.0  # it stands from there on
+    clearances = clip.scene.foot_clearances(np.minimum(np.arange(len(positions)) * PERIOD, clip.duration))
     weight = clip.robot.mass * GRAVITY
     torques = np.empty((len(positions), model.nv - BASE))
     for k, (q, v, a) in enumerate(zip(positions, velocities, accelerations, strict=True)):
@@ -168,7 +155,9 @@ def _pushes(model: object, data: object, foot: tuple[LinkSolid, ...], friction: 
     body = foot[0].body
     placement = data.oMi[body]  # type: ignore[attr-defined]
     jacobian = pin.getJointJacobian(model, data, body, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-    edges = (friction * SIDES - DOWN) / np.hypot(1.0, friction)
+    # Friction acts in four horizontal directions: of each pyramid the edges.
+    sides = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
+    edges = (friction * sides + [0.0, 0.0, 1.0]) / np.hypot(1.0, friction)
     points = _pressing_points(foot, placement.rotation)
     rows = []
     for point in points:
@@ -179,7 +168,7 @@ def _pushes(model: object, data: object, foot: tuple[LinkSolid, ...], friction: 
 
 def _pressing_points(foot: tuple[LinkSolid, ...], rotation: Array) -> Array:
     """Points (P, 3), m, at which a foot presses on the ground, from its body's origin in the axes of the world."""
-    down = DOWN @ rotation
+    down = -rotation[2]
     points = np.concatenate([solid.points + _support(solid, down) for solid in foot]) @ rotation.T
     nearly = 5e-3  # [m] what is no higher than this over the lowest point presses on the ground
     points = points[points[:, 2] < points[:, 2].min() + nearly]
