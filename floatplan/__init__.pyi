@@ -70,5 +70,7 @@ from floatplan.simulation.results import ClosedLoop as ClosedLoop
 from floatplan.simulation.results import JumpReplay as JumpReplay
 from floatplan.studies.study import Study as Study
 from floatplan.studies.study import study as study
+from floatplan.tracking.bench import Bench as Bench
+from floatplan.tracking.bench import bench as bench
 
 __version__: str

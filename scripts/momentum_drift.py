@@ -19,9 +19,9 @@ import numpy as np
 from floatplan.jumps.reading import load_jump
 from floatplan.simulation import contact_model, jump_flight
 from floatplan.simulation.gains import first_gains
-from floatplan.simulation.jump_flight import PERIOD
 from floatplan.simulation.mujoco_model import STEP
 from floatplan.simulation.perturbation import given_perturbation
+from floatplan.simulation.tracked_motion import PERIOD
 
 INTEGRATORS = ("IMPLICITFAST", "IMPLICIT", "RK4", "EULER")
 WHEN = 0.02  # [s] into the flight: from then on all feet are in the air
@@ -46,7 +46,7 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
 
     vars(jump_flight)["ContactRobot"] = Recorded
     control = jump_flight.JumpControl(jump, first_gains(jump), None)
-    control.fly(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
+    control.fly_jump(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
     return rows
 
 

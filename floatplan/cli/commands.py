@@ -249,7 +249,7 @@ def needs_casadi(option: str) -> None:
 COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
     *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
-    *(clips.clip_check, clips.clip_repair),
+    *(clips.clip_check, clips.clip_repair, clips.bench),
 )
 TWO_WORDS: Mapping[object, str] = {
     merge: "study merge",

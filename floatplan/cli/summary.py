@@ -388,6 +388,23 @@ def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> R
     return Group(_table(titles, rows, whole=True), *([] if page is None else [Text(escaped(str(page)))]))
 
 
+def bench_summary(results: Sequence[fp.Bench]) -> RenderableType:
+    """Return a table of motions that robots tracked, in their order, and of what differed."""
+    titles = ("motion", "robot", "landed", "on feet only", "attitude, deg rms", "over torque limits", "torques")
+    rows: list[tuple[str | Text, ...]] = []
+    for result in results:
+        facts = result.to_dict()
+        name = Text(escaped(result.source), COLOURS["good" if result.ok else "bad"])
+        of_flights = f" of {result.flights}"
+        counts = [f"{count}{of_flights}" for count in (result.landed, result.clean)]
+        pitch = result.landings.pitch_rms
+        degrees = f"{math.degrees(pitch):.1f}" if math.isfinite(pitch) else ""
+        over = f"{facts['torque_over_limits']}{of_flights}"
+        rows.append((name, escaped(result.robot), *counts, degrees, over, result.torques))
+    world = f"friction {results[0].friction:g}, {', '.join(results[0].perturbation.in_words())}"
+    return Group(_table(titles, rows, whole=True), Text(f"MuJoCo with contact, {world}", "dim"))
+
+
 def launch_summary(launch: fp.Launch) -> RenderableType:
     """Return the result of ``floatplan launch``, for reading."""
     verdict, *sentences = launch.sentences

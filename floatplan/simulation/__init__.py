@@ -6,13 +6,15 @@ nothing is corrected.
 - `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
   plan file states, its torques by inverse dynamics, and how it takes off.
 - `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints.
+- `tracked_motion.py`: a motion as controllers track it, a jump or a recorded one, and what of its robot touches the
+  ground.
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
   model for MuJoCo, on a planar base or on a free joint; `contact_model.py`: the same with feet, links and the ground.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
   `free_flight.py`: a plan in a plane with its base free in space.
 - `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,
-  `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights landed, `simulated_jump.py`: the
-  motion that a robot made of a jump.
+  `jump_flight.py` motions on the ground, of which `jump_replay.py` takes jumps; `results.py`: how such flights landed,
+  `simulated_jump.py`: the motion that a robot made of a jump.
 
 To add what goes wrong:
 

@@ -11,6 +11,7 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER
 from floatplan.tables import Range
 
@@ -37,7 +38,7 @@ def joint_inertia(model: Any, posture: Array) -> Array:
     return np.asarray(1.0 / np.diagonal(inverse)[base:])
 
 
-def given_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
+def requested_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
     """Return gains (J,) as requested, else as they are by default; InputError where one is wrong."""
     if requested is None:
         return default
@@ -52,28 +53,44 @@ def given_gains(joints: Sequence[str], requested: Gain | None, element: str, def
 
 
 def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
+    """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints of a jump that move: :func:`usual_gains`."""
+    times = np.linspace(*jump.flight_span, 33)
+    standing = jump.at(0.0).positions[0]
+    weight = jump.problem.robot.mass * jump.problem.flight.gravity
+    return usual_gains(jump.problem.robot, weight, jump.ground, standing, jump.at(times).positions, requested)
+
+
+def usual_gains(
+    robot: Robot, weight: float, ground: float, standing: Array, in_flight: Array, requested: Gains = (None, None)
+) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as requested.
 
     What is left out is the same of all: a stiffness by which the lightest joint in flight has the bandwidth of late
     feedback, but at least the weight times its height where the robot stands, which it falls over without; and a
     damping that is nearly critical. The lightest bounds them all, for damping of more than its inertia over the delay
     rings. InputError where a requested one is wrong.
+
+    Parameters
+    ----------
+    robot : Robot
+    weight : N
+    ground : height of the ground, m
+    standing : (nq,), posture in which it stands, of ``robot.model``
+    in_flight : (K, nq)
+    requested : two floats or mappings, optional
     """
     late_bandwidth = 125.0  # [rad/s] of measurements that are 4 ms late, constant for 2 ms: 0.6 over the delay
     damping_time = 0.017  # [s] damping over stiffness: nearly critical
-    robot = jump.problem.robot
     model = robot.model
-    com = pin.centerOfMass(model, model.createData(), jump.at(0.0).positions[0]) @ robot.up
-    standing = robot.mass * jump.problem.flight.gravity * float(com - jump.ground)
-    takeoff, landing = jump.flight_span
-    postures = jump.at(np.linspace(takeoff, landing, 33)).positions
-    lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
-    stiffness = float(f"{max(late_bandwidth**2 * lightest, standing):.2g}")
+    com = pin.centerOfMass(model, model.createData(), standing) @ robot.up
+    tipping = weight * float(com - ground)
+    lightest = float(np.mean([joint_inertia(model, posture).min() for posture in in_flight]))
+    stiffness = float(f"{max(late_bandwidth**2 * lightest, tipping):.2g}")
     joints = robot.model_joints
     kp, kd = requested
     return np.stack(
         [
-            given_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
-            given_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
+            requested_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
+            requested_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
         ]
     )

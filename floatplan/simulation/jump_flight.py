@@ -1,8 +1,8 @@
-"""One flight of a whole jump in MuJoCo with contact, by torques and by springs with dampers on the joints.
+"""One flight of a motion in MuJoCo with contact, by torques and by springs with dampers on the joints.
 
-500 times a second each motor gets the jump's torque at that time and joint feedback. Feedback compares delayed
-measurements with the target at their time. With corrections a replanner gets the same measurements while the robot is
-in the air. The ground pushes as MuJoCo's contacts do.
+500 times a second each motor gets the motion's torque at that time and joint feedback. Feedback compares delayed
+measurements with the target at their time. Of a jump, with corrections a replanner gets the same measurements while
+the robot is in the air. The ground pushes as MuJoCo's contacts do.
 """
 
 from collections import Counter
@@ -20,55 +20,145 @@ from floatplan.jumps.motion import JumpState
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact_model import ContactRobot
-from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
-from floatplan.simulation.perturbation import Perturbation
-from floatplan.simulation.reduced_model import reduced_model
+from floatplan.simulation.control_loop import Corrections, Guide, JointControl, Sensors
+from floatplan.simulation.perturbation import Perturbation, Sample
 from floatplan.simulation.results import SimulatedFlight
-from floatplan.simulation.simulated_jump import STANDING, SimulatedJump, SimulatedSpatialJump
+from floatplan.simulation.simulated_jump import SimulatedJump, SimulatedSpatialJump
+from floatplan.simulation.tracked_motion import PERIOD, TrackedMotion, control_times, tracked_jump
 
-PERIOD = 2e-3  # [s] of the joints' control
+
+@dataclass(eq=False)
+class FlightRecord:
+    """What came of a flight: its ``landing``, by the fields of ``JumpLandings`` and ``tilt``, and its robot.
+
+    ``rows`` are its states, accelerations, torques, forces and their points at each period, where they are recorded.
+    """
+
+    robot: ContactRobot
+    landing: dict[str, Any] = field(default_factory=dict)
+    rows: list[tuple[Array, ...]] = field(default_factory=list)
 
 
-class JumpControl:
+class MotionControl:
+    """A motion, and what follows it: gains (2, J) of all joints."""
+
+    def __init__(self, tracked: TrackedMotion, gains: Array) -> None:
+        self.tracked = tracked
+        self.gains = gains
+        self.robot = tracked.robot
+        self.reduced = tracked.reduced
+        self.base = base_states(tracked.reduced)
+        self.joints = tracked.reduced.joints
+        self.motors = tracked.motors
+        self.times = control_times(tracked.duration)
+        of_positions, of_velocities = self.reduced.of_joints
+        # Positions and rates (K, 2, J) of the joints.
+        self.planned_joints = np.stack(
+            (tracked.positions[:, of_positions], tracked.velocities[:, of_velocities]), axis=1
+        )
+        self.torques = tracked.torques + self.reduced.lost(self.planned_joints[:, 1])
+        self.base_ends = tracked.base_ends
+        self.takeoff = tracked.takeoff
+        self.landing = tracked.landing
+
+    def sampled(self, perturbation: Perturbation, seed: int, number: int, **fixed: Any) -> Sample:
+        """Sample one robot by a seed and its number, but for fixed factors."""
+        sample = perturbation.sampled(seed, number, len(self.joints), self.robot.model.njoints)
+        return replace(sample, **fixed)
+
+    def fly(self, perturbation: Perturbation, friction: float, seed: int, number: int) -> FlightRecord:
+        """Fly one robot, sampled by a seed and its number, on a ground of some friction."""
+        sample = self.sampled(perturbation, seed, number)
+        robot = ContactRobot(self.tracked, sample.friction * friction, sample)
+        return self.track(robot, MotionGuide(self), perturbation, sample)
+
+    def track(
+        self,
+        robot: ContactRobot,
+        guide: "MotionGuide",
+        perturbation: Perturbation,
+        sample: Sample,
+        record: bool = False,
+    ) -> FlightRecord:
+        """Let a robot follow a guide.
+
+        Its landing also has the trunk's largest tilt, rad, from where it should be, from the landing on. In a motion
+        that is recorded, the state at the beginning of each period stands beside accelerations and contacts of its end.
+        """
+        tracked = self.tracked
+        robot.begin(tracked.base_ends[0], tracked.positions[0], tracked.begin_velocities)
+        base = self.base
+        sensors = Sensors(perturbation, sample, PERIOD, base)
+        control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
+        pitch = np.nan
+        tilt = 0.0
+        share = 0.0
+        slid = np.zeros(len(robot.feet))
+        result = FlightRecord(robot)
+        for tick in control.fly(robot, PERIOD):
+            share = max(share, self.motors.share(tick.requested, tick.state[1, base.size :]))
+            if tick.now >= guide.landing:
+                if np.isnan(pitch):
+                    pitch = float(base.off(tick.state[:1], tracked.goal)[0])
+                planned = base.orientation(tracked.positions[[tick.number]])
+                tilt = max(tilt, base.apart(base.orientation(tick.state), planned))
+            if not tick.finite:
+                tilt = np.inf
+                break
+            if tick.now < tracked.duration:
+                slid += robot.slips * PERIOD
+            if record:
+                torques = np.pad(sample.torque * tick.torques, (self.reduced.of_joints[1].start, 0))
+                state = base.parts(tick.state)
+                result.rows.append((*state, robot.accelerations(), torques, robot.forces, robot.points))
+        result.landing = {
+            "stands": robot.stands(self.base_ends[1], base.orientation(tracked.positions[-1:])),
+            "touched": robot.links(),
+            "pitch": pitch,
+            "torque": share,
+            "slid": float(slid.max(initial=0.0)),
+            "tilt": tilt,
+        }
+        return result
+
+
+@dataclass(eq=False)
+class MotionGuide(Guide):
+    """A motion from its beginning until it has stood."""
+
+    control: MotionControl
+
+    @property
+    def end(self) -> float:
+        """When it has stood long enough, s."""
+        return len(self.control.times) * PERIOD
+
+    @property
+    def landing(self) -> float:
+        """When the last flight should end, s."""
+        return self.control.landing
+
+    def target(self, tick: int, now: float, sensors: Sensors) -> tuple[Array, Array]:
+        """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
+        row = min(tick, len(self.control.times) - 1)
+        return self.control.planned_joints[row], self.control.torques[row]
+
+
+class JumpControl(MotionControl):
     """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any."""
 
     def __init__(self, jump: JumpMotion, gains: Array, rate: float | None) -> None:
         assert jump.flight is not None
         self.jump = jump
-        self.gains = gains
-        robot = jump.problem.robot
-        self.robot = robot
-        self.reduced = reduced_model(robot, jump.problem.flight.gravity, rigid=())
-        self.base = base_states(self.reduced)
-        self.times = np.arange(int((jump.duration + STANDING) / PERIOD) + 1) * PERIOD
-        planned = jump.at(np.minimum(self.times, jump.duration))
-        self.planned = replace(planned, positions=self.base.continuous(planned.positions))
-        of_positions, of_velocities = self.reduced.of_joints
-        # Positions and rates (N, 2, J) of the joints.
-        self.planned_joints = np.stack(
-            (self.planned.positions[:, of_positions], self.planned.velocities[:, of_velocities]), axis=1
-        )
-        # Quaternions with w first, as MuJoCo has them.
-        self.base_ends = jump.q(np.array([0.0, jump.duration]))[:, [0, 1, 2, 6, 3, 4, 5]]
-        self.joints = self.reduced.joints
-        self.motor_joints = list(map(self.joints.index, robot.motors))
-        self.motors = Motors(
-            effort=np.array([robot.joint_tree.joint[name].effort for name in self.joints]),
-            stall=np.full(len(self.joints), np.inf),
-            slope=np.zeros(len(self.joints)),
-        )
-        self.motors.effort[self.motor_joints] = jump.problem.motor_torque_limits
-        self.motors.stall[self.motor_joints] = jump.problem.motor_stall
-        self.motors.slope[self.motor_joints] = jump.problem.motor_slope
-        self.torques = self.planned.torques[:, of_velocities] + self.reduced.lost(self.planned_joints[:, 1])
-        self.motor_torques = self.planned.torques @ robot.transmission
-        self.takeoff = jump.takeoff_time
-        self.landing = jump.takeoff_time + jump.flight.duration
+        tracked, self.planned = tracked_jump(jump)
+        super().__init__(tracked, gains)
+        self.motor_joints = list(map(self.joints.index, self.robot.motors))
+        self.motor_torques = self.planned.torques @ self.robot.transmission
         self.last_in_air = int(np.searchsorted(self.times, self.landing)) - 1  # row of the planned motion
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
-        self._data = robot.model.createData()
+        self._data = self.robot.model.createData()
 
-    def fly(
+    def fly_jump(
         self,
         perturbation: Perturbation,
         friction: float,
@@ -78,54 +168,18 @@ class JumpControl:
         record: bool = False,
         **fixed: Any,
     ) -> SimulatedFlight[SimulatedJump]:
-        """Fly one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction.
-
-        Its landing also has the trunk's largest tilt, rad, from where it should be, from the landing on. In a motion
-        that is recorded, the state at the beginning of each period stands beside accelerations and contacts of its end.
-        """
-        assert self.jump.flight is not None
-        sample = replace(perturbation.sampled(seed, number, len(self.joints), self.robot.model.njoints), **fixed)
-        robot = ContactRobot(self.jump, self.reduced, sample.friction * friction, sample)
-        robot.begin(self.base_ends[0], self.planned.positions[0])
+        """Fly one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction."""
+        sample = self.sampled(perturbation, seed, number, **fixed)
+        robot = ContactRobot(self.tracked, sample.friction * friction, sample)
         corrections = None
         if correct and self.replanner is not None:
             self.replanner.reset()
             corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff)
-        base = self.base
-        sensors = Sensors(perturbation, sample, PERIOD, base)
         guide = _JumpGuide(self, corrections, robot)
-        control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
-        goal = base.goal(self.jump.flight.problem)
-        pitch = np.nan
-        tilt = 0.0
-        share = 0.0
-        slid = np.zeros(len(robot.feet))
-        rows = []
-        for tick in control.fly(robot, PERIOD):
-            share = max(share, self.motors.share(tick.requested, tick.state[1, base.size :]))
-            if tick.now >= guide.landing:
-                if np.isnan(pitch):
-                    pitch = float(base.off(tick.state[:1], goal)[0])
-                planned = base.orientation(self.planned.positions[[tick.number]])
-                tilt = max(tilt, base.apart(base.orientation(tick.state), planned))
-            if not tick.finite:
-                tilt = np.inf
-                break
-            if tick.now < self.jump.duration:
-                slid += robot.slips * PERIOD
-            if record:
-                torques = np.pad(sample.torque * tick.torques, (self.reduced.of_joints[1].start, 0))
-                rows.append((*base.parts(tick.state), robot.accelerations(), torques, robot.forces, robot.points))
+        result = self.track(robot, guide, perturbation, sample, record)
         return SimulatedFlight(
-            landing={
-                "stands": robot.stands(self.base_ends[1], base.orientation(self.planned.positions[-1:])),
-                "touched": robot.links(),
-                "pitch": pitch,
-                "torque": share,
-                "slid": float(slid.max()),
-                "tilt": tilt,
-            },
-            motion=self._recorded(rows, robot),
+            landing=result.landing,
+            motion=self._recorded(result.rows, robot),
             statuses=Counter() if corrections is None else corrections.statuses,
             balanced=robot.mujoco_robot.balanced,
         )
@@ -154,19 +208,14 @@ class JumpControl:
         return simulated(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
 
 
-@dataclass(frozen=True, eq=False)
-class _JumpGuide:
+@dataclass(eq=False)
+class _JumpGuide(MotionGuide):
     """A jump's motion from standing to standing, with corrections in flight where there are any."""
 
     control: JumpControl
     corrections: Corrections | None
     robot: ContactRobot
     presses: list[bool] = field(default_factory=list)  # whether any foot did, at each tick
-
-    @property
-    def end(self) -> float:
-        """When it has stood long enough, s."""
-        return len(self.control.times) * PERIOD
 
     @property
     def landing(self) -> float:

@@ -19,10 +19,11 @@ from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
 from floatplan.simulation.gains import Gains, first_gains, joint_inertia
-from floatplan.simulation.jump_flight import PERIOD, JumpControl
+from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlight
 from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
+from floatplan.simulation.tracked_motion import PERIOD
 from floatplan.tables import Range
 
 MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # [-] of gains
@@ -53,7 +54,7 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
         of_multiple = []
         for rotors, mass, correct in itertools.product((0.0, heaviest), (0.95, 1.05), (False, True)):
             fixed: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
-            landing = control.fly(late, friction, seed, 0, correct, **fixed).landing
+            landing = control.fly_jump(late, friction, seed, 0, correct, **fixed).landing
             on_feet = landing["stands"] and not landing["touched"]
             of_multiple.append((on_feet, -(min(landing["tilt"], fallen) ** 2)))
         scores.append(np.sum(of_multiple, axis=0))
@@ -134,9 +135,9 @@ def replay_jump(
     for flight in range(flights):
         if budget is not None and flight and clock.perf_counter() - start_time > budget:
             break
-        uncorrected.append(control.fly(perturbation, friction, seed, flight, correct=False, record=not flight))
+        uncorrected.append(control.fly_jump(perturbation, friction, seed, flight, correct=False, record=not flight))
         if replan is not None:
-            corrected.append(control.fly(perturbation, friction, seed, flight, correct=True, record=not flight))
+            corrected.append(control.fly_jump(perturbation, friction, seed, flight, correct=True, record=not flight))
         if progress is not None:
             progress("flight", flight + 1, flights)
     return JumpReplay(
