@@ -4,6 +4,7 @@ import pkgutil
 import sys
 from dataclasses import fields
 
+import jumps
 import numpy as np
 import pytest
 from general_flight import GeneralDynamics
@@ -68,6 +69,9 @@ def test_section_runs(section, benchmark, capsys, monkeypatch):
     tiny = benchmark.Counts(**dict.fromkeys((field.name for field in fields(benchmark.Counts)), 1) | few)
     for name in ("Go2's backflip", "Go2's half twist"):  # planned for seconds
         monkeypatch.delitem(sys.modules["inflight_sections"].FLOWN, name)
+    monkeypatch.setattr(sys.modules["jump_sections"], "FEET", ("rolling",))
+    if section == "contact-in-space":
+        monkeypatch.setattr(fp, "jump", lambda _: jumps.roll())
     benchmark.SECTIONS[section](tiny)
     assert EXPECTED[section] in capsys.readouterr().out
 

@@ -78,7 +78,18 @@ def jumps_once(monkeypatch, tmp_path):
     monkeypatch.setattr("floatplan.initial.flight.jump", jump)
 
 
-@pytest.mark.usefixtures("jumps_once")
+@pytest.fixture
+def few_flights(monkeypatch):
+    """A jump is flown twice where a page asks for many flights."""
+    fly = fp.replay_jump
+
+    def replay_jump(*arguments, flights=1, **options):
+        return fly(*arguments, flights=min(flights, 2), **options)
+
+    monkeypatch.setattr(fp, "replay_jump", replay_jump)
+
+
+@pytest.mark.usefixtures("jumps_once", "few_flights")
 @pytest.mark.parametrize("page", cases([*with_snippets("python", "sh"), WITH_JUMP], LONG))
 def test_snippets_run(page, floatplan, monkeypatch):
     if page not in LONG:

@@ -117,15 +117,18 @@ def test_without_tilt_all_feet_stand(root, name):
     assert [len(phase.feet) for phase in phases] == [4, 0, 4]
 
 
-@pytest.mark.long
-def test_feet_are_held_where_they_stand(problem):
+@pytest.mark.parametrize(
+    ("name", "stances"), [("go2_quarter_turn", 2), pytest.param("go2_roll", 3, marks=pytest.mark.long)]
+)
+def test_feet_are_held_where_they_stand(root, name, stances):
     """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
     program = spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
     raw = guess(program)
     parameters = np.zeros(program.size + 1)
     of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])
     stiffness = 625.0 / 9.81  # [1/m] over g
-    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2)):
+    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2))[:stances]:
         moved = raw.copy()
         moved[program.begins[node]] += 0.01
         change = np.subtract(*(np.array(program.assembly.evaluate(x, parameters)).ravel() for x in (moved, raw)))
