@@ -274,7 +274,7 @@ class Update:
 def _called_arrays(
     constraints: KernelRows, n: int, instants: int, width: int, motors: int, size: int
 ) -> dict[str, Array]:
-    """What the kernel reads and writes at each call, by the names of its struct ``Flight``; ``size`` is e."""
+    """What the kernel reads and writes at each call, by the names of ``CorrectedFlight``; ``size`` is e."""
     coefficients = (CONDITIONS + width, n)
     return {
         "measured_positions": np.zeros(n),
