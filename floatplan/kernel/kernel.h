@@ -99,7 +99,7 @@ typedef struct {
     const double *obstacles;                         // (obstacles, 7 or 10): place, end or normal, velocity, radius
     const Index *kind, *first, *second;       // (rows): capsule or sum; obstacle, capsule, or sum (-1: none)
     const Index *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
-    const double *least, *per_scale;                 // (rows) of distances
+    const double *margin, *per_scale;                // (rows) of distances
     const double *sums;  // (sums, 2 + 2 joints + links): constant, of theta0', velocities, accelerations, moments
 } Constraints;
 
@@ -129,7 +129,7 @@ typedef struct {
     const double *grid, *low, *high;  // (instants), (rows), (rows)
     Index found, looked;  // looked: at so many instants beside the grid
     Index *row;  // (found), of instants times rows
-    double *s, *least;  // (found), the same
+    double *s, *value;  // (found), the same
 } Minima;
 
 // One row for each plan; coefficients (joints, columns) in powers of seconds; centre and amplitude (joints), rad.
@@ -486,22 +486,22 @@ Index floatplan_quadratic(Quadratic *qp, Index instructions);
 
 // Follows starts of so many problems, one after the other; returns 0, or 1 where there was no memory.
 Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                        const Nodes *levels, const Settings *settings, const Exchange *rules, const Powers *powers,
+                        const Nodes *levels, const Settings *settings, const Exchange *exchange, const Powers *powers,
                         SearchProblem *problems, SamplingOptions *sampling, Index count, Index instructions);
 
 // A program at one x; returns 0, or 1 where there was no memory for it.
 Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                         const Nodes *levels, const Settings *settings, const Exchange *rules, SearchProblem *problem,
+                         const Nodes *levels, const Settings *settings, const Exchange *exchange, SearchProblem *problem,
                          Evaluation *at, Index instructions);
 
 // The same two of flights in space.
 Index floatplan_attempt_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints,
                                  const Motions *motions, const Nodes *levels, const Settings *settings,
-                                 const Exchange *rules, const Powers *powers, SearchProblem *problems,
+                                 const Exchange *exchange, const Powers *powers, SearchProblem *problems,
                                  SamplingOptions *sampling, Index count, Index instructions);
 Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *cells, const Constraints *constraints,
                                   const Motions *motions, const Nodes *levels, const Settings *settings,
-                                  const Exchange *rules, SearchProblem *problem, Evaluation *at, Index instructions);
+                                  const Exchange *exchange, SearchProblem *problem, Evaluation *at, Index instructions);
 
 // A lifted motion of one; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
 Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,
