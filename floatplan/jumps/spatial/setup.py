@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +12,11 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.phases import Side
 from floatplan.jumps.setup import NodeMargins, duration_bounds
+from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
+from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
 from floatplan.jumps.spatial.phases import SpatialPhase, side_phases, usual_groups
-from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialBounds, SpatialEnds, SpatialProgram
+from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
 from floatplan.jumps.spatial.standing import (
     Foot,
     Kinematics,
@@ -60,6 +63,11 @@ class SpatialSetup:
         """All feet."""
         return list({foot.name: foot for phase in self.phases for foot in phase.feet}.values())
 
+    @cached_property
+    def mechanics(self) -> Mechanics:
+        """The robot with these feet."""
+        return Mechanics(self.problem.robot, self.axes, float(self.problem.flight.gravity), self.feet)
+
     def program(self, margins: NodeMargins) -> SpatialProgram:
         """Return the program with some margins."""
         problem = self.problem
@@ -105,10 +113,10 @@ class SpatialSetup:
 
     @property
     def _lowest(self) -> float:
-        """Height of the lowest clearance point where the robot stands before, m."""
+        """Height of the lowest clearance point where the robot stands, m."""
         kinematics = Kinematics(self.problem.robot)
-        attitude = required(self.problem.initial.attitude)
-        kinematics.pose(np.zeros(3), attitude.matrix, self.ends.y[0, 6:])
+        standing = self.ends.standing
+        kinematics.pose(np.zeros(3), rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:])
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
         points = clearance_points(self.problem.robot, self.feet)
