@@ -125,6 +125,22 @@ class Mechanics:
         a = np.hstack((linear_change, angular_change, joints[2]))
         return q, v, a
 
+    def from_coordinates(self, q: Array, v: Array, a: Array, near: Array) -> Array:
+        """The motion (3, 6+n, N) of Pinocchio's q (N, nq), v and a (N, nv); its angles are next to ``near`` (3, N)."""
+        rotation = np.array([pin.Quaternion(*one[[6, 3, 4, 5]]).matrix() for one in q])
+        linear, angular = v[:, :3], v[:, 3:BASE]
+        base_velocity = np.einsum("nij,nj->ni", rotation, linear)
+        base_acceleration = np.einsum("nij,nj->ni", rotation, a[:, :3] + np.cross(angular, linear))
+        rate = np.einsum("nij,nj->ni", rotation, angular)
+        rate_change = np.einsum("nij,nj->ni", rotation, a[:, 3:BASE])
+        joints = np.linalg.pinv(self.robot.selection[BASE:])
+        motion = np.empty((3, BASE + len(joints), len(q)))
+        motion[:, :3] = np.stack((q[:, :3], base_velocity, base_acceleration)).transpose(0, 2, 1)
+        motion[:, 3:BASE] = angles_of(self.axes, rotation, rate, rate_change, near)
+        positions = q[:, BASE + 1 :] - self.robot.reference[BASE + 1 :]
+        motion[:, BASE:] = np.stack([joints @ order.T for order in (positions, v[:, BASE:], a[:, BASE:])])
+        return motion
+
     def wrench(self, motion: Array) -> Array:
         """Forces (N, nv) on all coordinates that a motion takes, by RNEA, gravity's included."""
         rows = zip(*self.coordinates(motion), strict=True)

@@ -169,11 +169,44 @@ def met_by_flight(
     """Return the motion (3, 6+n) next to one at hand with which feet that are still leave for a flight, or end one.
 
     Base and joints are as they are, but for legs whose feet stand at ``places``, (3,) m; the centre of mass has a
-    velocity (3,), m/s, and the robot an angular momentum about it (3,), kg m^2/s. Nothing bears it.
+    velocity (3,), m/s, and the robot an angular momentum about it (3,), kg m^2/s. Nothing bears it; of accelerations
+    that do this the motors have those with the least squared shares of their limits, next to the ones at hand.
     """
     standing = mechanics.close(motion[:, :, None], places)
     moving = _moving(mechanics, standing, places, com_velocity, momentum)
-    return _falling(mechanics, moving, places)[:, :, 0]
+    moving[2, :, 0] = _gentle_fall(mechanics, moving, list(places))
+    return moving[:, :, 0]
+
+
+def _gentle_fall(mechanics: Mechanics, motion: Array, frames: list[str]) -> Array:
+    """Accelerations (6+n,) of a motion (3, 6+n, 1) in which nothing bears the robot, and feet do not accelerate."""
+    robot = mechanics.robot
+    nearness = 1e-3  # [s^2] share of a motor's limit that an acceleration of 1 rad/s^2 off the one at hand is worth
+    limits = np.where(np.isfinite(robot.motor_torque_limits), robot.motor_torque_limits, robot.mass * mechanics.gravity)
+
+    def effects(accelerations: Array) -> tuple[Array, Array]:
+        """What has to vanish, and the motors' shares, of accelerations (6+n, N)."""
+        varied = np.repeat(motion, accelerations.shape[1], axis=2)
+        varied[2] = accelerations
+        wrench = mechanics.wrench(varied)
+        feet, _ = mechanics.feet(varied, frames)
+        vanishing = np.hstack((wrench[:, :BASE] / robot.mass, feet[2].reshape(len(wrench), -1)))
+        return vanishing.T, (wrench @ robot.transmission / limits).T
+
+    near = motion[2, :, 0]
+    steps = np.eye(len(near))
+    vanishing, shares = effects(np.column_stack((near, near[:, None] + steps)))
+    equations = vanishing[:, 1:] - vanishing[:, [0]]
+    costs = shares[:, 1:] - shares[:, [0]]
+    u, sizes, v = np.linalg.svd(equations)
+    rank = int((sizes > 1e-9 * sizes[0]).sum())  # three points of a sole are nine rows of a pose's six
+    change = -v[:rank].T @ ((u[:, :rank].T @ vanishing[:, 0]) / sizes[:rank])
+    free = v[rank:].T
+    if free.shape[1]:
+        rows = np.vstack((costs @ free, nearness * free))
+        target = -np.concatenate((shares[:, 0] + costs @ change, nearness * change))
+        change = change + free @ np.linalg.lstsq(rows, target, rcond=None)[0]
+    return np.asarray(near + change)
 
 
 def exact_stances(
