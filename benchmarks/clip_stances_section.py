@@ -26,7 +26,7 @@ def clip_stances(counts: Counts) -> None:
             angle = 2.0 * np.pi * number / counts.clip_landings
             clip = swung(hop, 50.0, STRETCH, SWING, np.array([np.cos(angle), np.sin(angle), 0.0]))
             begin = time.process_time()
-            repaired, result = repair_clip(clip, rate=RATE, stances="planned")
+            _, result = repair_clip(clip, rate=RATE, stances="planned")
             seconds = time.process_time() - begin
             (flight,) = result.flights
             facts = flight.to_dict()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from floatplan.tables import GRAVITY, Range
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
 Stances: TypeAlias = Literal["bent", "planned"]
+STANCES = one_of(*get_args(Stances))
 FORCE_STEP = 0.01  # [s] between the instants at which they are
 
 
@@ -52,6 +53,12 @@ class FlightRepair:
     seam_foot: float = 0.0
     stance: StanceFigures | None = None
     stances: tuple[ClipStance, ...] = ()
+
+    @property
+    def is_adhesive(self) -> bool:
+        """Whether the ground would have to pull in a stance that is bent."""
+        planned = bool(self.stances) and all(stance.planned for stance in self.stances)
+        return not planned and self.stance is not None and self.stance.vertical_least < 0
 
     def to_dict(self) -> dict[str, Any]:
         """As the command line's ``--json`` has it."""
@@ -175,7 +182,7 @@ def repair_clip(
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
     planner = None
-    if one_of("bent", "planned")(stances, "stances") == "planned":
+    if STANCES(stances, "stances") == "planned":
         casadi()
         planner = StancePlanner(clip, gravity, tuple(chosen))
     repaired = {}

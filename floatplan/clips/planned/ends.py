@@ -20,8 +20,6 @@ from floatplan.plans.plan import Plan
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE, Landing, Takeoff
 from floatplan.problem.problem import Problem
 
-ORDERS = ("zyx", "yxz", "xyz", "yzx", "xzy", "zxy")  # of the angles of a base
-
 
 @dataclass(frozen=True, eq=False)
 class StillEnds:
@@ -115,8 +113,3 @@ def clip_motion(clip: Clip, mechanics: Mechanics, times: Array) -> Array:
     motion[0, 3:BASE] = unwrapped_angles(mechanics.axes, clip.curve.attitudes(times)).T
     motion[0, BASE:] = clip.curve.positions(times)[:, columns].T
     return motion
-
-
-def best_axes(attitudes: Array) -> str:
-    """Return the order of angles about axes whose middle one stays smallest in attitudes (K, 3, 3)."""
-    return min(ORDERS, key=lambda axes: float(np.abs(unwrapped_angles(axes, attitudes)[:, 1]).max()))

@@ -25,11 +25,11 @@ from floatplan.clips.planned.contacts import (
     standing_feet,
     still_flight,
 )
-from floatplan.clips.planned.ends import StillEnds, best_axes, clip_motion, end_motion
+from floatplan.clips.planned.ends import StillEnds, clip_motion, end_motion
 from floatplan.errors import FloatplanError
 from floatplan.jumps.check import SHARES
 from floatplan.jumps.phases import Side
-from floatplan.jumps.spatial.coordinates import Mechanics
+from floatplan.jumps.spatial.coordinates import Mechanics, best_axes
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.stance_search import StanceEnd, StanceResult, planned_stance, stance_setup
@@ -133,6 +133,15 @@ class ClipStance:
             for phase in self.window.phases:
                 inside = (clip_times >= phase.begin) & (clip_times <= phase.end)
                 contacts[rows[inside], column] = bodies.index(body) in phase.feet
+
+    @property
+    def sentence(self) -> str:
+        """What came of it, for a person."""
+        if self.result is None or not self.planned:
+            return f"{self.side}: bent, not planned: {self.reason}"
+        figures = self.result.figures
+        shares = f"{figures['torque']:.0%} of the torques, {figures['velocity']:.0%} of the rates"
+        return f"{self.side}: planned, within {shares}, friction {figures['friction']:.2f}"
 
     def to_dict(self) -> dict[str, Any]:
         """As the command line's ``--json`` has it."""
@@ -292,7 +301,7 @@ class StancePlanner:
                 plan = plans[number]
                 time = plan.duration if end == 0 else 0.0
                 near = reference(np.array([0.0, window.end - window.begin]))[0, 3:BASE, end]
-                ends.append(StanceEnd(plan_motion_in(mechanics, plan, time, near), flies=True))
+                ends.append(StanceEnd(_plan_motion(mechanics, plan, time, near), flies=True))
         plan = plans[window.after if window.before is None else window.before]  # type: ignore[index]
         setup = stance_setup(
             stance_problem(plan.problem, reference(instants - window.begin)[0, BASE:]),
@@ -341,7 +350,7 @@ def _with_rates(clip: Clip, mechanics: Mechanics, times: Array) -> Array:
     return np.stack((at_times, rates / (late - early), np.zeros_like(at_times)))
 
 
-def plan_motion_in(mechanics: Mechanics, plan: Plan, time: float, near: Array) -> Array:
+def _plan_motion(mechanics: Mechanics, plan: Plan, time: float, near: Array) -> Array:
     """Return base, angles and joints (3, 6+n) of a plan at a time, s, with its angles next to ``near`` (3,)."""
     coordinates = plan.full_motion(np.array([time])).coordinates
     q, v, a = coordinates.positions, coordinates.velocities, coordinates.accelerations

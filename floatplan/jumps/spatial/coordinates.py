@@ -12,6 +12,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.jumps.spatial.model import BASE, skew
 from floatplan.jumps.spatial.standing import Foot
+from floatplan.motion.spatial.rotations import unwrapped_angles
 from floatplan.robot.robot import Robot
 
 
@@ -71,6 +72,12 @@ def _rate_map(axes: str, angles: Array) -> Array:
         before = rotations_about(axes[:index], angles[:index]) if index else np.eye(3)[None]
         columns.append(np.broadcast_to(before @ local, (angles.shape[1], 3)))
     return np.stack(columns, axis=2)
+
+
+def best_axes(attitudes: Array) -> str:
+    """Return the order of angles about axes whose middle one stays smallest in attitudes (K, 3, 3)."""
+    orders = ("zyx", "yxz", "xyz", "yzx", "xzy", "zxy")
+    return min(orders, key=lambda axes: float(np.abs(unwrapped_angles(axes, attitudes)[:, 1]).max()))
 
 
 class Mechanics:

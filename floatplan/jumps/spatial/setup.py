@@ -27,6 +27,7 @@ from floatplan.jumps.spatial.standing import (
     not_standing,
     standing_joints,
 )
+from floatplan.motion.planar.contact_rates import End
 from floatplan.problem.attitude import Attitude, required
 from floatplan.problem.jump import JumpRequest, Standing
 from floatplan.problem.problem import Problem
@@ -134,9 +135,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
         request asks for what only jumps in a plane have.
     """
     robot = problem.robot
-    robot.check_shapes()
-    if not problem.flight.gravity > 0:
-        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    _check_robot_stands(problem, request)
     _refuse_what_is_planar(problem, request)
     start = required(problem.initial.attitude)
     goal = required(problem.final.attitude)
@@ -145,16 +144,16 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     _refuse_tilted_ends(start, goal)
     before = _target(robot, request.takeoff.from_)
     after = before if request.landing.to == "standing" else _target(robot, request.landing.to)
-    feet = _named_feet(problem, request, start, before)
+    feet = _named_feet(robot, request, start, before)
     joints = np.empty((2, len(robot.joints)))
     heights = np.empty(2)
     for index, (target, attitude, side) in enumerate(((before, start, "takeoff"), (after, goal, "landing"))):
         joints[index], heights[index] = _standing(problem, request, feet, attitude, target, side)
     takeoff, landing = usual_groups(robot, feet, start, goal, joints[0])
     if request.takeoff.contacts:
-        takeoff = _groups(request.takeoff.contacts, feet)
+        takeoff = phase_feet(request.takeoff.contacts, feet)
     if request.landing.contacts:
-        landing = _groups(request.landing.contacts, feet)
+        landing = phase_feet(request.landing.contacts, feet)
     for side, groups in (("takeoff", takeoff), ("landing", landing)):
         for group in groups:
             if len(group) < 2:
@@ -174,13 +173,38 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     return SpatialSetup(problem, request, axes, phases, ends, origin)
 
 
+def standing_feet(problem: Problem, request: JumpRequest, side: End) -> tuple[list[Foot], Array, float]:
+    """Return the feet on which a robot stands at a side of a jump, its joints (n,) there, and the height of its base.
+
+    Raises
+    ------
+    InputError
+        As of :func:`spatial_setup`.
+    """
+    robot = problem.robot
+    _check_robot_stands(problem, request)
+    level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
+    target = _target(robot, request.takeoff.from_)
+    feet = _named_feet(robot, request, level, target)
+    if side == "landing" and request.landing.to != "standing":
+        target = _target(robot, request.landing.to)
+    return feet, *_standing(problem, request, feet, level, target, side)
+
+
+def _check_robot_stands(problem: Problem, request: JumpRequest) -> None:
+    """Refuse a robot without shapes, a world without gravity, and feet that are to roll."""
+    problem.robot.check_shapes()
+    if not problem.flight.gravity > 0:
+        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    if request.feet == "rolling":
+        advice = "leave it out: feet rotate about their frames' origins"
+        raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
+
+
 def _refuse_what_is_planar(problem: Problem, request: JumpRequest) -> None:
     """Refuse what jumps in space have not yet."""
     if request.objective != "torque":
         raise InputError(f"{request.objective!r} {IN_PLANE}", element="jump.objective", advice='leave it out: "torque"')
-    if request.feet == "rolling":
-        advice = "leave it out: feet rotate about their frames' origins"
-        raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
     for name in request.fixed:
         if name != "duration":
             raise InputError(f"{name!r} {IN_PLANE}", element="jump.fixed", advice="leave it out")
@@ -232,9 +256,8 @@ def _target(robot: Robot, requested: Standing) -> Array:
     )
 
 
-def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints: Array) -> list[Foot]:
+def _named_feet(robot: Robot, request: JumpRequest, start: Attitude, joints: Array) -> list[Foot]:
     """All feet: those of the outer phases, or else the limbs' ends that are as low as the takeoff's frame."""
-    robot = problem.robot
     key = "jump.takeoff.contacts"
     if request.takeoff.contacts:
         names = list(request.takeoff.contacts[0])
@@ -242,7 +265,7 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
         names = list(request.landing.contacts[-1])
         key = "jump.landing.contacts"
     else:
-        names = _lowest_frames(problem, start, joints)
+        names = _lowest_frames(robot, start, joints)
     feet: list[Foot] = []
     for name in names:
         body, _ = frame_position(robot.model, robot.joint_tree, name)
@@ -270,9 +293,8 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
     return feet
 
 
-def _lowest_frames(problem: Problem, start: Attitude, joints: Array) -> list[str]:
+def _lowest_frames(robot: Robot, start: Attitude, joints: Array) -> list[str]:
     """Links at the ends of limbs that reach as low as that of the takeoff's frame."""
-    robot = problem.robot
     within = 0.02  # [m] of the takeoff frame's link
     kinematics = Kinematics(robot)
     kinematics.pose(np.zeros(3), start.matrix, joints)
@@ -321,8 +343,8 @@ def _standing(
     return joints, height
 
 
-def _groups(contacts: Sequence[Sequence[str]], feet: Sequence[Foot]) -> list[tuple[Foot, ...]]:
-    """Feet of phases, from their names."""
+def phase_feet(contacts: Sequence[Sequence[str]], feet: Sequence[Foot]) -> list[tuple[Foot, ...]]:
+    """Return the feet of phases, from their names."""
     return [tuple(foot for name in group for foot in feet if foot.frame == name) for group in contacts]
 
 
