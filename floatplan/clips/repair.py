@@ -21,6 +21,7 @@ from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
 from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
 from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.exact import NoExactStanceError
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
@@ -211,12 +212,20 @@ def _repaired_flight(
     planner: StancePlanner | None,
 ) -> RepairedFlight:
     """The repair of a flight: between still feet where stances are planned, and there is such a flight."""
-    ends = None if planner is None else planner.ends(number)
-    if planner is not None and ends is not None:
-        repaired = repair_flight(clip, replace(judged, flight=planner.flights[number]), *how, ends)
-        if repaired.repairable:
-            return repaired
-        planner.give_up(number, f"no flight with still feet at its ends: {repaired.reason}")
+    if planner is not None and number in planner.flights:
+        reason = ""
+        # [m] by which the base is lowered where feet are still: of nearly straight legs rates exceed their limits
+        for lowered in (0.0, 0.01, 0.02, 0.03):
+            still = replace(judged, flight=planner.flights[number])
+            try:
+                repaired = repair_flight(clip, still, *how, planner.ends(number, lowered))
+            except NoExactStanceError as error:
+                reason = reason or str(error)
+                break
+            if repaired.repairable:
+                return repaired
+            reason = reason or repaired.reason
+        planner.give_up(number, f"no flight with still feet at its ends: {reason}")
     return repair_flight(clip, judged, *how)
 
 

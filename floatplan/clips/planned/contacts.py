@@ -25,6 +25,7 @@ from floatplan.problem.attitude import Attitude
 AT_ONCE = 0.1  # [s] within which feet that leave or arrive do so together
 NEAR = 0.2  # [s] from a flight: feet that stand no nearer than that do not begin or end it
 BRIEF = 0.05  # [s] shorter stands, and shorter gaps in one, are noise of the frames
+FARTHEST = 0.1  # [m] from a foot's frame to the ground: as of frames that name contacts of a jump
 REACH = 0.4  # [s] of a stance that is planned, at most, where it does not reach another flight
 
 
@@ -146,7 +147,13 @@ def _phases(times: Array, stands: BoolArray) -> list[ContactPhase]:
 
 
 def foot_points(clip: Clip, number: int) -> tuple[Foot, ...]:
-    """Return the points of a foot of a clip: the lowest link of its body, a ball or a sole."""
+    """Return the points of a foot of a clip: the lowest link of its body, a ball or a sole.
+
+    Raises
+    ------
+    NoContactsError
+        The link's frame is not in the foot.
+    """
     robot = clip.robot
     kinematics = Kinematics(robot)
     level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
@@ -154,7 +161,11 @@ def foot_points(clip: Clip, number: int) -> tuple[Foot, ...]:
     body = clip.scene.foot_bodies[number]
     links = {solid.link for solid in robot.solids if solid.body == body}
     lowest = min(sorted(links), key=lambda link: kinematics.lowest([link]))
-    return feet_at(robot, lowest, level, robot.resting, "feet")
+    points = feet_at(robot, lowest, level, robot.resting, "feet")
+    if points[0].depth > FARTHEST:
+        away = f"{1e3 * points[0].depth:.0f} mm above its lowest point"
+        raise NoContactsError(f"the frame of {lowest} is {away}, so no foot is known that could stand")
+    return points
 
 
 def foot_places(clip: Clip, number: int, points: Sequence[Foot], phases: Sequence[ContactPhase]) -> dict[str, Array]:

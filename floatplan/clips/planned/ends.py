@@ -96,10 +96,20 @@ class StillEnds:
         return motion
 
 
-def end_motion(clip: Clip, mechanics: Mechanics, flight: ClipFlight, places: tuple[Mapping[str, Array], ...]) -> Array:
-    """Return base, angles and joints (3, 6+n, 2) of a clip at a flight's ends, with feet at their places; still."""
+def end_motion(
+    clip: Clip,
+    mechanics: Mechanics,
+    flight: ClipFlight,
+    places: tuple[Mapping[str, Array], ...],
+    lowered: float = 0.0,
+) -> Array:
+    """Return base, angles and joints (3, 6+n, 2) of a clip at a flight's ends, with feet at their places; still.
+
+    The base is lowered, m.
+    """
     ends = np.array([flight.begin, flight.end])
     motion = clip_motion(clip, mechanics, ends)
+    motion[0, 2] -= lowered
     closed = [mechanics.close(motion[:, :, [end]], dict(places[end])) for end in range(2)]
     return np.concatenate(closed, axis=2)
 

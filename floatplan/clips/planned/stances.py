@@ -229,8 +229,11 @@ class StancePlanner:
     def _phase_points(self, phase: ContactPhase) -> tuple[Foot, ...]:
         return tuple(point for foot in phase.feet for point in self._points[foot])
 
-    def ends(self, number: int) -> StillEnds | None:
-        """The postures in which a flight begins and ends, with feet on the ground; None where no feet stand so."""
+    def ends(self, number: int, lowered: float = 0.0) -> StillEnds | None:
+        """The postures in which a flight begins and ends, with feet on the ground; None where no feet stand so.
+
+        They are the clip's, with the base lowered, m: a leg that is nearly straight extends faster.
+        """
         if number not in self.flights:
             return None
         flight = self.flights[number]
@@ -247,7 +250,7 @@ class StancePlanner:
         instants = np.linspace(flight.begin, flight.end, 101)
         axes = best_axes(self.clip.curve.attitudes(instants))
         mechanics = Mechanics(self.clip.robot, axes, self.gravity, points)
-        return StillEnds(mechanics, of_ends, end_motion(self.clip, mechanics, flight, of_ends))
+        return StillEnds(mechanics, of_ends, end_motion(self.clip, mechanics, flight, of_ends, lowered))
 
     def give_up(self, number: int, reason: str) -> None:
         """Plan no stances beside a flight."""

@@ -171,10 +171,24 @@ def met_by_flight(
     Base and joints are as they are, but for legs whose feet stand at ``places``, (3,) m; the centre of mass has a
     velocity (3,), m/s, and the robot an angular momentum about it (3,), kg m^2/s. Nothing bears it; of accelerations
     that do this the motors have those with the least squared shares of their limits, next to the ones at hand.
+
+    Raises
+    ------
+    NoExactStanceError
+        The joints cannot hold the feet still there.
     """
+    still = 1e-6  # [m, m/s; m/s^2 over g] of the feet
     standing = mechanics.close(motion[:, :, None], places)
-    moving = _moving(mechanics, standing, places, com_velocity, momentum)
-    moving[2, :, 0] = _gentle_fall(mechanics, moving, list(places))
+    try:
+        moving = _moving(mechanics, standing, places, com_velocity, momentum)
+        moving[2, :, 0] = _gentle_fall(mechanics, moving, list(places))
+    except np.linalg.LinAlgError:
+        raise NoExactStanceError("its joints do not hold the feet still where the flight is met") from None
+    feet, _ = mechanics.feet(moving, list(places))
+    feet[0] -= np.array(list(places.values()))
+    feet[2] /= mechanics.gravity
+    if not np.abs(feet).max() < still:
+        raise NoExactStanceError("its joints do not hold the feet still where the flight is met")
     return moving[:, :, 0]
 
 
