@@ -17,6 +17,7 @@ from pathlib import Path
 from clip_landings import clip_landings
 from clip_repair_section import clip_repair
 from clip_section import clips
+from clip_stances_section import clip_stances
 from constraint_sections import forward, obstacle, witness
 from guard import guard
 from inflight_sections import inflight
@@ -57,6 +58,7 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "clips": clips,
     "clip-repair": clip_repair,
     "clip-landings": clip_landings,
+    "clip-stances": clip_stances,
     "guard": guard,
 }
 

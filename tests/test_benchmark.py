@@ -54,11 +54,22 @@ EXPECTED = {
     "clips": "false alarms: 0 in 9",
     "clip-repair": "true hops that come back as they are: 4 of 4",
     "clip-landings": "in 18 at least, repaired",
+    "clip-stances": "have both stances, found and checked",
     "guard": "most worse",
 }
 LONG = {
     *("clips", "speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch"),
-    *("contact", "contact-in-space", "space", "proofs", "quality", "clip-repair", "clip-landings", "guard"),
+    *(
+        "contact",
+        "contact-in-space",
+        "space",
+        "proofs",
+        "quality",
+        "clip-repair",
+        "clip-landings",
+        "clip-stances",
+        "guard",
+    ),
 }
 
 

@@ -18,6 +18,7 @@ from floatplan.cli.progress import progress
 from floatplan.errors import InputError
 
 if TYPE_CHECKING:
+    from floatplan.clips.repair import Stances
     from floatplan.clips.repaired_flight import Choice
 
 ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
@@ -90,6 +91,9 @@ def clip_repair(
     degree: Annotated[
         int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
     ] = None,
+    stances: Annotated[
+        str, option("NAME", "'bent' to meet the flights, or 'planned', within friction, torques and rates: CasADi.")
+    ] = "bent",
     report: Annotated[bool, flag("Write runs/<name>_repaired/report.html too: it plays both side by side.")] = False,
     rate: Annotated[float | None, option("HZ", "Frames a second of the output; the clip's own if left out.")] = None,
     problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
@@ -109,6 +113,7 @@ def clip_repair(
     code 1 where a flight is not repairable, and the reason is printed.
     """
     from floatplan.clips.formats import LARGEST_CLIP
+    from floatplan.clips.repair import STANCES
     from floatplan.clips.writing import write_clip
     from floatplan.files import read_regular, write_atomically
 
@@ -118,8 +123,13 @@ def clip_repair(
     )
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
+    beside = cast("Stances", STANCES(stances, "--stances"))
+    if beside == "planned":
+        common.needs_casadi("--stances")
     with progress("repairing", quiet):
-        repaired, repair = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate)
+        repaired, repair = fp.repair_clip(
+            clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate, stances=beside
+        )
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
     shown = _page([target]) if report else None
     if repaired is not clip:

@@ -109,7 +109,7 @@ def plan(
     if launch:
         from floatplan.jumps.launch import launches
 
-        needs_casadi("--launch")
+        common.needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         if method == "reference":
             result = _by_reference(problem, seed, certify, source)
@@ -234,16 +234,6 @@ def launch(
         result = fp.launch(plan, request, end=end, seed=seed, starts=starts, progress=bar.say)
     facts = {"friction": request.friction, **result.to_dict(), "figures": result.figures}
     common.finish(facts, json_output, lambda summary: summary.launch_summary(result), result.ok)
-
-
-def needs_casadi(option: str) -> None:
-    """Refuse an option where CasADi is not installed."""
-    from floatplan.jumps.model import casadi
-
-    try:
-        casadi()
-    except InputError as error:
-        raise InputError(error.reason, element=option, advice=error.advice) from None
 
 
 COMMANDS = (  # in the order in which --help lists them

@@ -357,7 +357,11 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
         )
         if not repaired.repairable:
             reasons.append(Text(f"{when}: not repairable: {repaired.reason}", "red"))
-        elif flight_repair.stance is not None and flight_repair.stance.vertical_least < 0:
+        reasons += [
+            Text(f"{when}, {stance.sentence}", COLOURS["good" if stance.planned else "open"])
+            for stance in flight_repair.stances
+        ]
+        if repaired.repairable and flight_repair.is_adhesive and not flight_repair.stances:
             reasons.append(
                 Text(
                     f"{when}: a stance beside it would have to pull at the ground: stances are bent, not planned",

@@ -109,11 +109,12 @@ def _sentences(repair: ClipRepair) -> list[str]:
         if repaired is not None and not repaired.repairable:
             flight = flight_repair.flight
             sentences.append(f"{flight.begin:.2f} to {flight.end:.2f} s is not repairable: {repaired.reason}.")
-    stances = [flight.stance for flight in repair.flights if flight.stance is not None]
-    sticking = sum(stance.vertical_least < 0 for stance in stances)
-    if sticking:
+        sentences += [f"{flight_repair.flight.begin:.2f} s, {stance.sentence}." for stance in flight_repair.stances]
+    stances = [flight for flight in repair.flights if flight.stance is not None]
+    adhesive = sum(flight.is_adhesive for flight in stances)
+    if adhesive:
         sentences.append(
-            f"Stances are bent, not planned: next to {sticking} of {len(stances)} repaired flights the ground would "
+            f"Stances are bent, not planned: next to {adhesive} of {len(stances)} repaired flights the ground would "
             "have to be adhesive."
         )
     return sentences

@@ -16,7 +16,7 @@ from floatplan.robot import PlanarTree, Robot
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
 STILL = 1e-6  # [m, rad] what counts as level, and as within limits
 
-Side = Literal["takeoff", "flight", "landing"]
+Side = Literal["takeoff", "flight", "landing", "step"]  # a step is a stance between two flights
 
 
 class Usual(NamedTuple):
@@ -49,7 +49,7 @@ class TimedPhase:
 
     Attributes
     ----------
-    side : "takeoff", "flight" or "landing"
+    side : "takeoff", "flight", "landing", or "step", between two flights
     contacts : those that stand
     duration : guessed, s
     bounds : of the duration, s
@@ -76,9 +76,9 @@ class TimedPhase:
 
     @cached_property
     def shares(self) -> Array:
-        """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
+        """Times (intervals + 1,) of its nodes over its duration: denser near the one flight that it meets."""
         even = np.linspace(0.0, 1.0, self.intervals + 1)
-        if self.side == "flight":
+        if self.side in ("flight", "step"):
             return even
         from_flight = 1 - even if self.side == "takeoff" else even
         spaced = from_flight * (self.first_step + (1 - self.first_step) * from_flight)

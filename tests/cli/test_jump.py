@@ -12,7 +12,7 @@ import floatplan as fp
 from floatplan.jumps import launch as launching
 from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
-from floatplan.jumps.launch import Launch
+from floatplan.jumps.launches.result import Launch
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import floatplan as fp
+from floatplan.jumps.launches import in_space
 from floatplan.jumps.setup import NodeMargins
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess
@@ -88,10 +89,40 @@ def test_it_is_handed_on(roll, tmp_path):
 
 
 def test_what_is_for_jumps_in_a_plane_says_so(roll):
-    with pytest.raises(fp.InputError, match="searched for only with it"):
-        fp.launch(roll.flight)
     with pytest.raises(fp.InputError, match="near: is for jumps in a plane"):
         fp.jump(roll.problem, near=roll)
+
+
+def test_a_takeoff_with_rates_beyond_the_limits_is_shown_to_be_impossible(roll, monkeypatch):
+    """Rates follow from the velocity, the momentum and the still feet: nothing is searched for."""
+    monkeypatch.setattr(in_space, "planned_stance", lambda *_, **__: pytest.fail("a search for what there is not"))
+    flight = roll.flight
+    slow = replace(flight, problem=replace(flight.problem, limits=fp.Limits(velocity=3.0)))
+    result = fp.launch(slow)
+    assert result.impossible
+    assert not result.ok
+    largest = np.abs(flight.at(0.0).velocities).max() / 3.0
+    assert 1.0 < result.ratio <= largest * (1 + 1e-6)
+    assert f"{result.joint}'s rate is at least {result.ratio:.2f} of its limit, whatever came" in result.sentences[0]
+
+
+def test_feet_of_a_takeoff_that_are_not_level_are_named(roll):
+    """A roll leaves from its right legs, its left ones are in the air then."""
+    contacts = [("FL_foot", "FR_foot", "RL_foot", "RR_foot")]
+    request = replace(roll.request, takeoff=replace(roll.request.takeoff, contacts=contacts))
+    result = fp.launch(roll.flight, request)
+    assert result.impossible
+    assert "mm higher than" in result.sentences[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("end", ["takeoff", "landing"])
+def test_the_stances_of_its_flight_are_found_again(roll, end):
+    result = fp.launch(roll.flight, end=end, starts=1)
+    assert result.ok, result.sentences
+    assert result.ratio <= 0.97  # where its own takes 0.88
+    assert result.sentences[0].startswith(f"{end.capitalize()}: reachable, with ")
+    assert result.figures["residual"] < 1e-3
 
 
 @pytest.mark.parametrize(

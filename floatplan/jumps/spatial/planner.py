@@ -8,14 +8,14 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.jumps.flight import planned_flight
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins
-from floatplan.jumps.spatial.conflicts import binding_limits, binding_sentence
-from floatplan.jumps.spatial.coordinates import Mechanics
-from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends
+from floatplan.jumps.spatial.conflicts import shortfall
+from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.jumps.spatial.model import BASE
-from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
+from floatplan.jumps.spatial.nodes import SpatialSolution
+from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
@@ -55,17 +55,8 @@ def jump_in_space(
     explanation = f"No jump was found in {counted}."
     if nearest is not None:
         say("what stands in the way")
-        explanation += f" {_shortfall(program, nearest, problem)}"
+        explanation += f" {shortfall(program, nearest, problem)}"
     return SpatialJump(problem, request, explanation=explanation)
-
-
-def _shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem) -> str:
-    """What is farthest from what is required at the last iterate, and the limits that bind there."""
-    sentence = f"In the nearest this is farthest from what is required: {nearest.worst[1]}."
-    binding = binding_limits(program, nearest.raw)
-    if binding:
-        sentence += f" In the way: {'; '.join(binding_sentence(limit, problem) for limit in binding)}."
-    return sentence
 
 
 def _corrected(
@@ -98,7 +89,7 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
     problem = setup.problem
     request = setup.request
     solution = solution.moved(setup.origin)
-    mechanics = Mechanics(problem.robot, setup.axes, program.model.gravity, setup.feet)
+    mechanics = setup.mechanics
     try:
         ends = flight_ends(program, solution, mechanics)
         joints = np.stack((solution.y, solution.v))[:, BASE:, program.flight_nodes]
@@ -106,8 +97,11 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
         if not plan.ok:
             explanation = f"No flight between the stances was found: {plan.explanation}"
             return SpatialJump(problem, request, explanation=explanation)
-        before = exact_stances(program, solution, mechanics, ends, "takeoff")
-        after = exact_stances(program, solution, mechanics, ends, "landing")
+        outer = stance_ends(program, solution, mechanics)
+        first, last = np.split(outer, 2, axis=2)
+        takeoff, landing = np.split(ends.motion, 2, axis=2)
+        before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
+        after = exact_stances(program, solution, mechanics, "landing", np.concatenate((landing, last), axis=2))
     except InputError as error:
         explanation = f"The flight between the stances cannot be planned: {error}"
         return SpatialJump(problem, request, explanation=explanation)
