@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import typer
 
 import floatplan as fp
-from floatplan.cli import ExitCode, clips, common, motions, robots
+from floatplan.cli import ExitCode, clips, common, motions, pack, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import merge, studio, study
@@ -239,12 +239,13 @@ def launch(
 COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
     *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
-    *(clips.clip_check, clips.clip_repair, clips.bench),
+    *(clips.clip_check, clips.clip_repair, clips.bench, pack.motions, pack.motions_get),
 )
 TWO_WORDS: Mapping[object, str] = {
     merge: "study merge",
     clips.clip_check: "clip check",
     clips.clip_repair: "clip repair",
+    pack.motions_get: "motions get",
 }
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:

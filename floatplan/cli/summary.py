@@ -409,6 +409,19 @@ def bench_summary(results: Sequence[fp.Bench]) -> RenderableType:
     return Group(_table(titles, rows, whole=True), Text(f"MuJoCo with contact, {world}", "dim"))
 
 
+def pack_summary(rows: Sequence[Mapping[str, str]]) -> RenderableType:
+    """Return a table of the motions that come with floatplan."""
+    titles = ("motion", "flight, s", "height, m", "torque", "rate", "landed", "on feet only")
+    keys = ("name", "flight_s", "height_m", "torque_share", "rate_share")
+    lines: list[tuple[str, ...]] = []
+    for row in rows:
+        landed = [f"{row[key]} of {row['flights']}" if row[key] else "" for key in ("landed", "on_feet_alone")]
+        lines.append((*(row[key] for key in keys), *landed))
+    robots = {row["robot"] for row in rows}
+    words = f"{len(rows)} motions of {len(robots)} robots; floatplan motions get NAME writes one, for mjlab or with -f"
+    return Group(_table(titles, lines, whole=True), Text(words, "dim"))
+
+
 def launch_summary(launch: fp.Launch) -> RenderableType:
     """Return the result of ``floatplan launch``, for reading."""
     verdict, *sentences = launch.sentences

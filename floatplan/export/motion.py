@@ -16,7 +16,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import MotionSample, Trajectory, phase_of, sampled
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, requested_gains, joint_inertia
+from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, joint_inertia, requested_gains
 
 
 @dataclass(frozen=True, eq=False)

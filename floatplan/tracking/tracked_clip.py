@@ -69,8 +69,9 @@ def _motion(clip: Clip, times: Array) -> tuple[Array, Array]:
     quaternions = continuous_signs(Rotation.from_matrix(attitudes).as_quat())
     positions = np.concatenate((clip.curve.base_positions(inside), quaternions, clip.curve.positions(inside)), axis=1)
     linear, angular, joints = clip.curve.velocities(inside)
-    in_base = [np.einsum("kba,kb->ka", attitudes, vectors) for vectors in (linear, angular)]
-    velocities = np.concatenate((*in_base, joints), axis=1)
+    linear_in_base = np.einsum("kba,kb->ka", attitudes, linear)
+    angular_in_base = np.einsum("kba,kb->ka", attitudes, angular)
+    velocities = np.concatenate((linear_in_base, angular_in_base, joints), axis=1)
     velocities[times > clip.duration] = 0.0
     return read_only(positions), read_only(velocities)
 
@@ -89,11 +90,10 @@ def _foot_solids(clip: Clip) -> list[tuple[LinkSolid, ...]]:
         down = -poses.rotations[0, body, 2]
         depths = np.array([solid.reach(down[None])[0] for solid in solids])
         lowest = solids[int(depths.argmax())]
-        own = [
-            solid
-            for solid, depth in zip(solids, depths, strict=True)
-            if solid.link == lowest.link and depth > depths.max() - near
-        ]
+        own = []
+        for solid, depth in zip(solids, depths, strict=True):
+            if solid.link == lowest.link and depth > depths.max() - near:
+                own.append(solid)
         feet.append(tuple(own))
     return feet
 
@@ -109,10 +109,12 @@ def _shapes(robot: Robot, feet: list[tuple[LinkSolid, ...]], ground: float) -> C
             balls[f"{solid.link} {number}"] = (solid.body, solid.points[0], float(np.linalg.norm(solid.axes[:, 0])))
         elif hull is not None:
             soles.append(hull)
-    others = [solid_hull(solid) for solid in robot.solids if not any(solid is foot for foot in of_feet)]
-    return ContactShapes(
-        ground=ground, balls=balls, soles=tuple(soles), hulls=tuple(hull for hull in others if hull is not None)
-    )
+    others: list[Hull] = []
+    for solid in robot.solids:
+        hull = None if any(solid is foot for foot in of_feet) else solid_hull(solid)
+        if hull is not None:
+            others.append(hull)
+    return ContactShapes(ground=ground, balls=balls, soles=tuple(soles), hulls=tuple(others))
 
 
 def _is_ball(solid: LinkSolid) -> bool:

@@ -62,7 +62,7 @@ def checkout(tmp_path):
     shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("*.so"))
     for name in ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path / name)
-    for name in ("urdf", "problems"):
+    for name in ("urdf", "problems", "motions"):
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path
 
