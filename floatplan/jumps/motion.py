@@ -1,7 +1,9 @@
 """The motion of a jump's stances, from what is saved: position of the base, forces of the contacts, and torques."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -9,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.jumps.contacts import GroundContact
+from floatplan.jumps.contacts import GroundContact, displacement
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
@@ -179,6 +181,15 @@ class Stance:
             torques=read_only(torques),
             points=points,
         )
+
+    def moved(self, shift: complex) -> Stance:
+        """The same stance elsewhere, by horizontal + i vertical, m."""
+        return replace(self, anchor_position=self.anchor_position + shift)
+
+    def place_of(self, contact: GroundContact) -> complex:
+        """Where a contact stands at its end, m, as :attr:`anchor_position` is given."""
+        across, up = displacement(self.robot, self.contacts[0].spots[0], contact.spots[0], self.grid.y[:, -1])
+        return self.anchor_position + complex(across, up)
 
     def joints(self, times: Array) -> Array:
         """Planned positions (N, n), rad, at times (N,) s."""

@@ -92,11 +92,20 @@ class Phase(TimedPhase):
     Attributes
     ----------
     gentle : whether forces may vanish towards the flight as gently as they like
+    hop : number of the flight that it is, that it leads to, or that it follows
+    ground : height of the ground on which it stands over that of the first stance, m
     """
 
     contacts: tuple[GroundContact, ...]
     gentle: bool = False
+    hop: int = 0
+    ground: float = 0.0
     first_step: ClassVar[float] = 0.1
+
+    @property
+    def name(self) -> str:
+        """Side and contacts, for a person; of which flight, but of the first."""
+        return f"{super().name}, flight {self.hop + 1}" if self.hop else super().name
 
     @property
     def anchor(self) -> GroundContact:
@@ -206,8 +215,8 @@ def duration_costs(phases: Sequence[Phase]) -> list[float]:
     They are 1 for phases on one point, where more points stand on the same side of the flight: on one point errors grow
     by a factor e in as much time.
     """
-    steadier_sides = {phase.side for phase in phases if phase.others}
-    return [float(not phase.others and phase.side in steadier_sides) for phase in phases]
+    steadier_sides = {(phase.side, phase.hop) for phase in phases if phase.others}
+    return [float(not phase.others and (phase.side, phase.hop) in steadier_sides) for phase in phases]
 
 
 def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Array, limits: Array) -> Array | None:
@@ -322,6 +331,6 @@ def static_beyond_ranges(robot: Robot, contacts: Sequence[GroundContact], target
     return f"static would be {' and '.join(beyond)}" if beyond else ""
 
 
-def index_of_flight(phases: Sequence[Phase]) -> int:
-    """Return where the flight is among the phases of a jump."""
-    return [phase.side for phase in phases].index("flight")
+def indices_of_flights(phases: Sequence[Phase]) -> list[int]:
+    """Return where the flights are among the phases of a jump."""
+    return [index for index, phase in enumerate(phases) if phase.side == "flight"]

@@ -79,7 +79,7 @@ class Variables:
     forces : of each phase (2 (contacts - 1), nodes of the phase), N, of its contacts but the anchor
     drifts : of each phase (conditions, 2) at its begin and end, scaled accelerations
     durations : (phases, 1) s
-    momentum : (1, 1) h, kg m^2/s
+    momentum : (flights, 1) h of each flight, kg m^2/s
     factor : (1, 1) on limits; (0, 1) where squared torques are minimised
     """
 
@@ -128,7 +128,7 @@ class JumpSolution:
     y, v, a : (n+1, K+1)
     forces : for each phase (2 (contacts - 1), nodes of the phase) N, of its contacts but the anchor
     durations : (phases,) s
-    momentum : h, kg m^2/s
+    momenta : (flights,) h of each flight, kg m^2/s
     factor : largest share of a limit, where that is minimised; else 1
     worst : largest violation of a constraint, scaled; and which it is
     shortfall : of distances, m, where all else holds, though the cost may not be least; else infinite
@@ -141,7 +141,7 @@ class JumpSolution:
     a: Array
     forces: tuple[Array, ...]
     durations: Array
-    momentum: float
+    momenta: Array
     factor: float
     worst: tuple[float, str]
     shortfall: float

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.jumps.check import LIGHT
 from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
@@ -59,7 +59,8 @@ class ContactRobot:
         self.is_spatial = isinstance(jump, SpatialJumpMotion)
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
-        self.ground = jump.ground
+        self.ground = jump.stances[-1].ground
+        self.on_ground = np.array([self.model.geom(name).id for name in _grounds(jump)])
 
     def begin(self, base: Array, positions: Array) -> None:
         """Stand with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``."""
@@ -101,22 +102,31 @@ class ContactRobot:
         data.qfrc_applied[self.mujoco_robot.velocities] = torques
         for _ in range(round(duration / self.model.opt.timestep)):
             self.mujoco_robot.mujoco.mj_step(self.model, data)
-            self.touched.update(data.contact.geom[: data.ncon, 1].tolist())
+            self.touched.update(self._robot_geoms(data.contact.geom[: data.ncon])[0].tolist())
         count = len(self.feet)
         self.forces = np.zeros((count, 3))
         self.points = np.full((count, 3), np.nan)
         self.slips = np.zeros(count)
         contacts = data.contact
-        rows = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
-        for index, (geom, row) in enumerate(rows):
+        geoms, signs = self._robot_geoms(contacts.geom)
+        rows = zip(geoms.tolist(), signs.tolist(), contacts.efc_address.tolist(), strict=True)
+        for index, (geom, sign, row) in enumerate(rows):
             foot = self.foot_of.get(geom)
             if foot is not None and row >= 0:
                 force = data.efc_force[row : row + 3]
-                self.forces[foot] = force @ contacts.frame[index].reshape(3, 3)
+                self.forces[foot] += sign * (force @ contacts.frame[index].reshape(3, 3))
                 self.points[foot] = contacts.pos[index]
                 if force[0] > self.light:
                     self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
         return bool(np.isfinite(data.qpos).all())
+
+    def _robot_geoms(self, pairs: IntArray) -> tuple[IntArray, Array]:
+        """Of pairs of geoms (N, 2) in contact, those of the robot; and 1 where contact forces are on them, else -1.
+
+        MuJoCo orders the pairs by the kinds of their shapes.
+        """
+        is_second = np.isin(pairs[:, 0], self.on_ground)
+        return np.where(is_second, pairs[:, 1], pairs[:, 0]), np.where(is_second, 1.0, -1.0)
 
     def presses(self) -> bool:
         """Whether any foot presses on the ground."""
@@ -188,6 +198,8 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
         contype=1,
         friction=[friction, 0, 0],
     )
+    if jump.step is not None:
+        _add_step(spec, jump, friction)
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
     for name, (number, centre, radius) in _feet(jump).items():
         body = mujoco_spec.bodies[number]
@@ -198,6 +210,32 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
         spec.add_mesh(name=shape, uservert=corners.ravel())
         mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
     return mujoco_spec
+
+
+def _grounds(jump: JumpMotion) -> list[str]:
+    """Names of what the robot stands on."""
+    return ["floor"] if jump.step is None else ["floor", "step"]
+
+
+def _add_step(spec: Any, jump: JumpMotion, friction: float) -> None:
+    """Add the higher ground of a jump in a plane: a box on the floor, which is the lower one."""
+    step = jump.step
+    assert step is not None
+    plane = jump.robot.plane
+    half = np.array([2.0, (step.high - step.low) / 2, 2.0])  # [m] far along, as high as it is, far across
+    along = step.edge + step.inwards * half[0]
+    axes = np.stack((plane.horizontal, plane.vertical, np.cross(plane.horizontal, plane.vertical)), axis=1)
+    spec.worldbody.add_geom(
+        name="step",
+        type=import_mujoco().mjtGeom.mjGEOM_BOX,
+        size=half,
+        pos=axes @ [along, step.low + half[1], 0.0],
+        quat=pin.Quaternion(axes).coeffs()[[3, 0, 1, 2]],
+        solref=STIFF,
+        contype=1,
+        conaffinity=0,
+        friction=[friction, 0, 0],
+    )
 
 
 def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
