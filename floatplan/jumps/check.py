@@ -153,8 +153,10 @@ def _checked(jump: JumpMotion) -> JumpCheck:
 def _unevenness(jump: JumpMotion) -> float:
     """By how much what stands differs in height, m, but for the step of the ground."""
     rise = jump.request.rise
-    landed = [*jump.after, *itertools.chain.from_iterable(hop.after for hop in jump.more)]
-    grounds = [stance.ground for stance in jump.before] + [stance.ground - rise for stance in landed]
+    grounds = []
+    for index, stance in enumerate(jump.stances):
+        has_landed = index >= len(jump.before)
+        grounds.append(stance.ground - (rise if has_landed else 0.0))
     return float(np.ptp(grounds))
 
 
@@ -332,9 +334,11 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
     whether it stands at that time or is still to come. In a plane it is rotated either way, in space about both
     horizontal axes.
     """
-    for landed in (jump.after, *(hop.after for hop in jump.more)):
-        landing = landed[0].span[0]
-        for stance in landed:
+    landing = -np.inf
+    for previous, stance in itertools.pairwise(jump.pieces):
+        if isinstance(previous, TimedFlight):
+            landing = stance.span[0]
+        if not isinstance(stance, TimedFlight):
             begin = stance.span[0]
             end = min(stance.span[1], landing + TOUCHDOWN)
             if begin < end:

@@ -133,6 +133,30 @@ def edge_obstacles(request: JumpRequest, ground: float) -> tuple[Obstacle, ...]:
     return side, top
 
 
+def least_distance(robot: Robot, request: JumpRequest, contacts: Sequence[GroundContact], y: Array) -> float | None:
+    """Least horizontal position, m, of the foot that lands first, with which all stands beyond the edge of the ground.
+
+    Its sign is the direction. None where the grounds are equally high.
+
+    Parameters
+    ----------
+    contacts : on which the robot stands in the end, the foot that lands first before the others
+    y : (n+1,) rad, its posture then
+    """
+    if request.edge is None:
+        return None
+    direction = float(np.copysign(1.0, request.edge))
+    feet = direction * contact_positions(robot, contacts, y).real
+    nearest = feet.min()
+    if request.rise < 0:  # its knees may be nearer to the side of the ground that it left
+        for link in robot.touching_links:
+            hull = corners(robot.link_hulls[link])
+            radii = np.array([corner.radius for corner in hull])
+            nearest = min(nearest, (direction * positions_from_com(robot, hull, y).real - radii).min())
+    apart = 0.03  # [m] of what lands from the edge, since feet roll on a little
+    return float(request.edge + direction * (apart + feet[0] - nearest))
+
+
 def displacement(robot: Robot, start: Spot, end: Spot, y: Array) -> tuple[float, float]:
     """Vector from one spot to another in a posture y (n+1,), m; circles that roll are where angles are 0."""
     angles = robot.tree.absolute_angles(y[0], y[1:])

@@ -23,9 +23,9 @@ from floatplan.errors import FloatplanError
 from floatplan.jumps.contacts import displacement
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, Stance, quintic, quintic_spline, refined, values
-from floatplan.jumps.phases import Phase, instants
+from floatplan.jumps.phases import Phase, axes_of, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rows import axes_of, balanced, spread
+from floatplan.jumps.rows import balanced, spread
 from floatplan.jumps.variables import JumpSolution
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import positions_from_com

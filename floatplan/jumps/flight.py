@@ -10,7 +10,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.contacts import GroundContact, edge_obstacles, ground_below, is_ground
-from floatplan.jumps.program import JumpProgram, grounds_below
+from floatplan.jumps.phases import grounds_below
+from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned

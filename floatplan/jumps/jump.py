@@ -65,6 +65,12 @@ class Jump(Outputs, JumpMotion):
             return JumpCheck(False, {}, ("no jump was found",))
         return check_jump(self)
 
+    @property
+    def proved(self) -> bool:
+        """Whether all its flights were proved."""
+        certificates = [plan.certificate for plan in self.flights]
+        return bool(certificates) and all(own is not None and own.proved for own in certificates)
+
     def with_certificate(self, certificate: Certificate, *others: Certificate) -> Jump:
         """Return the same jump with what was proved of its flight, which both files then hold.
 

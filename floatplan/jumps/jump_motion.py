@@ -205,7 +205,10 @@ class JumpMotion(MotionInFile):
     @property
     def stances(self) -> tuple[Any, ...]:
         """All stances."""
-        return (*self.before, *self.after, *chain.from_iterable(hop.after for hop in self.more))
+        stances = [*self.before, *self.after]
+        for hop in self.more:
+            stances += hop.after
+        return tuple(stances)
 
     @property
     def flights(self) -> tuple[Plan, ...]:
@@ -331,15 +334,17 @@ class JumpMotion(MotionInFile):
     @cached_property
     @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What it does although nobody asked for it: its flights' warnings, and links that overlap at instants of it.
+        """What it does unrequested: its flights' warnings, and links that overlap at instants of it.
 
         None where there is no jump.
         """
         if self.flight is None:
             return ()
-        others = [warning for warning in self.flight.warnings if warning.kind != "overlap"]
-        for hop in self.more:  # whose orientations have the turns of those before
-            others += [warning for warning in hop.flight.warnings if warning.kind not in ("overlap", "turns")]
+        others = []
+        for number, flight in enumerate(self.flights):
+            # Orientations of later flights have the turns of those before.
+            ignored = ("overlap", "turns") if number else ("overlap",)
+            others += [warning for warning in flight.warnings if warning.kind not in ignored]
         return (*others, *overlap_warnings(self.problem, self.planned_positions, self.duration))
 
     def refuse_unless_ok(self, action: str) -> None:

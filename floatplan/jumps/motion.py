@@ -182,12 +182,8 @@ class Stance:
             points=points,
         )
 
-    def moved(self, shift: complex) -> Stance:
-        """The same stance elsewhere, by horizontal + i vertical, m."""
-        return replace(self, anchor_position=self.anchor_position + shift)
-
-    def place_of(self, contact: GroundContact) -> complex:
-        """Where a contact stands at its end, m, as :attr:`anchor_position` is given."""
+    def position_of(self, contact: GroundContact) -> complex:
+        """Where a contact stands at its end, m, in the same way as :attr:`anchor_position`."""
         across, up = displacement(self.robot, self.contacts[0].spots[0], contact.spots[0], self.grid.y[:, -1])
         return self.anchor_position + complex(across, up)
 
@@ -306,6 +302,11 @@ class Stance:
     def span(self) -> tuple[float, float]:
         """Begin and end, s."""
         return float(self.grid.times[0]), float(self.grid.times[-1])
+
+
+def moved(stances: Sequence[Stance], shift: complex) -> tuple[Stance, ...]:
+    """The same stances elsewhere, by horizontal + i vertical, m."""
+    return tuple(replace(stance, anchor_position=stance.anchor_position + shift) for stance in stances)
 
 
 def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array]:

@@ -20,7 +20,7 @@ from floatplan.jumps.flight import flight_problem, planned_flight, tighter_limit
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.jump_motion import Hop
 from floatplan.jumps.model import casadi
-from floatplan.jumps.motion import Stance
+from floatplan.jumps.motion import Stance, moved
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, jump_setup, refined_until_checked, solve_in_rounds
@@ -363,7 +363,7 @@ def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution,
             plan = planned_flight(flight_problem(problem, program, solution, hop), seed, tighter)
             if not plan.ok:
                 which = f"flight {hop + 1}" if len(program.flights) > 1 else "flight"
-                explanation = f"No {which} between the stances was found: {plan.explanation}"
+                explanation = f"Between the stances no {which} was planned: {plan.explanation}"
                 return Jump(problem, request, explanation=explanation)
             plans.append(plan)
         before = exact_stances(program, solution, "takeoff", plans[0])
@@ -396,30 +396,27 @@ def _stances_after(
     after: list[tuple[Stance, ...]] = []
     shifts = [0j]
     for hop, plan in enumerate(plans):
-        landed = exact_stances(program, solution, "landing", plan, hop=hop)
-        landed = tuple(stance.moved(shifts[-1]) for stance in landed)
+        landed = moved(exact_stances(program, solution, "landing", plan, hop=hop), shifts[-1])
         if hop + 1 < len(plans):
             leaving = exact_stances(program, solution, "takeoff", plans[hop + 1], hop=hop + 1)
-            shifts.append(landed[-1].place_of(leaving[0].contacts[0]) - leaving[0].anchor_position)
-            landed += tuple(stance.moved(shifts[-1]) for stance in leaving)
+            shifts.append(landed[-1].position_of(leaving[0].contacts[0]) - leaving[0].anchor_position)
+            landed += moved(leaving, shifts[-1])
         after.append(landed)
-    more = [
-        Hop(plan, (shift.real, shift.imag), stances)
-        for plan, shift, stances in zip(plans[1:], shifts[1:], after[1:], strict=True)
-    ]
+    more: list[Hop] = []
+    for plan, shift, stances in zip(plans[1:], shifts[1:], after[1:], strict=True):
+        more.append(Hop(plan, (shift.real, shift.imag), stances))
     return after[0], tuple(more)
 
 
 def _largest_share(jump: Jump, check: JumpCheck) -> float:
     """The largest share of what the margins leave of limits, in stances and in flight; 0 where nothing is limited."""
-    of_flights: list[Mapping[str, Array]] = []
+    shares = dict(check.figures)
     for flight in jump.timed_flights:
         times = flight.begin + np.linspace(0.0, flight.plan.duration, 1001)  # half a millisecond apart
-        of_flights.append(limit_shares(jump.problem, flight.state(times)))
+        for name, values in limit_shares(jump.problem, flight.state(times)).items():
+            shares[name] = max(shares[name], float(values.max(initial=0.0)))
     largest = 0.0
     for name in SHARES:
         if name not in check.unlimited:
-            in_flight = [float(shares[name].max(initial=0.0)) for shares in of_flights]
-            share = max(check.figures[name], *in_flight)
-            largest = max(largest, share / FIGURES[name].limit_of(jump.request))
+            largest = max(largest, shares[name] / FIGURES[name].limit_of(jump.request))
     return largest

@@ -30,7 +30,16 @@ from floatplan.jumps.check import TOUCHDOWN
 from floatplan.jumps.locked_joints import stop_when_overloaded
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, values
-from floatplan.jumps.phases import FlightEnd, Phase, duration_costs, instants
+from floatplan.jumps.phases import (
+    FlightEnd,
+    Phase,
+    drifting,
+    duration_costs,
+    grounds_below,
+    instants,
+    meets_next,
+    outer_phase,
+)
 from floatplan.jumps.rows import (
     Bound,
     CompiledProgram,
@@ -38,12 +47,20 @@ from floatplan.jumps.rows import (
     Label,
     NodeRows,
     Rows,
-    balanced,
-    drifting,
     quadrature_step,
 )
-from floatplan.jumps.separation import Separation
-from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, SETTINGS, JumpSolution, Variables, ipopt_options
+from floatplan.jumps.separation import Separation, add_distance
+from floatplan.jumps.variables import (
+    FOOT_LIFT,
+    ITERATIONS,
+    SETTINGS,
+    JumpSolution,
+    Variables,
+    add_meeting,
+    bound_forces,
+    ipopt_options,
+    onset_cost,
+)
 
 
 class JumpProgram:
@@ -56,7 +73,7 @@ class JumpProgram:
     flight_ends : what is fixed at the flight's ends
     momentum : kg m^2/s, where it is fixed
     beyond : least horizontal position of the foot that lands from the one that takes off, m, its sign the direction
-    periodic : whether it ends as it begins, in the middle of a stance, in place of standing
+    periodic : whether it ends as it begins, in the middle of a stance, instead of standing
     limits : whether the factor on limits is minimised, instead of squared torques
     iterations : of IPOPT at most
     lift : of feet in the middle of the flight, m
@@ -166,24 +183,13 @@ class JumpProgram:
         for index, phase in enumerate(self.phases):
             if phase.others:
                 inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
-                self._bound_forces(box.forces[index], phase, inner)
+                bound_forces(box.forces[index], phase, inner, self.node_rows.limits.pressed * self.node_rows.weight)
         box.durations[:] = self._duration_bounds[:, :, None]
         if self._momentum is not None:
             box.momentum[:] = self._momentum
         box.factor[0] = 0.0
         box.factor[1] = SETTINGS.largest_factor
         return self.join(box.map(lambda bound: bound[0])), self.join(box.map(lambda bound: bound[1]))
-
-    def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
-        """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
-        box[0, 1::2] = self.node_rows.limits.pressed * self.node_rows.weight * phase.force_shares
-        seam = -1 if phase.side == "takeoff" else 0
-        stays = [contact.name for contact in inner.contacts]
-        for row, contact in enumerate(phase.others):
-            if contact.vertical:
-                box[:, 2 * row] = 0.0
-            if contact.name not in stays:
-                box[:, 2 * row : 2 * row + 2, seam] = 0.0
 
     @cached_property
     def compiled(self) -> CompiledProgram:
@@ -212,8 +218,8 @@ class JumpProgram:
                 cost = self._add_flight(rows, index, (y, v, a), duration, variables.momentum[phase.hop])
             else:
                 cost = self._add_stance(rows, index, (y, v, a), variables)
-                if self._meets_next(index):
-                    self._add_middle(rows, index, variables)
+                if meets_next(self.phases, index, self.periodic):
+                    add_meeting(rows, self.node_rows, index, variables, self.periodic)
             self._add_rates(rows, joints, step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += ca.sumsqr(unit**2 * ca.diff(joints[2], 1, 1))
@@ -279,7 +285,7 @@ class JumpProgram:
             times = variables.durations[index] * ca.DM(phase.shares).T
             if self.node_rows.limits.pitch_error:
                 self._add_rotated_landing(rows, phase, motion, times)
-            cost = cost + _onset_cost(load, times)
+            cost = cost + onset_cost(load, times)
         return cost
 
     def _stance_bounds(self, index: int, bounds: Sequence[Bound]) -> tuple[Array, Array]:
@@ -290,7 +296,7 @@ class JumpProgram:
         outer = -1 - seam
         inner_phase = self.phases[index + 1 if takeoff else index - 1]
         at_flight = inner_phase.side == "flight"
-        in_middle = self._meets_next(index)
+        in_middle = meets_next(self.phases, index, self.periodic)
         stays = {f"friction of {contact.name}" for contact in inner_phase.contacts}
         implied = self._implied if at_flight else set()
         low, high = _repeated(bounds, phase.intervals + 1)
@@ -319,54 +325,10 @@ class JumpProgram:
             if kind in implied or (at_flight and kind == "pressed"):
                 low[row, seam] = -np.inf
                 high[row, seam] = np.inf
-        if self._outer_phase(index) is not None:
+        if outer_phase(self.phases, index) is not None:
             low[:, outer] = -np.inf
             high[:, outer] = np.inf
         return low, high
-
-    def _outer_phase(self, index: int) -> Phase | None:
-        """The phase of the same side of its flight that is farther from it than a stance; None where there is none."""
-        phase = self.phases[index]
-        outer = index - 1 if phase.side == "takeoff" else index + 1
-        if not 0 <= outer < len(self.phases) or self.phases[outer].side != phase.side:
-            return None
-        return self.phases[outer]
-
-    def _meets_next(self, index: int) -> bool:
-        """Whether a stance ends, moving, where the stances before another flight begin, or the jump's own again."""
-        if self.phases[index].side != "landing" or self._outer_phase(index) is not None:
-            return False
-        return index + 1 < len(self.phases) or self.periodic
-
-    def _add_middle(self, rows: Rows, index: int, variables: Variables) -> None:
-        """Forces are the same where a stance ends and the next begins; at the jump's ends of a periodic one, all is.
-
-        What stands there is the same, but seen from another anchor. With the motion given one number is free, by which
-        the feet press against one another: a horizontal force.
-        """
-        following = (index + 1) % len(self.phases)
-        one = self.phases[index]
-        two = self.phases[following]
-        if not following:
-            units = (1.0, self.node_rows.unit, self.node_rows.unit**2)
-            for values, unit in zip((variables.y, variables.v, variables.a), units, strict=True):
-                change = np.zeros(self.size)
-                if values is variables.y:
-                    change = self.ends[-1] - self.ends[0]
-                rows.add(unit * (values[:, -1] - values[:, 0] - change), 0.0, 0.0, "periodic")
-        if not one.others:
-            return
-        ca = casadi()
-        forces = ca.SX.sym("forces", 2 * len(one.others))
-        own, pairs = balanced(self.model, one, forces)
-        by_name = dict(zip([contact.name for contact in one.contacts], [own, *pairs], strict=True))
-        horizontal = by_name[two.others[0].name][0]
-        function = self.model.function("horizontal", [horizontal], forces)
-        node = int(self.starts[index + 1])
-        state = [values[:, node] for values in (variables.y, variables.v, variables.a)]
-        (before,) = rows.at_nodes(function, *state, variables.forces[index][:, -1])
-        after = variables.forces[following][0, 0]
-        rows.add((before - after) / self.node_rows.weight, 0.0, 0.0, f"forces ({one.name})")
 
     def _add_rotated_landing(self, rows: Rows, phase: Phase, motion: Sequence[Any], times: Any) -> None:
         """Points stay above the ground also where the robot lands rotated by the pitch error.
@@ -424,19 +386,8 @@ class JumpProgram:
             high[1:, end] = np.inf
         rows.add_nodes(values, bounds, low, high, "flight")
         if self._beyond is not None:
-            self._add_distance(rows, index, (y, v, a), vx0 * duration)
+            add_distance(rows, self.node_rows, index, (y, v, a), vx0 * duration, self._beyond)
         return ca.sum1(torques**2)
-
-    def _add_distance(self, rows: Rows, index: int, motion: Sequence[Any], along: Any) -> None:
-        """What lands is beyond an edge of the ground; ``along`` is how far the flight goes, m."""
-        assert self._beyond is not None
-        model = self.model
-        # Where circles are, not where they would be without their rotation.
-        before, after = (self.phases[index + side].anchor.spots[0]._replace(radius=0.0) for side in (-1, 1))
-        (x0,) = rows.at_nodes(model.function("before", [model.com_from(before)[0]]), *(m[:, 0] for m in motion))
-        (x1,) = rows.at_nodes(model.function("after", [model.com_from(after)[0]]), *(m[:, -1] for m in motion))
-        value = np.sign(self._beyond) * (x0 + along - x1 - self._beyond)
-        rows.add(value / self.node_rows.height, 0.0, np.inf, "landing beyond the edge")
 
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
         """Where a flight is fixed, its momentum and the velocity of its centre of mass, if the rates do not say so."""
@@ -589,23 +540,3 @@ def _repeated(bounds: Sequence[Bound], count: int) -> tuple[Array, Array]:
     """Low and high bounds (rows, count) of rows at so many nodes."""
     columns = np.array([(bound.low, bound.high) for bound in bounds], dtype=float)
     return np.tile(columns[:, :1], (1, count)), np.tile(columns[:, 1:], (1, count))
-
-
-def grounds_below(shares: Array, before: float, after: float) -> Array:
-    """Heights (N,) m of the ground over which a flight is required to be, at shares (N,) of its duration.
-
-    In its first half that is the ground that it leaves, in the second that on which it lands, unless one height of
-    both says more: the edge between both is an obstacle.
-    """
-    return np.where(shares <= 0.5, before, after)
-
-
-def _onset_cost(load: Any, times: Any) -> Any:
-    """Cost (1, nodes) of ground forces that grow at once, at times (1, nodes) s from the landing on.
-
-    A foot that lands late is pressed down without a ground below it, and hits it the faster the more force it was to
-    bear by then: what the load is beyond one weight in ``onset`` costs.
-    """
-    beyond = load - times / SETTINGS.onset
-    positive = (beyond + casadi().sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
-    return SETTINGS.abruptness * positive**2

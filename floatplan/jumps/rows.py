@@ -24,7 +24,7 @@ from floatplan.jumps.contacts import (
 )
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
-from floatplan.jumps.phases import Phase, indices_of_flights
+from floatplan.jumps.phases import Phase, axes_of, drifting, indices_of_flights
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
@@ -550,16 +550,6 @@ def quadrature_step(values: Any, rates: Any, accelerations: Any, step: Any) -> A
     """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives, by Hermite's rule."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (accelerations[:, :-1] - accelerations[:, 1:])
-
-
-def axes_of(contact: GroundContact) -> tuple[int, ...]:
-    """In which directions a contact but the anchor is fixed: both, or of a heel the vertical one."""
-    return (1,) if contact.vertical else (0, 1)
-
-
-def drifting(phase: Phase) -> int:
-    """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
-    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:

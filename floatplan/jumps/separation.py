@@ -418,3 +418,22 @@ def _around(angles: Array, gaps: Array, swapped: bool) -> Array:
         other_side = (lengths[0] > detour * lengths[1]) != swapped
         led[begin:end] = np.interp(np.arange(begin, end), [begin - 1, deepest, end], routes[other_side])
     return led
+
+
+def add_distance(rows: Rows, node_rows: NodeRows, index: int, motion: Sequence[Any], along: Any, beyond: float) -> None:
+    """Add a row: what lands is beyond an edge of the ground.
+
+    Parameters
+    ----------
+    index : of the flight among the phases
+    motion : y, v, a (n+1, nodes) of the flight
+    along : how far it goes, m
+    beyond : least horizontal position of the foot that lands from the one that takes off, m; its sign is the direction
+    """
+    model = node_rows.model
+    # Where circles are, not where they would be without their rotation.
+    before, after = (node_rows.phases[index + side].anchor.spots[0]._replace(radius=0.0) for side in (-1, 1))
+    (x0,) = rows.at_nodes(model.function("before", [model.com_from(before)[0]]), *(m[:, 0] for m in motion))
+    (x1,) = rows.at_nodes(model.function("after", [model.com_from(after)[0]]), *(m[:, -1] for m in motion))
+    value = np.sign(beyond) * (x0 + along - x1 - beyond)
+    rows.add(value / node_rows.height, 0.0, np.inf, "landing beyond the edge")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, pairwise
+from itertools import chain
 from typing import TypeVar
 
 import numpy as np
@@ -22,10 +22,10 @@ from floatplan.jumps.contacts import (
     bent_ranges,
     clearance_points,
     contact_at,
-    contact_positions,
     edge_obstacles,
     ground_below,
     in_the_air,
+    least_distance,
     names_of,
     not_round,
     rolling,
@@ -39,6 +39,7 @@ from floatplan.jumps.phases import (
     Side,
     indices_of_flights,
     not_static,
+    refuse_other_feet,
     side_phases,
     standing_posture,
     static_beyond_ranges,
@@ -51,7 +52,7 @@ from floatplan.problem.jump import Ending, JumpFlight, JumpRequest
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
-from floatplan.robot.standing import Spot, corners, positions_from_com
+from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
 CORRECTIONS = 2  # [-] programs after the first, each with more nodes and wider margins
@@ -309,33 +310,12 @@ class Setup:
             separation,
             self.flight_ends,
             self.momentum,
-            beyond=self._beyond,
+            beyond=least_distance(problem.robot, self.request, self.phases[-1].contacts, self.ends[-1]),
             periodic=self.request.is_periodic,
             limits=self.request.objective == "limits",
             iterations=iterations,
             lift=margins.lift,
         )
-
-    @property
-    def _beyond(self) -> float | None:
-        """Least horizontal position, m, of the landing's anchor: all of it stands beyond the edge of the ground then."""
-        request = self.request
-        if request.edge is None:
-            return None
-        direction = math.copysign(1.0, request.edge)
-        robot = self.problem.robot
-        end = self.ends[-1]
-        last = self.phases[-1]
-        feet = direction * contact_positions(robot, last.contacts, end).real
-        nearest = min(feet)
-        if request.rise < 0:  # its knees may be nearer to the side of the ground that it left
-            for link in robot.touching_links:
-                hull = corners(robot.link_hulls[link])
-                along = direction * positions_from_com(robot, hull, end).real
-                nearest = min(nearest, *(along - [corner.radius for corner in hull]))
-        apart = 0.03  # [m] of what lands from the edge, since feet roll on a little
-        own_anchor = direction * contact_positions(robot, [last.anchor], end).real[0]
-        return float(request.edge + direction * (apart + own_anchor - nearest))
 
     @property
     def _height_of_origin(self) -> float:
@@ -384,14 +364,11 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         of_hop = [
             *side_phases("takeoff", takeoff_contacts, unit, of_takeoff),
             *side_phases("flight", [()], unit, [flight_bounds], own_turns),
-            *(
-                replace(phase, ground=request.rise)
-                for phase in side_phases("landing", landing_contacts, unit, of_landing)
-            ),
+            *side_phases("landing", landing_contacts, unit, of_landing),
         ]
-        phases += [replace(phase, hop=hop) for phase in of_hop]
+        phases += [_of_sequence(phase, hop, problem, request) for phase in of_hop]
         ends.append(_rotated(end if is_last else start, ends[-1][0] - start[0] + math.tau * own_turns))
-    _refuse_other_feet(phases, request)
+    refuse_other_feet(phases, request.is_periodic)
     flight_ends = []
     for key, node, state in (("start", 0, problem.initial), ("goal", -1, problem.final)):
         if key in request.fixed:
@@ -419,9 +396,21 @@ def _flights(problem: Problem, request: JumpRequest, turns: int) -> list[tuple[i
         reason = f"the first flight makes {flights[0][0]} turns, and the problem's goal is {turns} from its start"
         raise InputError(reason, element="jump.flights[0].turns", advice="let both say the same, or leave it out")
     if len(flights) > 1 and problem.obstacles:
-        reason = "obstacles are kept by jumps of one flight"
+        reason = "only jumps of one flight keep clear of obstacles"
         raise InputError(reason, element="obstacles", advice="leave them out, or plan one flight")
     return flights
+
+
+def _of_sequence(phase: Phase, hop: int, problem: Problem, request: JumpRequest) -> Phase:
+    """A phase with the number of its flight, and with what a step of the ground makes of it."""
+    phase = replace(phase, hop=hop)
+    if phase.side == "landing":
+        return replace(phase, ground=request.rise)
+    low, high = phase.bounds
+    if phase.side == "takeoff" or low == high:
+        return phase
+    fall = math.sqrt(2 * abs(request.rise) / float(problem.flight.gravity))  # [s] through the step
+    return replace(phase, duration=phase.duration + fall / 2, bounds=(low, high + fall))
 
 
 def _groups(
@@ -438,24 +427,6 @@ def _groups(
     return takeoff or [feet, *single[:1]], landing or [*single[-1:], feet]
 
 
-def _refuse_other_feet(phases: Sequence[Phase], request: JumpRequest) -> None:
-    """Refuse a stance between flights whose feet come or leave in its middle, or which stands on soles."""
-    meetings = [(one, two) for one, two in pairwise(phases) if two.hop > one.hop]
-    if request.is_periodic:
-        meetings.append((phases[-1], phases[0]))
-    for one, two in meetings:
-        landed = sorted(one.points)
-        if landed != sorted(two.points):
-            reason = f"{', '.join(landed)} stand where {', '.join(sorted(two.points))} are to take off"
-            advice = "let the last phase of the landing be the first of the takeoff"
-            raise InputError(reason, element="jump.landing.contacts", advice=advice)
-        if any(contact.of_sole for contact in one.contacts):
-            reason = "between two flights robots stand on points, not on soles"
-            raise InputError(
-                reason, element="jump.flights", advice='name toes alone, as "FRAME.toe", or plan one flight'
-            )
-
-
 def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
     """Refuse ends of a flight that a jump around it does not reach, since it stands level at both ends."""
     flight = problem.flight
@@ -470,9 +441,11 @@ def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
     landing = flight.landing
     rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[1]
     request = problem.jump
-    asked = 0.0 if request is None else request.rise
-    if min(abs(rise), abs(rise - asked)) > 0.2:  # m: ankles rise by so much where soles tip; 0 where it is left out
-        reason = f"a jump lands on ground that is {asked:.3g} m up, not {rise:.3g} m"
+    rise_of_ground = 0.0 if request is None else request.rise
+    if (
+        min(abs(rise), abs(rise - rise_of_ground)) > 0.2
+    ):  # m: ankles rise by so much where soles tip; 0 where it is left out
+        reason = f"a jump lands on ground that is {rise_of_ground:.3g} m up, not {rise:.3g} m"
         advice = "leave it out, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="flight.landing.height", advice=advice)
 

@@ -20,7 +20,6 @@ MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # [-] on each side of the flight
 MOST_FLIGHTS = 20  # [-] of a sequence: its program grows with each
-HIGHEST_GROUND = Range(-10.0, 10.0, "m")
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 
@@ -65,7 +64,7 @@ class JumpSide(Keyed):
 
     contacts: Annotated[Groups | None, Key()] = None
     durations: Annotated[Durations | None, Key(unit="s", numbers="duration")] = None
-    height: Annotated[float | None, Key(unit="m", numbers=HIGHEST_GROUND)] = None
+    height: Annotated[float | None, Key(unit="m", numbers=Range(-10.0, 10.0, "m"))] = None
     outer: ClassVar[int] = 0
     wrong: ClassVar[str] = "come to the ground before takeoff"  # of a frame that does not stand then
 
@@ -118,7 +117,7 @@ class JumpLanding(JumpSide):
     contacts, durations, height : as of :class:`JumpSide`
     to : "standing", "periodic", or mapping of joints to rad
         Posture it comes to, by joint, or "standing": the one that it stood in before. "periodic": it never stands, and
-        comes to the motion in which it began, further on and with whole turns more, so that it may go on for ever.
+        comes to the motion in which it begins, further on and with whole turns more, so that it may go on for ever.
     displacement : (float, float), m, optional
         In space: how far its centre of mass has come, along x and y of the world, from standing to standing; where it
         lands is free if left out.
@@ -214,7 +213,7 @@ class JumpRequest(Keyed):
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, 0.5, "rad"))] = 0.07
     flights: Annotated[Sequence[JumpFlight] | None, Key()] = None
-    edge: Annotated[float | None, Key(unit="m", numbers=HIGHEST_GROUND)] = None
+    edge: Annotated[float | None, Key(unit="m", numbers=Range(-10.0, 10.0, "m"))] = None
 
     @property
     def rise(self) -> float:
@@ -232,9 +231,9 @@ class JumpRequest(Keyed):
         if count > MOST_FLIGHTS:
             yield "flights", f"{count} flights are too many; {MOST_FLIGHTS} at most"
         several = count > 1 or self.is_periodic
-        kept = [name for name in self.fixed if name != "duration"]
-        if several and kept:
-            yield "fixed", f"{kept[0]!r} is of one flight; leave it out where several follow one another"
+        of_one = sorted(set(self.fixed) - {"duration"})
+        if several and of_one:
+            yield "fixed", f"{of_one[0]!r} is of one flight; leave it out where several follow one another"
         if several and self.rise:
             yield "landing.height", "several flights are on one ground; leave it out"
         if self.rise and self.edge is None:
@@ -250,6 +249,16 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     if is_planar and jump.landing.displacement is not None:
         advice = "leave it out: where a jump in a plane lands is free"
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
+    in_a_plane = {
+        "takeoff.height": jump.takeoff.height,
+        "landing.height": jump.landing.height,
+        "landing.to": "periodic" if jump.is_periodic else None,
+        "flights": jump.flights or None,
+        "edge": jump.edge,
+    }
+    for key, value in {} if is_planar else in_a_plane.items():
+        if value is not None:
+            yield InputError("is for jumps in a plane", element=f"jump.{key}", advice="leave it out")
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
         for index, group in enumerate(side.contacts or ()):
             for frame in group:

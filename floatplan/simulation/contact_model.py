@@ -60,7 +60,7 @@ class ContactRobot:
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
         self.ground = jump.stances[-1].ground
-        self.on_ground = np.array([self.model.geom(name).id for name in _grounds(jump)])
+        self.on_ground = _ground_geoms(self.model)
 
     def begin(self, base: Array, positions: Array) -> None:
         """Stand with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``."""
@@ -212,9 +212,9 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     return mujoco_spec
 
 
-def _grounds(jump: JumpMotion) -> list[str]:
-    """Names of what the robot stands on."""
-    return ["floor"] if jump.step is None else ["floor", "step"]
+def _ground_geoms(model: Any) -> IntArray:
+    """Geoms on which the robot stands: those of the world, which is the first body."""
+    return np.flatnonzero(model.geom_bodyid == 0)
 
 
 def _add_step(spec: Any, jump: JumpMotion, friction: float) -> None:

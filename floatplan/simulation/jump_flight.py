@@ -125,7 +125,7 @@ class JumpControl:
                 "tilt": tilt,
             },
             motion=self._recorded(rows, robot),
-            statuses=sum((corrections.statuses for corrections in guide.corrections), Counter()),
+            statuses=guide.statuses,
             balanced=robot.mujoco_robot.balanced,
         )
 
@@ -142,15 +142,16 @@ class JumpControl:
 
         Stances before have moved it along the ground, which is no error of the flights that follow.
         """
-        nowhere = np.zeros(len(self.reduced.axes))
+        nowhere: Array = np.zeros(len(self.reduced.axes))
         if not number:
             return nowhere
         pin.centerOfMass(self.robot.model, self._data, self.planned.positions[row])
         planned = self.reduced.axes @ self._data.com[0]
         measured, _ = self.measured_com(nowhere, sensors.states[-1], sensors.measured[-1])
-        drift = measured - planned
+        drift: Array = measured - planned
         drift[-1] = 0.0
-        return np.asarray(self.flights[number].shift) + drift
+        origin: Array = drift + np.asarray(self.flights[number].shift)
+        return origin
 
     def _recorded(self, rows: Sequence[tuple[Array, ...]], robot: ContactRobot) -> SimulatedJump:
         jump = self.jump
@@ -173,7 +174,7 @@ class JumpControl:
 
 @dataclass(eq=False)
 class _JumpGuide:
-    """A jump's motion from standing to standing, with corrections in its flights where that is wanted.
+    """A jump's motion from standing to standing, with corrections in its flights, if any.
 
     Attributes
     ----------
@@ -183,7 +184,7 @@ class _JumpGuide:
     presses : whether any foot did, at each tick
     corrections : of the flights that have begun
     early : periods by which it is ahead of the planned motion
-    landed : how many flights have ended
+    landed : number of flights that are over
     """
 
     control: JumpControl
@@ -225,6 +226,14 @@ class _JumpGuide:
         torques[control.motor_joints] += reference.motors - control.motor_torques[row]
         corrected = np.stack((reference.positions, reference.velocities))
         return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques
+
+    @property
+    def statuses(self) -> Counter[str]:
+        """How often a correction had which status."""
+        counts = Counter[str]()
+        for corrections in self.corrections:
+            counts += corrections.statuses
+        return counts
 
     def _in_flight(self, tick: int, now: float, sensors: Sensors) -> bool:
         """Whether a flight is corrected; what follows it begins as much earlier or later as the robot lands."""
