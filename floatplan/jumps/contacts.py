@@ -124,7 +124,7 @@ def edge_obstacles(request: JumpRequest, ground: float) -> tuple[Obstacle, ...]:
     if step is None:
         return ()
     radius = 0.01  # [m] of both bars: where they meet is a round edge inside that of the ground
-    deep = 2e-2  # [m] below the ground on which it stands, which capsules around feet reach into
+    deep = 2e-2  # [m] below the ground on which it stands, farther than capsules around feet reach into it
     far = 3.0  # [m] inside, farther than any robot stands from the edge
     x = step.edge + step.inwards * radius
     side = Bar(start=(x, step.low - radius), end=(x, step.high - radius), radius=radius, margin=0.01)
