@@ -181,15 +181,14 @@ def jump(
     start_time = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):
         planned = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
-        if planned.flight is not None and planned.flight.ok:
+        if planned.flights:
             bar.say("proving the flight")
-            planned = planned.with_certificate(fp.certify(planned.flight))
+            planned = planned.with_certificate(*map(fp.certify, planned.flights))
     files = write_jump(planned, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and planned.flight is not None:
         files.append(planned.show(directory / ResultFile.REPORT, browse=False))
     words = (planned, files, time.perf_counter() - start_time, common.program())
-    proved = planned.flight is not None and planned.flight.certificate is not None and planned.flight.certificate.proved
-    ok = planned.ok and proved
+    ok = planned.ok and planned.proved
     common.finish(
         planned.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, summary_shown=not quiet
     )

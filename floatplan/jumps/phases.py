@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -92,11 +93,20 @@ class Phase(TimedPhase):
     Attributes
     ----------
     gentle : whether forces may vanish towards the flight as gently as they like
+    hop : number of the flight that it is, that it leads to, or that it follows
+    ground : height of the ground on which it stands over that of the first stance, m
     """
 
     contacts: tuple[GroundContact, ...]
     gentle: bool = False
+    hop: int = 0
+    ground: float = 0.0
     first_step: ClassVar[float] = 0.1
+
+    @property
+    def name(self) -> str:
+        """Side and contacts, for a person; of which flight, but of the first."""
+        return f"{super().name}, flight {self.hop + 1}" if self.hop else super().name
 
     @property
     def anchor(self) -> GroundContact:
@@ -206,8 +216,8 @@ def duration_costs(phases: Sequence[Phase]) -> list[float]:
     They are 1 for phases on one point, where more points stand on the same side of the flight: on one point errors grow
     by a factor e in as much time.
     """
-    steadier_sides = {phase.side for phase in phases if phase.others}
-    return [float(not phase.others and phase.side in steadier_sides) for phase in phases]
+    steadier_sides = {(phase.side, phase.hop) for phase in phases if phase.others}
+    return [float(not phase.others and (phase.side, phase.hop) in steadier_sides) for phase in phases]
 
 
 def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Array, limits: Array) -> Array | None:
@@ -322,6 +332,59 @@ def static_beyond_ranges(robot: Robot, contacts: Sequence[GroundContact], target
     return f"static would be {' and '.join(beyond)}" if beyond else ""
 
 
-def index_of_flight(phases: Sequence[Phase]) -> int:
-    """Return where the flight is among the phases of a jump."""
-    return [phase.side for phase in phases].index("flight")
+def indices_of_flights(phases: Sequence[Phase]) -> list[int]:
+    """Return where the flights are among the phases of a jump."""
+    return [index for index, phase in enumerate(phases) if phase.side == "flight"]
+
+
+def outer_phase(phases: Sequence[Phase], index: int) -> Phase | None:
+    """The phase of the same side of its flight that is farther from it than a stance; None where there is none."""
+    phase = phases[index]
+    outer = index - 1 if phase.side == "takeoff" else index + 1
+    if not 0 <= outer < len(phases) or phases[outer].side != phase.side:
+        return None
+    return phases[outer]
+
+
+def meets_next(phases: Sequence[Phase], index: int, periodic: bool) -> bool:
+    """Whether a stance ends, moving, where the stances before another flight begin, or the jump's own again."""
+    if phases[index].side != "landing" or outer_phase(phases, index) is not None:
+        return False
+    return index + 1 < len(phases) or periodic
+
+
+def grounds_below(shares: Array, before: float, after: float) -> Array:
+    """Heights (N,) m of the ground over which a flight is required to be, at shares (N,) of its duration.
+
+    In its first half that is the ground that it leaves, in the second that on which it lands: the edge between them is
+    an obstacle.
+    """
+    return np.where(shares <= 0.5, before, after)
+
+
+def refuse_other_feet(phases: Sequence[Phase], periodic: bool) -> None:
+    """Refuse a stance between flights whose feet come or leave in its middle, or which stands on soles."""
+    meetings = list(pairwise(phases))
+    if periodic:
+        meetings.append((phases[-1], phases[0]))
+    for one, two in meetings:
+        if one.side != "landing" or two.side != "takeoff":
+            continue
+        landed = sorted(one.points)
+        if landed != sorted(two.points):
+            reason = f"{', '.join(landed)} stand where {', '.join(sorted(two.points))} are to take off"
+            advice = "let the last phase of the landing be the first of the takeoff"
+            raise InputError(reason, element="jump.landing.contacts", advice=advice)
+        if one.anchor.of_sole:
+            reason = "between two flights robots stand on points, not on soles"
+            raise InputError(reason, element="jump.flights", advice='name toes, as "FRAME.toe", or plan one flight')
+
+
+def axes_of(contact: GroundContact) -> tuple[int, ...]:
+    """In which directions a contact but the anchor is fixed: both, or of a heel the vertical one."""
+    return (1,) if contact.vertical else (0, 1)
+
+
+def drifting(phase: Phase) -> int:
+    """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
+    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.jumps.check import LIGHT
+from floatplan.jumps.contacts import GroundStep
 from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.planar.choice import Plane
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
@@ -53,7 +55,8 @@ class ContactRobot:
         self.is_spatial = reduced.model.nq != reduced.model.nv
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
-        self.ground = tracked.shapes.ground
+        self.end_ground = tracked.end_ground
+        self.on_ground = _ground_geoms(self.model)
 
     def begin(self, base: Array, positions: Array, velocities: Array | None = None) -> None:
         """Begin with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``.
@@ -100,22 +103,31 @@ class ContactRobot:
         data.qfrc_applied[self.mujoco_robot.velocities] = torques
         for _ in range(round(duration / self.model.opt.timestep)):
             self.mujoco_robot.mujoco.mj_step(self.model, data)
-            self.touched.update(data.contact.geom[: data.ncon, 1].tolist())
+            self.touched.update(self._robot_geoms(data.contact.geom[: data.ncon])[0].tolist())
         count = len(self.feet)
         self.forces = np.zeros((count, 3))
         self.points = np.full((count, 3), np.nan)
         self.slips = np.zeros(count)
         contacts = data.contact
-        rows = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
-        for index, (geom, row) in enumerate(rows):
+        geoms, signs = self._robot_geoms(contacts.geom)
+        rows = zip(geoms.tolist(), signs.tolist(), contacts.efc_address.tolist(), strict=True)
+        for index, (geom, sign, row) in enumerate(rows):
             foot = self.foot_of.get(geom)
             if foot is not None and row >= 0:
                 force = data.efc_force[row : row + 3]
-                self.forces[foot] = force @ contacts.frame[index].reshape(3, 3)
+                self.forces[foot] += sign * (force @ contacts.frame[index].reshape(3, 3))
                 self.points[foot] = contacts.pos[index]
                 if force[0] > self.light:
                     self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
         return bool(np.isfinite(data.qpos).all())
+
+    def _robot_geoms(self, pairs: IntArray) -> tuple[IntArray, Array]:
+        """Of pairs of geoms (N, 2) in contact, those of the robot; and 1 where contact forces are on them, else -1.
+
+        MuJoCo orders the pairs by the kinds of their shapes.
+        """
+        is_second = np.isin(pairs[:, 0], self.on_ground)
+        return np.where(is_second, pairs[:, 1], pairs[:, 0]), np.where(is_second, 1.0, -1.0)
 
     def presses(self) -> bool:
         """Whether any foot presses on the ground."""
@@ -135,8 +147,8 @@ class ContactRobot:
         up = np.asarray(self.robot.up)
         up_now = pin.Quaternion(*self.data.qpos[3:7]).matrix().T @ up
         up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
-        height_now = self.data.qpos[:3] @ up - self.ground
-        height_planned = base[:3] @ up - self.ground
+        height_now = self.data.qpos[:3] @ up - self.end_ground
+        height_planned = base[:3] @ up - self.end_ground
         tipped = 0.5  # [rad] of the base: one that is further off does not stand
         has_turned = self.base.apart(self.orientation, orientation) < self.base.astray
         is_level = (up_now * up_planned).sum() > np.cos(tipped)
@@ -186,6 +198,8 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
         contype=1,
         friction=[friction, 0, 0],
     )
+    if shapes.step is not None:
+        _add_step(spec, robot.plane, shapes.step, friction)
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
     for name, (number, centre, radius) in shapes.balls.items():
         body = mujoco_spec.bodies[number]
@@ -196,3 +210,26 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
             spec.add_mesh(name=shape, uservert=corners.ravel())
             mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
     return mujoco_spec
+
+
+def _ground_geoms(model: Any) -> IntArray:
+    """Geoms on which the robot stands: those of the world, which is the first body."""
+    return np.flatnonzero(model.geom_bodyid == 0)
+
+
+def _add_step(spec: Any, plane: Plane, step: GroundStep, friction: float) -> None:
+    """Add the higher ground of a jump in a plane: a box on the floor, which is the lower one."""
+    half = np.array([2.0, (step.high - step.low) / 2, 2.0])  # [m] far along, as high as it is, far across
+    along = step.edge + step.inwards * half[0]
+    axes = np.stack((plane.horizontal, plane.vertical, np.cross(plane.horizontal, plane.vertical)), axis=1)
+    spec.worldbody.add_geom(
+        name="step",
+        type=import_mujoco().mjtGeom.mjGEOM_BOX,
+        size=half,
+        pos=axes @ [along, step.low + half[1], 0.0],
+        quat=pin.Quaternion(axes).coeffs()[[3, 0, 1, 2]],
+        solref=STIFF,
+        contype=1,
+        conaffinity=0,
+        friction=[friction, 0, 0],
+    )

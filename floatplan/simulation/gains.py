@@ -54,10 +54,11 @@ def requested_gains(joints: Sequence[str], requested: Gain | None, element: str,
 
 def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints of a jump that move: :func:`usual_gains`."""
-    times = np.linspace(*jump.flight_span, 33)
+    spans = [np.linspace(flight.begin, flight.end, 33) for flight in jump.timed_flights]
+    in_flight = jump.at(np.concatenate(spans)).positions
     standing = jump.at(0.0).positions[0]
     weight = jump.problem.robot.mass * jump.problem.flight.gravity
-    return usual_gains(jump.problem.robot, weight, jump.ground, standing, jump.at(times).positions, requested)
+    return usual_gains(jump.problem.robot, weight, jump.before[0].ground, standing, in_flight, requested)
 
 
 def usual_gains(

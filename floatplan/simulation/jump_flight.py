@@ -8,6 +8,7 @@ the robot is in the air. The ground pushes as MuJoCo's contacts do.
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -58,8 +59,7 @@ class MotionControl:
         )
         self.torques = tracked.torques + self.reduced.lost(self.planned_joints[:, 1])
         self.base_ends = tracked.base_ends
-        self.takeoff = tracked.takeoff
-        self.landing = tracked.landing
+        self.flights = tracked.flights
 
     def sampled(self, perturbation: Perturbation, seed: int, number: int, **fixed: Any) -> Sample:
         """Sample one robot by a seed and its number, but for fixed factors."""
@@ -90,16 +90,16 @@ class MotionControl:
         base = self.base
         sensors = Sensors(perturbation, sample, PERIOD, base)
         control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
-        pitch = np.nan
+        pitches: list[float] = []  # of each landing
         tilt = 0.0
         share = 0.0
         slid = np.zeros(len(robot.feet))
         result = FlightRecord(robot)
         for tick in control.fly(robot, PERIOD):
             share = max(share, self.motors.share(tick.requested, tick.state[1, base.size :]))
-            if tick.now >= guide.landing:
-                if np.isnan(pitch):
-                    pitch = float(base.off(tick.state[:1], tracked.goal)[0])
+            while len(pitches) < len(self.flights) and tick.now >= guide.landing(len(pitches)):
+                pitches.append(float(base.off(tick.state[:1], tracked.goals[len(pitches)])[0]))
+            if pitches:
                 planned = base.orientation(tracked.positions[[tick.number]])
                 tilt = max(tilt, base.apart(base.orientation(tick.state), planned))
             if not tick.finite:
@@ -114,7 +114,7 @@ class MotionControl:
         result.landing = {
             "stands": robot.stands(self.base_ends[1], base.orientation(tracked.positions[-1:])),
             "touched": robot.links(),
-            "pitch": pitch,
+            "pitch": max(pitches, key=abs, default=np.nan),
             "torque": share,
             "slid": float(slid.max(initial=0.0)),
             "tilt": tilt,
@@ -133,10 +133,9 @@ class MotionGuide(Guide):
         """When it has stood long enough, s."""
         return len(self.control.times) * PERIOD
 
-    @property
-    def landing(self) -> float:
-        """When the last flight should end, s."""
-        return self.control.landing
+    def landing(self, number: int) -> float:
+        """When a flight should end, s."""
+        return self.control.flights[number][1]
 
     def target(self, tick: int, now: float, sensors: Sensors) -> tuple[Array, Array]:
         """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
@@ -154,8 +153,10 @@ class JumpControl(MotionControl):
         super().__init__(tracked, gains)
         self.motor_joints = list(map(self.joints.index, self.robot.motors))
         self.motor_torques = self.planned.torques @ self.robot.transmission
-        self.last_in_air = int(np.searchsorted(self.times, self.landing)) - 1  # row of the planned motion
-        self.replanner = None if rate is None else Replanner(jump.flight, rate)
+        self.shifts = [flight.shift for flight in jump.timed_flights]
+        self.replanners: list[Replanner] = []
+        if rate is not None:
+            self.replanners = [Replanner(plan, rate) for plan in jump.flights]
         self._data = self.robot.model.createData()
 
     def fly_jump(
@@ -171,23 +172,40 @@ class JumpControl(MotionControl):
         """Fly one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction."""
         sample = self.sampled(perturbation, seed, number, **fixed)
         robot = ContactRobot(self.tracked, sample.friction * friction, sample)
-        corrections = None
-        if correct and self.replanner is not None:
-            self.replanner.reset()
-            corrections = Corrections(self.replanner, self.reduced, PERIOD, self.measured_com, self.takeoff)
-        guide = _JumpGuide(self, corrections, robot)
+        for replanner in self.replanners:
+            replanner.reset()
+        guide = _JumpGuide(self, correct and bool(self.replanners), robot)
         result = self.track(robot, guide, perturbation, sample, record)
         return SimulatedFlight(
             landing=result.landing,
             motion=self._recorded(result.rows, robot),
-            statuses=Counter() if corrections is None else corrections.statuses,
+            statuses=guide.statuses,
             balanced=robot.mujoco_robot.balanced,
         )
 
-    def measured_com(self, state: Array, measured: Array) -> tuple[Array, Array]:
-        """Position and velocity of the centre of mass, along the axes: of planned masses, from noisy joints."""
+    def measured_com(self, origin: Array, state: Array, measured: Array) -> tuple[Array, Array]:
+        """Position from an origin and velocity of the centre of mass, along the axes.
+
+        They are of planned masses, from noisy joints.
+        """
         pin.centerOfMass(self.robot.model, self._data, *self.base.parts(measured))
-        return self.reduced.axes @ self._data.com[0], self.reduced.axes @ self._data.vcom[0]
+        return self.reduced.axes @ self._data.com[0] - origin, self.reduced.axes @ self._data.vcom[0]
+
+    def origin(self, number: int, row: int, sensors: Sensors) -> Array:
+        """Where the world of a flight, by its number, is as the robot takes off, along the axes, m.
+
+        Stances before have moved it along the ground, which is no error of the flights that follow.
+        """
+        nowhere: Array = np.zeros(len(self.reduced.axes))
+        if not number:
+            return nowhere
+        pin.centerOfMass(self.robot.model, self._data, self.planned.positions[row])
+        planned = self.reduced.axes @ self._data.com[0]
+        measured, _ = self.measured_com(nowhere, sensors.states[-1], sensors.measured[-1])
+        drift: Array = measured - planned
+        drift[-1] = 0.0
+        origin: Array = drift + np.asarray(self.shifts[number])
+        return origin
 
     def _recorded(self, rows: Sequence[tuple[Array, ...]], robot: ContactRobot) -> SimulatedJump:
         jump = self.jump
@@ -205,40 +223,82 @@ class JumpControl(MotionControl):
                 points=dict(zip(robot.feet, points.swapaxes(0, 1), strict=True)),
             )
         simulated = SimulatedSpatialJump if isinstance(jump, SpatialJumpMotion) else SimulatedJump
-        return simulated(jump.problem, jump.request, jump.flight, jump.before, jump.after, recorded=state)
+        return simulated(jump.problem, jump.request, jump.flight, jump.before, jump.after, jump.more, recorded=state)
 
 
 @dataclass(eq=False)
 class _JumpGuide(MotionGuide):
-    """A jump's motion from standing to standing, with corrections in flight where there are any."""
+    """A jump's motion from standing to standing, with corrections in its flights, if any.
+
+    Attributes
+    ----------
+    control : JumpControl
+    corrects : whether flights are corrected
+    robot : ContactRobot
+    presses : whether any foot did, at each tick
+    corrections : of the flights that have begun
+    early : periods by which it is ahead of the planned motion
+    landed : number of flights that are over
+    """
 
     control: JumpControl
-    corrections: Corrections | None
+    corrects: bool
     robot: ContactRobot
-    presses: list[bool] = field(default_factory=list)  # whether any foot did, at each tick
+    presses: list[bool] = field(default_factory=list)
+    corrections: list[Corrections] = field(default_factory=list)
+    early: int = 0
+    landed: int = 0
 
-    @property
-    def landing(self) -> float:
-        """When the flight should end, s from the jump's start: as corrections expect it, else as planned."""
-        return self.control.landing if self.corrections is None else self.corrections.landing
+    def landing(self, number: int) -> float:
+        """When a flight should end, s from the jump's start: as corrections expect it, else as planned."""
+        if number < len(self.corrections):
+            return self.corrections[number].landing
+        return self.control.flights[number][1] - self.early * PERIOD
 
     def target(self, tick: int, now: float, sensors: Sensors) -> tuple[Array, Array]:
         """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
         control = self.control
         self.presses.append(self.robot.presses())
-        if self.corrections is None or not control.takeoff <= now < self.landing:
-            # What follows the flight begins as much earlier or later as the robot lands.
-            early = 0 if now < control.takeoff else round((control.landing - self.landing) / PERIOD)
-            row = min(tick + early, len(control.times) - 1)
+        if not self._in_flight(tick, now, sensors):
+            row = min(tick + self.early, len(control.times) - 1)
             return control.planned_joints[row], control.torques[row]
+        corrections = self.corrections[-1]
         # What feet that press on the ground make of a flight is not corrected: they are felt as late as all else.
         if not self.presses[-1 - min(sensors.delay, len(self.presses) - 1)]:
-            self.corrections.correct(tick, now, sensors)
-        reference = self.corrections.replanner.reference(now - control.takeoff)
+            corrections.correct(tick, now, sensors)
+        reference = corrections.replanner.reference(now - corrections.begin)
         # Joints without motors get the flight's planned torques, the others what their joints lose in it; in a flight
         # that lasts longer than planned the last ones: the rows that follow are of the stance.
-        row = min(tick, control.last_in_air)
+        last_in_air = int(np.searchsorted(control.times, control.flights[self.landed][1])) - 1
+        row = min(tick + self.early, last_in_air)
         torques = control.torques[row].copy()
         torques[control.motor_joints] += reference.motors - control.motor_torques[row]
         corrected = np.stack((reference.positions, reference.velocities))
         return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques
+
+    @property
+    def statuses(self) -> Counter[str]:
+        """How often a correction had which status."""
+        counts = Counter[str]()
+        for corrections in self.corrections:
+            counts += corrections.statuses
+        return counts
+
+    def _in_flight(self, tick: int, now: float, sensors: Sensors) -> bool:
+        """Whether a flight is corrected; what follows it begins as much earlier or later as the robot lands."""
+        control = self.control
+        if len(self.corrections) > self.landed and now >= self.corrections[-1].landing:
+            planned = control.flights[self.landed][1]
+            self.early = round((planned - self.corrections[-1].landing) / PERIOD)
+            self.landed += 1
+        if not self.corrects or self.landed == len(control.flights):
+            return False
+        begin = control.flights[self.landed][0] - self.early * PERIOD
+        if now < begin:
+            return False
+        if len(self.corrections) == self.landed:
+            row = min(tick + self.early, len(control.times) - 1)
+            com = partial(control.measured_com, control.origin(self.landed, row, sensors))
+            replanner = control.replanners[self.landed]
+            self.corrections.append(Corrections(replanner, control.reduced, PERIOD, com, begin))
+        return True

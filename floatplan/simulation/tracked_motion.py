@@ -4,14 +4,14 @@ A jump is one, and a recorded motion is. Feet are spheres or hulls, other links 
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import links_of
+from floatplan.jumps.contacts import GroundStep, links_of
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState, point_in_joint
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
@@ -38,12 +38,14 @@ class ContactShapes:
     balls : name of a foot's point -> joint that carries it; centre (3,), m, in that joint's axes; radius, m
     soles : hulls of feet that are no balls
     hulls : hulls of links that are no feet
+    step : of the ground of a jump in a plane, where it has one; ``ground`` is the lower one
     """
 
     ground: float
     balls: Mapping[str, tuple[int, Array, float]]
     soles: tuple[Hull, ...] = ()
-    hulls: tuple[Hull, ...] = field(default=())
+    hulls: tuple[Hull, ...] = ()
+    step: GroundStep | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,11 +59,12 @@ class TrackedMotion:
     gravity : m/s^2
     shapes : ContactShapes
     duration : of the motion, s; then it stays as in its end for ``STANDING``
-    takeoff, landing : when its last flight begins and ends, s
+    flights : when each flight begins and ends, s
     positions : (K, nq) of the reduced model; orientations go on from one to the next
     velocities : (K, nv)
     torques : (K, J) N m, which the motion takes without what the joints lose
-    goal : the base's orientation at the landing, as of ``BaseStates``
+    goals : the base's orientation where each flight ends, as of ``BaseStates``
+    end_ground : height of the ground on which it stands at the end, m
     base_ends : (2, 7), the base's position, m, and quaternion w, x, y, z, at its beginning and its end
     motors : Motors
     """
@@ -71,12 +74,12 @@ class TrackedMotion:
     gravity: float
     shapes: ContactShapes
     duration: float
-    takeoff: float
-    landing: float
+    flights: tuple[tuple[float, float], ...]
     positions: Array
     velocities: Array
     torques: Array
-    goal: Any
+    goals: tuple[Any, ...]
+    end_ground: float
     base_ends: Array
     motors: Motors
 
@@ -110,19 +113,19 @@ def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
     motors.effort[of_motors] = problem.motor_torque_limits
     motors.stall[of_motors] = problem.motor_stall
     motors.slope[of_motors] = problem.motor_slope
-    takeoff, landing = jump.flight_span
+    flights = jump.timed_flights
     tracked = TrackedMotion(
         robot=robot,
         reduced=reduced,
         gravity=problem.flight.gravity,
         shapes=shapes_of_jump(jump),
         duration=jump.duration,
-        takeoff=takeoff,
-        landing=landing,
+        flights=tuple((flight.begin, flight.end) for flight in flights),
         positions=planned.positions,
         velocities=planned.velocities,
         torques=planned.torques[:, reduced.of_joints[1]],
-        goal=base.goal(jump.flight.problem),
+        goals=tuple(base.goal(flight.plan.problem) for flight in flights),
+        end_ground=jump.stances[-1].ground,
         base_ends=np.asarray(jump.q([0.0, jump.duration])[:, [0, 1, 2, 6, 3, 4, 5]]),
         motors=motors,
     )
@@ -136,7 +139,7 @@ def shapes_of_jump(jump: JumpMotion) -> ContactShapes:
     sole, in space its heel and each toe, is one of ``SMALLEST``. Other links of jumps in a plane are prisms.
     """
     hulls = _solid_hulls(jump) if isinstance(jump, SpatialJumpMotion) else _prisms(jump)
-    return ContactShapes(ground=jump.ground, balls=_feet(jump), hulls=tuple(hulls))
+    return ContactShapes(ground=jump.ground, balls=_feet(jump), hulls=tuple(hulls), step=jump.step)
 
 
 def solid_hull(solid: LinkSolid) -> Hull | None:

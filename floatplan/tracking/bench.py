@@ -45,7 +45,7 @@ class Bench(Flights):
     friction : of the ground, as far as it is not perturbed
     kp, kd : (J,) N m/rad, N m s/rad
     landings : JumpLandings
-        Its ``pitch`` is where the last flight should end.
+        Its ``pitch`` is where a flight should end, of several the largest.
     """
 
     source: str
@@ -221,8 +221,9 @@ def _tracked(motion: Jump | Clip, friction: float) -> TrackedMotion:
 
 
 def _gains(tracked: TrackedMotion, requested: Gains) -> Array:
-    """Gains (2, J) by the inertia of the robot at postures of the last flight."""
-    rows = np.unique(np.linspace(tracked.takeoff / PERIOD, tracked.landing / PERIOD, 33).astype(int))
+    """Gains (2, J) by the inertia of the robot at postures of its flights."""
+    spans = [np.linspace(begin / PERIOD, end / PERIOD, 33).astype(int) for begin, end in tracked.flights]
+    rows = np.unique(np.concatenate(spans))
     positions = tracked.positions
     weight = tracked.robot.mass * tracked.gravity
     return usual_gains(tracked.robot, weight, tracked.shapes.ground, positions[0], positions[rows], requested)

@@ -43,7 +43,8 @@ def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
     feet = _foot_solids(clip)
     times = control_times(clip.duration)
     positions, velocities = _motion(clip, times)
-    takeoff, landing = (clip.flights[-1].begin, clip.flights[-1].end) if clip.flights else (0.0, clip.duration)
+    flights = [(flight.begin, flight.end) for flight in clip.flights] or [(0.0, clip.duration)]
+    landings = [min(int(np.ceil(end / PERIOD)), len(times) - 1) for _, end in flights]
     efforts = [robot.joint_tree.joint[name].effort for name in reduced.joints]
     return TrackedMotion(
         robot=robot,
@@ -51,12 +52,12 @@ def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
         gravity=GRAVITY,
         shapes=_shapes(robot, feet, ground),
         duration=clip.duration,
-        takeoff=takeoff,
-        landing=landing,
+        flights=tuple(flights),
         positions=positions,
         velocities=velocities,
         torques=_torques(clip, reduced, feet, (positions, velocities), friction),
-        goal=positions[min(int(np.ceil(landing / PERIOD)), len(times) - 1), 3:7],
+        goals=tuple(positions[landings, 3:7]),
+        end_ground=ground,
         base_ends=positions[[0, -1]][:, [0, 1, 2, 6, 3, 4, 5]],
         motors=Motors(effort=np.array(efforts), stall=np.full(len(efforts), np.inf), slope=np.zeros(len(efforts))),
     )

@@ -46,7 +46,7 @@ def flight_problem(
             gravity=mechanics.gravity,
         ),
         obstacles=(
-            *obstacles_in(problem, ends.duration, float(solution.origin[2])),
+            *obstacles_in(problem.obstacles, ends.duration, float(solution.origin[2])),
             *_grounds(program, solution, mechanics, ends),
         ),
         ground=False,

@@ -29,7 +29,7 @@ from floatplan.jumps.spatial.standing import (
 )
 from floatplan.motion.planar.contact_rates import End
 from floatplan.problem.attitude import Attitude, required
-from floatplan.problem.jump import JumpRequest, Standing
+from floatplan.problem.jump import Ending, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
@@ -248,7 +248,7 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
             raise InputError(reason, element=f"{key}.orientation", advice=advice)
 
 
-def _target(robot: Robot, requested: Standing) -> Array:
+def _target(robot: Robot, requested: Ending) -> Array:
     """Joints (n,) rad that are requested, others being in the reference posture."""
     by_joint = requested if isinstance(requested, Mapping) else {}
     return np.array(
