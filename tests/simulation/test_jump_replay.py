@@ -37,13 +37,14 @@ def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
 
 def test_a_flight_that_lasts_longer_gets_no_torques_of_the_stance() -> None:
     control = JumpControl(backflip(), np.ones((2, 12)), 250.0)
-    late = SimpleNamespace(landing=control.landing + 0.05, replanner=control.replanner, correct=lambda *_: None)
-    of_stance = control.times >= control.landing
+    [(begin, end)] = control.flights
+    late = SimpleNamespace(begin=begin, landing=end + 0.05, replanner=control.replanners[0], correct=lambda *_: None)
+    of_stance = control.times >= end
     control.torques[of_stance] = np.nan
     control.motor_torques = np.where(of_stance[:, None], np.nan, control.motor_torques)
     tick = int(np.flatnonzero(of_stance)[10])
     on_ground = SimpleNamespace(presses=lambda: True)
-    guide = _JumpGuide(control, late, on_ground)
+    guide = _JumpGuide(control, True, on_ground, corrections=[late])
     target, torques = guide.target(tick, control.times[tick], SimpleNamespace(delay=0))
     assert np.isfinite(target).all()
     assert np.isfinite(torques).all()
