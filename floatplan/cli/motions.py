@@ -71,7 +71,8 @@ def replay(
     ] = None,
     perturb: Errors = "",
     feedback: Annotated[
-        float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
+        float | None,
+        option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan, or as --kp says."),
     ] = None,
     step: Annotated[float | None, option("S", "Longest step of MuJoCo, s; 5e-4 if left out.")] = None,
     replan: Annotated[
@@ -93,7 +94,13 @@ def replay(
     ] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
     friction: Annotated[float | None, option("MU", "Of a jump's ground; that of its problem if left out.")] = None,
-    kp: Annotated[str | None, option("K|J=K,..", "Stiffness of a jump's joints, N m/rad, of all or by name.")] = None,
+    kp: Annotated[
+        str | None,
+        option(
+            "K|J=K,..",
+            "Stiffness of a jump's joints, N m/rad, of all or by name; without, nor --feedback, searched.",
+        ),
+    ] = None,
     kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
     authority: Annotated[
         bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
@@ -114,7 +121,7 @@ def replay(
     checked = check_engine(engine or "pinocchio")
     plan = common.read_motion(motion_file, urdf)
     of_jumps = {"friction": friction, "kp": kp, "kd": kd}
-    of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
+    of_plans = {"step": step, "authority": authority or None, "save": save or None}
     others, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
     for name, value in others.items():
         if value is not None:
@@ -125,7 +132,9 @@ def replay(
         if engine not in (None, "mujoco"):
             raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
         options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
-        gains = gain("--kp", kp), gain("--kd", kd)
+        if feedback is not None and not kp is kd is None:
+            raise InputError("gives the gains of all joints", element="--feedback", advice="leave --kp and --kd out")
+        gains = (gain("--kp", kp), gain("--kd", kd)) if feedback is None else feedback
         with _naming_the_file(motion_file):
             _fly_jump(plan, output, json_output, gains=gains, friction=friction, **options)
     if output is not None and replan is None:

@@ -50,7 +50,7 @@ class ContactRobot:
         self.data = self.mujoco_robot.data
         self.axes = reduced.axes
         self.light = LIGHT * self.robot.mass * jump.problem.flight.gravity
-        self.feet = tuple(_feet(jump))
+        self.feet = tuple(feet_spheres(jump))
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
         self.forces = np.zeros((0, 3))
@@ -189,7 +189,7 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
         friction=[friction, 0, 0],
     )
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
-    for name, (number, centre, radius) in _feet(jump).items():
+    for name, (number, centre, radius) in feet_spheres(jump).items():
         body = mujoco_spec.bodies[number]
         body.add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **touching)
     hulls = _solid_hulls(jump) if isinstance(jump, SpatialJumpMotion) else _prisms(jump)
@@ -200,8 +200,8 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     return mujoco_spec
 
 
-def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
-    """The joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
+def feet_spheres(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
+    """Return the joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
     robot = jump.problem.robot
     if isinstance(jump, SpatialJumpMotion):
         return _feet_in_space(jump)

@@ -30,12 +30,16 @@ PERIOD = 2e-3  # [s] of the joints' control
 
 
 class JumpControl:
-    """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any."""
+    """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any.
 
-    def __init__(self, jump: JumpMotion, gains: Array, rate: float | None) -> None:
+    ``phase_gains`` (P, 2, J) are those of each phase; left out, all have the same.
+    """
+
+    def __init__(self, jump: JumpMotion, gains: Array, rate: float | None, phase_gains: Array | None = None) -> None:
         assert jump.flight is not None
         self.jump = jump
         self.gains = gains
+        self.phase_gains = phase_gains
         robot = jump.problem.robot
         self.robot = robot
         self.reduced = reduced_model(robot, jump.problem.flight.gravity, rigid=())
@@ -64,6 +68,8 @@ class JumpControl:
         self.motor_torques = self.planned.torques @ robot.transmission
         self.takeoff = jump.takeoff_time
         self.landing = jump.takeoff_time + jump.flight.duration
+        begins = [phase.begin for phase in jump.phases]
+        self.phases = np.searchsorted(begins, self.times, side="right") - 1  # (N,) of the planned motion's rows
         self.last_in_air = int(np.searchsorted(self.times, self.landing)) - 1  # row of the planned motion
         self.replanner = None if rate is None else Replanner(jump.flight, rate)
         self._data = robot.model.createData()
@@ -94,7 +100,7 @@ class JumpControl:
         base = self.base
         sensors = Sensors(perturbation, sample, PERIOD, base)
         guide = _JumpGuide(self, corrections, robot)
-        control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
+        control = JointControl(guide, sensors, self.motors, sample.torque, sensors.delay)
         goal = base.goal(self.jump.flight.problem)
         pitch = np.nan
         tilt = 0.0
@@ -177,10 +183,8 @@ class _JumpGuide:
         """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
         control = self.control
         self.presses.append(self.robot.presses())
-        if self.corrections is None or not control.takeoff <= now < self.landing:
-            # What follows the flight begins as much earlier or later as the robot lands.
-            early = 0 if now < control.takeoff else round((control.landing - self.landing) / PERIOD)
-            row = min(tick + early, len(control.times) - 1)
+        if self.corrections is None or not self._in_flight(now):
+            row = self._row(tick, now)
             return control.planned_joints[row], control.torques[row]
         # What feet that press on the ground make of a flight is not corrected: they are felt as late as all else.
         if not self.presses[-1 - min(sensors.delay, len(self.presses) - 1)]:
@@ -193,3 +197,26 @@ class _JumpGuide:
         torques[control.motor_joints] += reference.motors - control.motor_torques[row]
         corrected = np.stack((reference.positions, reference.velocities))
         return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques
+
+    def feedback(self, tick: int, now: float) -> Array:
+        """Stiffness and damping (2, J): those of flight from the planned takeoff to the landing that is expected."""
+        control = self.control
+        if control.phase_gains is None:
+            return control.gains
+        phase = int(control.phases[self._row(tick, now)])
+        flight = int(control.phases[control.last_in_air])
+        if self._in_flight(now):
+            phase = flight
+        elif now >= control.takeoff:
+            phase = max(phase, flight + 1)
+        return np.asarray(control.phase_gains[phase])
+
+    def _in_flight(self, now: float) -> bool:
+        """Whether the robot should be in the air."""
+        return self.control.takeoff <= now < self.landing
+
+    def _row(self, tick: int, now: float) -> int:
+        """Of the planned motion, what is due on the ground: what follows the flight begins as the robot lands."""
+        control = self.control
+        early = 0 if now < control.takeoff else round((control.landing - self.landing) / PERIOD)
+        return min(tick + early, len(control.times) - 1)
