@@ -37,9 +37,10 @@ def joint_inertia(model: Any, posture: Array) -> Array:
 
 
 def _joint_inverse(model: Any, posture: Array, spots: Sequence[tuple[int, Array]] = ()) -> Array:
-    """Accelerations (J, J) of the joints for their torques, 1/(kg m^2), while the base floats and spots stay in place.
+    """Accelerations (J, J) of the joints for their torques, 1/(kg m^2), on a base that floats.
 
-    A spot is the number of the joint that carries it, and its place (3,) m in that joint's axes.
+    Spots do not accelerate: each is the number of the joint that carries it, and its position (3,) m in that joint's
+    axes.
     """
     data = model.createData()
     upper = np.triu(pin.computeMinverse(model, data, np.asarray(posture)))  # all that Pinocchio fills in
@@ -48,19 +49,18 @@ def _joint_inverse(model: Any, posture: Array, spots: Sequence[tuple[int, Array]
     if spots:
         pin.computeJointJacobians(model, data, np.asarray(posture))
         rows = []
-        for joint, place in spots:
+        for joint, position in spots:
             jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL)
-            rows.append(jacobian[:3] - pin.skew(place) @ jacobian[3:])
-        held = np.concatenate(rows)
+            rows.append(jacobian[:3] - pin.skew(position) @ jacobian[3:])
+        fixed = np.concatenate(rows)
         # More spots than a rigid body has freedoms, or those of a planar base, make rows that depend on others.
-        inverse -= (
-            inverse @ held.T @ np.linalg.pinv(held @ inverse @ held.T, rcond=1e-8, hermitian=True) @ held @ inverse
-        )
+        forces = np.linalg.pinv(fixed @ inverse @ fixed.T, rcond=1e-8, hermitian=True) @ fixed @ inverse
+        inverse -= inverse @ fixed.T @ forces
     return np.asarray(inverse[base:, base:])
 
 
 def _bandwidth_inertia(inverse: Array) -> Array:
-    """Inertia (J,), kg m^2, for gains whose bandwidth no mode exceeds that the joints have together.
+    """Inertia (J,), kg m^2, for gains whose bandwidth no mode exceeds of all joints at once.
 
     Each joint's own is ``1 / inverse_jj``. Where all have feedback at once, one mode accelerates more: with gains in
     proportion to these, by the largest eigenvalue of the inverse that is scaled by them.
@@ -83,16 +83,16 @@ def fastest_bandwidth(delay: float, period: float) -> float:
 def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (P, 2, J) of all joints that move, in each phase of a jump.
 
-    In the air they are critical, for the inertia that each joint turns afloat, with its known rotor, mean of the
+    In the air they are critical, for the inertia that each joint turns afloat, its rotor included, mean of the
     flight. A foot that weighs little has little of both, and with these a robot on flat soles tips over: an ankle must
-    bear it. Where feet stand, the joints above them turn far more: in a stance each has 1.5 times the weight times its
-    height for a stiffness or more, as far as it can have that with the bandwidth. Legs that do not stand are as in the
-    air.
+    bear it. Where feet stand, the joints above them accelerate far less: in a stance each has 1.5 times the weight
+    times its height for a stiffness or more, as far as it can have that with the bandwidth. Legs that do not stand are
+    as in the air.
 
     Parameters
     ----------
     bandwidth : rad/s
-        Of the fastest mode of all joints together.
+        Of the fastest mode of all joints at once.
     """
     model = jump.problem.robot.model
     takeoff, landing = jump.flight_span

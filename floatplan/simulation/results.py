@@ -267,7 +267,7 @@ class JumpReplay(Flights):
     ----------
     friction : of the ground, as far as it is not perturbed
     period : s, of the joints' control
-    feedback : rad/s, from which gains followed, if they did
+    feedback : rad/s, a bandwidth that gives all gains; else None
     kp, kd : (J,) N m/rad, N m s/rad; of several phases that of the flight
     phase_gains : (P, 2, J), both of each phase, with ``feedback``; else None
     tried : how many pairs of them were, where none were requested; else 0
