@@ -118,7 +118,7 @@ def test_a_robot_lands_with_gains_by_phase() -> None:
     ("options", "reason"),
     [
         ({"gains": 140.0, "perturb": "delay=4ms"}, "feedback: 140 rad/s ring where measurements are 4 ms late"),
-        ({"gains": -1.0}, "feedback: must be"),
+        ({"gains": -1.0}, "feedback: -1.0 rad/s is not positive"),
     ],
 )
 def test_what_is_refused(options: dict[str, object], reason: str) -> None:
