@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import statistics
 import tempfile
@@ -10,23 +11,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+import capsule_world
 import numpy as np
 from drawn_stances import drawn_hops, drawn_stances
-from measuring import PROBLEMS, Counts, heading, table
+from measuring import PROBLEMS, ROOT, Counts, heading, table
 
 import floatplan as fp
 from floatplan.jumps.check import sentences_on
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
+from floatplan.simulation.gains import gains_by_phase
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")
 PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
-PERTURBED_IN_SPACE = "mass=5%,friction=17.647%,noise=0.1deg,delay=4ms"
-# Stiffness, damping, and armature that is unknown, kg m^2, by robot; without gains they are searched for. With more
-# damping shanks, of 0.003 kg m^2 those of a Go2, ring where no rotor is on them.
-GAINS_IN_SPACE = dict.fromkeys(("a1", "go1", "go2"), ((40.0, 0.7), 0.005)) | {"solo12": ((8.0, 0.12), 0.0005)}
-SEARCHED = ((None, None), 0.005)
+# Stiffness, damping, and armature that is unknown, kg m^2, by robot; of others each joint's gains follow from a
+# bandwidth. A Solo12's shanks turn 0.0003 kg m^2.
+GAINS_IN_SPACE = dict.fromkeys(("a1", "go1", "go2"), ((40.0, 1.0), 0.005)) | {"solo12": ((4.0, 0.1), 0.0005)}
+FEEDBACK = 100.0  # [rad/s]
+HEADER_IN_SPACE = ("jump", "gains", "armature kg m^2", "corrected", "stand", "on feet alone", "attitude deg", "at most")
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -99,32 +102,53 @@ def contact(counts: Counts) -> None:
 
 
 def contact_in_space(counts: Counts) -> None:
-    """Jumps in space in MuJoCo with contact, without corrections in flight and with them at 250 Hz."""
+    """Jumps in space in a world of capsules, without corrections in flight and with them at 250 Hz."""
     paths = sorted((PROBLEMS / "jumps" / "space").glob("*.toml"))[: counts.stunts]
-    heading(f"contact in space: {counts.landings} flights of each jump, friction {GRIP}, {PERTURBED_IN_SPACE}")
-    rows = []
-    for path in paths:
-        found = fp.jump(path)
-        if not found.ok:
-            rows.append([path.stem, "not found", *[0] * 5])
-            continue
-        gains, armature = GAINS_IN_SPACE.get(path.stem.partition("_")[0], SEARCHED)
-        flown = fp.replay_jump(
-            found,
-            250.0,
-            perturb=f"{PERTURBED_IN_SPACE},armature={armature}",
-            flights=counts.landings,
-            friction=GRIP,
-            gains=gains,
-            budget=None,
-        )
-        assert flown.corrected is not None
-        for name, landings in (("no", flown.uncorrected), ("yes", flown.corrected)):
-            landed = [int(landings.stands.sum()), int(landings.clean.sum())]
-            turned = [float(np.rad2deg(landings.pitch_rms)), float(np.rad2deg(landings.pitch_worst))]
-            rows.append([path.stem, name, *landed, *turned, float(1e3 * np.median(landings.slid))])
-    header = ["jump", "corrected", "stand", "on feet alone", "attitude at touchdown deg", "at most", "slid mm"]
-    table(header, rows)
+    heading(f"contact in space: {counts.landings} flights of each jump in {capsule_world.__name__}.py")
+    rows = [row for path in paths for row in landings_in_space(path, counts.landings)]
+    table(HEADER_IN_SPACE, rows)
+
+
+def landings_in_space(path: Path, flights: int) -> list[list[object]]:
+    """Rows of a jump's flights, without corrections and with them."""
+    jump = planned_once(path)
+    if jump is None:
+        return [[path.stem, "not found", *[""] * (len(HEADER_IN_SPACE) - 2)]]
+    constant, armature = GAINS_IN_SPACE.get(path.stem.partition("_")[0], (None, 0.005))
+    if constant is None:
+        gains = gains_by_phase(jump, FEEDBACK)
+        control = f"{FEEDBACK:g} rad/s"
+    else:
+        shape = (len(jump.phases), 2, len(jump.problem.robot.model_joints))
+        gains = np.broadcast_to(np.array(constant)[:, None], shape)
+        control = "kp {:g}, kd {:g}".format(*constant)
+    assert jump.flight is not None
+    replanner = fp.Replanner(jump.flight, 250.0)
+    rows: list[list[object]] = []
+    for name, corrections in (("no", None), ("yes", replanner)):
+        flown = [capsule_world.fly(jump, seed, gains, armature, corrections) for seed in range(flights)]
+        errors = np.rad2deg([flight.error for flight in flown if np.isfinite(flight.error)])
+        worst = float(errors.max(initial=0.0))
+        landed = [sum(flight.stands for flight in flown), sum(flight.clean for flight in flown)]
+        rows.append([path.stem, control, armature, name, *landed, float(np.sqrt(np.mean(errors**2))), worst])
+    return rows
+
+
+def planned_once(path: Path) -> fp.Jump | None:
+    """The jump of a problem file, planned once for the code that plans and that file; None where none is found."""
+    digest = hashlib.sha256(path.read_bytes())
+    rooms = ("jumps", "kernel", "motion", "planning", "plans", "problem", "robot")
+    for room in rooms:
+        for source in sorted((ROOT / "floatplan" / room).rglob("*.[ph][yp]*")):
+            digest.update(source.read_bytes())
+    cached = ROOT / "build" / "jumps" / f"{path.stem}_{digest.hexdigest()[:16]}.json"
+    if not cached.exists():
+        jump = fp.jump(path)
+        if not jump.ok:
+            return None
+        cached.parent.mkdir(parents=True, exist_ok=True)
+        jump.save(cached)
+    return fp.load_jump(cached)
 
 
 def jump_section(counts: Counts) -> None:

@@ -48,7 +48,7 @@ EXPECTED = {
     "hops": "jumps drawn with seeds",
     "launch": "yes that fails",
     "contact": "on feet alone",
-    "contact-in-space": "attitude at touchdown",
+    "contact-in-space": "attitude deg",
     "space": "drawn motions",
     "proofs": "chains of 12 joints",
     "clips": "false alarms: 0 in 9",

@@ -28,6 +28,14 @@ FlightPages = Annotated[
         "-o",
     ),
 ]
+Feedback = Annotated[
+    float | None,
+    option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan, or as --kp says."),
+]
+JumpStiffness = Annotated[
+    str | None,
+    option("K|J=K,..", "Stiffness of a jump's joints, N m/rad, of all or by name; without, nor --feedback, searched."),
+]
 Errors = Annotated[
     str,
     option(
@@ -70,9 +78,7 @@ def replay(
         str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
     ] = None,
     perturb: Errors = "",
-    feedback: Annotated[
-        float | None, option("RAD/S", "Bandwidth of joint feedback; left out, open loop, 100 with --replan.")
-    ] = None,
+    feedback: Feedback = None,
     step: Annotated[float | None, option("S", "Longest step of MuJoCo, s; 5e-4 if left out.")] = None,
     replan: Annotated[
         float | None, option("HZ", "Correct in flight, so often a second: many flights, with and without.")
@@ -93,7 +99,7 @@ def replay(
     ] = 60.0,
     seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
     friction: Annotated[float | None, option("MU", "Of a jump's ground; that of its problem if left out.")] = None,
-    kp: Annotated[str | None, option("K|J=K,..", "Stiffness of a jump's joints, N m/rad, of all or by name.")] = None,
+    kp: JumpStiffness = None,
     kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
     authority: Annotated[
         bool, flag("Tell from which errors corrections still land, and until when.", "--authority")
@@ -107,14 +113,13 @@ def replay(
     With --replan, fly it many times with errors, corrected in flight and not. With --authority, tell how much can be
     corrected. A jump is simulated in MuJoCo with contact, from standing to a second after its end.
     """
-    from floatplan.cli.option_values import gain
     from floatplan.cli.results import check_directory
     from floatplan.simulation.engines import check_engine
 
     checked = check_engine(engine or "pinocchio")
     plan = common.read_motion(motion_file, urdf)
     of_jumps = {"friction": friction, "kp": kp, "kd": kd}
-    of_plans = {"feedback": feedback, "step": step, "authority": authority or None, "save": save or None}
+    of_plans = {"step": step, "authority": authority or None, "save": save or None}
     others, kind = (of_jumps, "jumps") if isinstance(plan, fp.Plan) else (of_plans, "plans")
     for name, value in others.items():
         if value is not None:
@@ -125,7 +130,7 @@ def replay(
         if engine not in (None, "mujoco"):
             raise InputError("knows no ground, which a jump needs", element="--engine", advice="give 'mujoco'")
         options = {"replan": replan, "perturb": perturb, "flights": flights or 1, "seed": seed, "budget": budget}
-        gains = gain("--kp", kp), gain("--kd", kd)
+        gains = _jump_gains(kp, kd, feedback)
         with _naming_the_file(motion_file):
             _fly_jump(plan, output, json_output, gains=gains, friction=friction, **options)
     if output is not None and replan is None:
@@ -142,6 +147,17 @@ def replay(
         _fly_often(plan, json_output, flights, seed=seed, budget=budget, **options)
     saved_to = motion_file if save else None
     _fly_once(plan, saved_to, json_output, engine=checked, perturb=perturb, feedback=feedback, step=step, seed=seed)
+
+
+def _jump_gains(kp: str | None, kd: str | None, feedback: float | None) -> Any:
+    """Gains of a jump as :func:`floatplan.replay_jump` takes them; InputError where both kinds are requested."""
+    from floatplan.cli.option_values import gain
+
+    if feedback is None:
+        return gain("--kp", kp), gain("--kd", kd)
+    if kp is not None or kd is not None:
+        raise InputError("gives the gains of all joints", element="--feedback", advice="leave --kp and --kd out")
+    return feedback
 
 
 def _fly_once(

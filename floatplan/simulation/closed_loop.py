@@ -167,9 +167,9 @@ class _Loop:
         com = measured_com if self.perturbation.rise else None
         self.replanner.reset()
         corrections = Corrections(self.replanner, reduced, PERIOD, com)
-        guide = _PlanGuide(corrections, self.motor_columns, correct)
+        guide = _PlanGuide(corrections, self.motor_columns, self.gains, correct)
         sensors = Sensors(self.perturbation, sample, PERIOD, self.base)
-        control = JointControl(guide, sensors, self.gains, self.motors, sample.torque)
+        control = JointControl(guide, sensors, self.motors, sample.torque)
         takeoff = perturbed_takeoff(self.plan.record, reduced, sample)
         flying = flying_robot(self.engine, self.plan.robot, reduced, sample)
         robot = _FallingRobot(flying, reduced, flying.own_state(*takeoff))
@@ -261,10 +261,11 @@ class _FallingRobot:
 
 @dataclass(frozen=True, eq=False)
 class _PlanGuide:
-    """A plan's motion, corrected or not; ``motor_columns`` (m, motors) say which joints motors move."""
+    """A plan's motion, corrected or not, and gains; ``motor_columns`` (m, motors) say which joints motors move."""
 
     corrections: Corrections
     motor_columns: Array
+    gains: Array
     correct: bool
 
     @property
@@ -281,3 +282,7 @@ class _PlanGuide:
         planned = np.stack((reference.positions, reference.velocities))
         target = reduced.resting + planned @ reduced.joint_selection.T
         return target, self.motor_columns @ reference.motors + reduced.lost(target[1])
+
+    def feedback(self, tick: int, now: float) -> Array:
+        """Stiffness and damping (2, m), which do not change."""
+        return self.gains

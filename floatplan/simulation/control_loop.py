@@ -45,6 +45,10 @@ class Guide(Protocol):
         """Positions and rates (2, J) of the joints at a tick, and feed-forward torques (J,)."""
         ...
 
+    def feedback(self, tick: int, now: float) -> Array:
+        """Stiffness and damping (2, J) at a tick."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Motors:
@@ -178,7 +182,7 @@ class Tick:
 
 @dataclass(eq=False)
 class JointControl:
-    """A robot's control: a guide, feedback with gains (2, J), and motors of some strength (J,).
+    """A robot's control: a guide, feedback with its gains, and motors of some strength (J,).
 
     ``feedback_delay`` is the number of periods after which feedback has a measurement; ``errors`` are those of the
     joints (2, J) so far in the flight.
@@ -186,7 +190,6 @@ class JointControl:
 
     guide: Guide
     sensors: Sensors
-    gains: Array
     motors: Motors
     strength: Array
     feedback_delay: int = 0
@@ -205,7 +208,9 @@ class JointControl:
             target, torques = self.guide.target(number, now, self.sensors)
             self.errors.append(target - self.sensors.measured[-1][:, base.size :])
             if number >= self.feedback_delay:
-                torques = torques + (self.gains * self.errors[number - self.feedback_delay]).sum(axis=0)
+                torques = torques + (self.guide.feedback(number, now) * self.errors[number - self.feedback_delay]).sum(
+                    axis=0
+                )
             limited = self.motors.limited(torques, state[1, base.size :])
             finite = robot.move(self.strength * limited, min(period, self.guide.end - now))
             yield Tick(number, now, state, torques, limited, finite)

@@ -13,6 +13,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER
+from floatplan.simulation.tracked_motion import feet_spheres
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))
@@ -33,9 +34,103 @@ def joint_inertia(model: Any, posture: Array) -> Array:
 
     It is ``1 / (M^-1)_jj``: the torque of the joint over its acceleration while the robot floats.
     """
-    inverse = pin.computeMinverse(model, model.createData(), np.asarray(posture))
+    return np.asarray(1.0 / np.diagonal(_joint_inverse(model, posture)))
+
+
+def _joint_inverse(model: Any, posture: Array, spots: Sequence[tuple[int, Array]] = ()) -> Array:
+    """Accelerations (J, J) of the joints for their torques, 1/(kg m^2), on a base that floats.
+
+    Spots do not accelerate: each is the number of the joint that carries it, and its position (3,) m in that joint's
+    axes.
+    """
+    data = model.createData()
+    upper = np.triu(pin.computeMinverse(model, data, np.asarray(posture)))  # all that Pinocchio fills in
+    inverse = upper + np.triu(upper, 1).T
     base = BASE_COORDINATES if model.nq == model.nv else FREE_FLYER
-    return np.asarray(1.0 / np.diagonal(inverse)[base:])
+    if spots:
+        pin.computeJointJacobians(model, data, np.asarray(posture))
+        rows = []
+        for joint, position in spots:
+            jacobian = pin.getJointJacobian(model, data, joint, pin.LOCAL)
+            rows.append(jacobian[:3] - pin.skew(position) @ jacobian[3:])
+        fixed = np.concatenate(rows)
+        # More spots than a rigid body has freedoms, or those of a planar base, make rows that depend on others.
+        forces = np.linalg.pinv(fixed @ inverse @ fixed.T, rcond=1e-8, hermitian=True) @ fixed @ inverse
+        inverse -= inverse @ fixed.T @ forces
+    return np.asarray(inverse[base:, base:])
+
+
+def _bandwidth_inertia(inverse: Array) -> Array:
+    """Inertia (J,), kg m^2, for gains whose bandwidth no mode exceeds of all joints at once.
+
+    Each joint's own is ``1 / inverse_jj``. Where all have feedback at once, one mode accelerates more: with gains in
+    proportion to these, by the largest eigenvalue of the inverse that is scaled by them.
+    """
+    own = 1.0 / np.diagonal(inverse)
+    scaled = np.sqrt(own)[:, None] * inverse * np.sqrt(own)
+    return np.asarray(own / np.linalg.eigvalsh(scaled)[-1])
+
+
+def fastest_bandwidth(delay: float, period: float) -> float:
+    """Return the bandwidth, rad/s, at which critical gains ring that are late by a delay and constant in a period, s.
+
+    Of s^2 + (2 w s + w^2) exp(-s T), with T the delay and half of the period, roots cross the imaginary axis at
+    s = i w sqrt(2 + sqrt(5)), where w T is atan(2 sqrt(2 + sqrt(5))) over that root.
+    """
+    crossing = np.sqrt(2.0 + np.sqrt(5.0))
+    return float(np.arctan(2.0 * crossing) / crossing / (delay + period / 2))
+
+
+def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:
+    """Stiffness, N m/rad, and damping, N m s/rad, (P, 2, J) of all joints that move, in each phase of a jump.
+
+    In the air they are critical, for the inertia that each joint turns afloat, its rotor included, mean of the
+    flight. A foot that weighs little has little of both, and with these a robot on flat soles tips over: an ankle must
+    bear it. Where feet stand, the joints above them accelerate far less: in a stance each has 1.5 times the weight
+    times its height for a stiffness or more, as far as it can have that with the bandwidth. Legs that do not stand are
+    as in the air.
+
+    Parameters
+    ----------
+    bandwidth : rad/s
+        Of the fastest mode of all joints at once.
+    """
+    model = jump.problem.robot.model
+    inertias = [_bandwidth_inertia(_joint_inverse(model, posture)) for posture in _postures_in_flight(jump)]
+    afloat = np.mean(inertias, axis=0)
+    in_air = critical_gains(bandwidth, afloat)
+    enough = 1.5  # [-] of the stiffness with which it does not fall over slowly
+    # What is 5 ms late needs a lead of as much, and damps with what is above. Much more rings where a foot touches the
+    # ground but does not yet stand.
+    lead = 7e-3  # [s] damping over stiffness
+    feet = feet_spheres(jump)
+    tipping = _tipping_stiffness(jump.robot, _weight(jump), jump.before[0].ground, jump.at(0.0).positions[0])
+    gains = []
+    for phase in jump.phases:
+        spots = [feet[name][:2] for name in phase.contacts]
+        posture = jump.at((phase.begin + phase.end) / 2).positions[0]
+        most = critical_gains(bandwidth, _bandwidth_inertia(_joint_inverse(model, posture, spots)))
+        needed = enough * tipping if spots else 0.0
+        stiffness = np.maximum(in_air[0], np.minimum(most[0], needed))
+        damping = np.maximum(in_air[1], np.minimum(most[1], lead * stiffness))
+        gains.append([stiffness, damping])
+    return read_only(gains)
+
+
+def _tipping_stiffness(robot: Robot, weight: float, ground: float, standing: Array) -> float:
+    """The weight, N, times its height over the ground in a posture (nq,), N m/rad: with less a robot falls over."""
+    com = pin.centerOfMass(robot.model, robot.model.createData(), standing) @ robot.up
+    return float(weight * (com - ground))
+
+
+def _weight(jump: JumpMotion) -> float:
+    return jump.robot.mass * jump.problem.flight.gravity
+
+
+def _postures_in_flight(jump: JumpMotion) -> Array:
+    """Postures (K, nq) of all its flights."""
+    spans = [np.linspace(flight.begin, flight.end, 33) for flight in jump.timed_flights]
+    return jump.at(np.concatenate(spans)).positions
 
 
 def requested_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
@@ -54,11 +149,9 @@ def requested_gains(joints: Sequence[str], requested: Gain | None, element: str,
 
 def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints of a jump that move: :func:`usual_gains`."""
-    spans = [np.linspace(flight.begin, flight.end, 33) for flight in jump.timed_flights]
-    in_flight = jump.at(np.concatenate(spans)).positions
     standing = jump.at(0.0).positions[0]
-    weight = jump.problem.robot.mass * jump.problem.flight.gravity
-    return usual_gains(jump.problem.robot, weight, jump.before[0].ground, standing, in_flight, requested)
+    ground = jump.before[0].ground
+    return usual_gains(jump.robot, _weight(jump), ground, standing, _postures_in_flight(jump), requested)
 
 
 def usual_gains(
@@ -83,8 +176,7 @@ def usual_gains(
     late_bandwidth = 125.0  # [rad/s] of measurements that are 4 ms late, constant for 2 ms: 0.6 over the delay
     damping_time = 0.017  # [s] damping over stiffness: nearly critical
     model = robot.model
-    com = pin.centerOfMass(model, model.createData(), standing) @ robot.up
-    tipping = weight * float(com - ground)
+    tipping = _tipping_stiffness(robot, weight, ground, standing)
     lightest = float(np.mean([joint_inertia(model, posture).min() for posture in in_flight]))
     stiffness = float(f"{max(late_bandwidth**2 * lightest, tipping):.2g}")
     joints = robot.model_joints

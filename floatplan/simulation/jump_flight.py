@@ -89,7 +89,7 @@ class MotionControl:
         robot.begin(tracked.base_ends[0], tracked.positions[0], tracked.begin_velocities)
         base = self.base
         sensors = Sensors(perturbation, sample, PERIOD, base)
-        control = JointControl(guide, sensors, self.gains, self.motors, sample.torque, sensors.delay)
+        control = JointControl(guide, sensors, self.motors, sample.torque, sensors.delay)
         pitches: list[float] = []  # of each landing
         tilt = 0.0
         share = 0.0
@@ -142,17 +142,28 @@ class MotionGuide(Guide):
         row = min(tick, len(self.control.times) - 1)
         return self.control.planned_joints[row], self.control.torques[row]
 
+    def feedback(self, tick: int, now: float) -> Array:
+        """Stiffness and damping (2, J)."""
+        return self.control.gains
+
 
 class JumpControl(MotionControl):
-    """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any."""
+    """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any.
 
-    def __init__(self, jump: JumpMotion, gains: Array, rate: float | None) -> None:
+    ``phase_gains`` (P, 2, J) are those of each phase; left out, all have the same.
+    """
+
+    def __init__(self, jump: JumpMotion, gains: Array, rate: float | None, phase_gains: Array | None = None) -> None:
         assert jump.flight is not None
         self.jump = jump
         tracked, self.planned = tracked_jump(jump)
         super().__init__(tracked, gains)
         self.motor_joints = list(map(self.joints.index, self.robot.motors))
         self.motor_torques = self.planned.torques @ self.robot.transmission
+        self.phase_gains = phase_gains
+        begins = [phase.begin for phase in jump.phases]
+        self.phases = np.searchsorted(begins, self.times, side="right") - 1  # (K,) of the planned motion's rows
+        self.flight_phases = [number for number, phase in enumerate(jump.phases) if phase.kind == "flight"]
         self.shifts = [flight.shift for flight in jump.timed_flights]
         self.replanners: list[Replanner] = []
         if rate is not None:
@@ -275,6 +286,18 @@ class _JumpGuide(MotionGuide):
         torques[control.motor_joints] += reference.motors - control.motor_torques[row]
         corrected = np.stack((reference.positions, reference.velocities))
         return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques
+
+    def feedback(self, tick: int, now: float) -> Array:
+        """Stiffness and damping (2, J) of the phase; a flight lasts until the landing that is expected."""
+        control = self.control
+        if control.phase_gains is None:
+            return control.gains
+        phase = int(control.phases[min(tick + self.early, len(control.times) - 1)])
+        if self.corrects and self.landed < len(control.flights):
+            phase = min(phase, control.flight_phases[self.landed])
+        if self.landed:
+            phase = max(phase, control.flight_phases[self.landed - 1] + 1)
+        return np.asarray(control.phase_gains[phase])
 
     @property
     def statuses(self) -> Counter[str]:

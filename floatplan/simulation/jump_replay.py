@@ -5,6 +5,7 @@ import math
 import time as clock
 from collections import Counter
 from collections.abc import Callable
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from floatplan.jumps.reading import load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
-from floatplan.simulation.gains import Gains, first_gains, joint_inertia
+from floatplan.simulation.gains import FASTEST, Gains, fastest_bandwidth, first_gains, gains_by_phase, joint_inertia
 from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlight
@@ -87,7 +88,7 @@ def replay_jump(
     flights: int = 1,
     seed: int = 0,
     friction: float | None = None,
-    gains: Gains = (None, None),
+    gains: Gains | float = (None, None),
     budget: float | None = BUDGET,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> JumpReplay:
@@ -105,8 +106,9 @@ def replay_jump(
         The same seed, the same flights.
     friction : float, optional
         Of the ground; left out, that of which the jump is planned.
-    gains : two floats or mappings, optional
-        Of all joints or of some by name: :func:`first_gains`. Without any they are searched: :func:`search_gains`.
+    gains : two floats or mappings, or one float, optional
+        Stiffness and damping of all joints or of some by name: :func:`first_gains`. One float is a bandwidth, rad/s,
+        from which all follow: :func:`gains_by_phase`. Left out they are searched: :func:`search_gains`.
     budget : float, optional
         Time, s, after which no new flight begins. None: no end.
     progress : callable, optional
@@ -115,7 +117,8 @@ def replay_jump(
     Raises
     ------
     InputError
-        There is no jump, its check fails, a number or a perturbation is wrong, or MuJoCo is not installed.
+        There is no jump, its check fails, a number or a perturbation is wrong, feedback is faster than the delay of
+        measurements allows, or MuJoCo is not installed.
     """
     start_time = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
@@ -128,8 +131,7 @@ def replay_jump(
     jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
     import_mujoco()
-    of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
-    control = JumpControl(jump, of_joints, replan)
+    control, tried = _control(jump, gains, replan, perturbation, progress)
     corrected: list[SimulatedFlight[SimulatedJump]] = []
     uncorrected: list[SimulatedFlight[SimulatedJump]] = []
     for flight in range(flights):
@@ -148,8 +150,10 @@ def replay_jump(
         friction=friction,
         period=PERIOD,
         joints=control.joints,
+        feedback=gains if isinstance(gains, Real) else None,
         kp=read_only(control.gains[0]),
         kd=read_only(control.gains[1]),
+        phase_gains=control.phase_gains,
         tried=tried,
         rate=replan,
         uncorrected=JumpLandings.of(uncorrected),
@@ -159,6 +163,30 @@ def replay_jump(
         motion=(corrected or uncorrected)[0].motion,
         seconds=clock.perf_counter() - start_time,
     )
+
+
+def _control(
+    jump: Jump,
+    gains: Gains | float,
+    rate: float | None,
+    perturbation: Perturbation,
+    progress: Callable[[str, int, int], None] | None,
+) -> tuple[JumpControl, int]:
+    """The control of a jump with gains as requested, and how many were tried; errors as of :func:`replay_jump`."""
+    if not isinstance(gains, float | Real):
+        of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
+        return JumpControl(jump, of_joints, rate), tried
+    bandwidth = positive(FASTEST, "rad/s")(gains, "feedback")
+    delay = round(perturbation.delay / PERIOD) * PERIOD
+    most = fastest_bandwidth(delay, PERIOD)
+    if bandwidth > most:
+        reason = f"{bandwidth:g} rad/s ring where measurements are {1e3 * delay:g} ms late"
+        raise InputError(
+            reason, element="feedback", advice=f"give {0.8 * most:.3g} or less: from {most:.3g} on all ring"
+        )
+    by_phase = gains_by_phase(jump, bandwidth)
+    flight = [phase.kind for phase in jump.phases].index("flight")
+    return JumpControl(jump, by_phase[flight], rate, by_phase), 0
 
 
 def _jump_to_fly(jump: Jump | str | Path) -> Jump:

@@ -267,7 +267,9 @@ class JumpReplay(Flights):
     ----------
     friction : of the ground, as far as it is not perturbed
     period : s, of the joints' control
-    kp, kd : (J,) N m/rad, N m s/rad
+    feedback : rad/s, a bandwidth that gives all gains; else None
+    kp, kd : (J,) N m/rad, N m s/rad; of several phases that of the flight
+    phase_gains : (P, 2, J), both of each phase, with ``feedback``; else None
     tried : how many pairs of them were, where none were requested; else 0
     rate : Hz of the corrections in flight, if there were any
     uncorrected, corrected : JumpLandings
@@ -279,8 +281,10 @@ class JumpReplay(Flights):
 
     friction: float
     period: float
+    feedback: float | None
     kp: Array
     kd: Array
+    phase_gains: Array | None
     tried: int
     rate: float | None
     uncorrected: JumpLandings
@@ -300,14 +304,12 @@ class JumpReplay(Flights):
     @property
     def control(self) -> str:
         """How the joints were controlled."""
-        gains = []
-        for name, values, unit in (("kp", self.kp, "N m/rad"), ("kd", self.kd, "N m s/rad")):
-            least = float(values.min())
-            most = float(values.max())
-            size = f"{most:.3g}" if least == most else f"{least:.3g} to {most:.3g}"
-            gains.append(f"{name} {size} {unit}")
-        searched = f", the best of {self.tried} tried" if self.tried else ""
-        return f"joints controlled at {1 / self.period:g} Hz, {', '.join(gains)}{searched}"
+        words = f"joints controlled at {1 / self.period:g} Hz, {_gains_in_words(self.kp, self.kd)}"
+        if self.phase_gains is not None:
+            stiffest = self.phase_gains.max(axis=0)
+            most = f"kp {stiffest[0].max():.3g}, kd {stiffest[1].max():.3g} at most in stances"
+            return f"{words} in flight, {most}: feedback of {self.feedback:g} rad/s"
+        return f"{words}, the best of {self.tried} tried" if self.tried else words
 
     @property
     def landings(self) -> JumpLandings:
@@ -333,8 +335,10 @@ class JumpReplay(Flights):
                 "control": {
                     "rate": 1 / self.period,
                     "joints": self.joints,
+                    "feedback": self.feedback,
                     "kp": self.kp,
                     "kd": self.kd,
+                    "phase_gains": self.phase_gains,
                     "tried": self.tried,
                 },
                 "replan": self.rate,
@@ -346,3 +350,14 @@ class JumpReplay(Flights):
             }
         )
         return facts
+
+
+def _gains_in_words(kp: Array, kd: Array) -> str:
+    """Say the least and the largest gains."""
+    words = []
+    for name, values, unit in (("kp", kp, "N m/rad"), ("kd", kd, "N m s/rad")):
+        least = f"{values.min():.3g}"
+        most = f"{values.max():.3g}"
+        size = most if least == most else f"{least} to {most}"
+        words.append(f"{name} {size} {unit}")
+    return ", ".join(words)

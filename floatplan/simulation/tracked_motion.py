@@ -139,7 +139,7 @@ def shapes_of_jump(jump: JumpMotion) -> ContactShapes:
     sole, in space its heel and each toe, is one of ``SMALLEST``. Other links of jumps in a plane are prisms.
     """
     hulls = _solid_hulls(jump) if isinstance(jump, SpatialJumpMotion) else _prisms(jump)
-    return ContactShapes(ground=jump.ground, balls=_feet(jump), hulls=tuple(hulls), step=jump.step)
+    return ContactShapes(ground=jump.ground, balls=feet_spheres(jump), hulls=tuple(hulls), step=jump.step)
 
 
 def solid_hull(solid: LinkSolid) -> Hull | None:
@@ -156,8 +156,8 @@ def _is_flat(points: Array) -> bool:
     return bool(thickness < 1e-4)  # m
 
 
-def _feet(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
-    """The joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
+def feet_spheres(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
+    """Return the joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
     robot = jump.problem.robot
     if isinstance(jump, SpatialJumpMotion):
         return _feet_in_space(jump)

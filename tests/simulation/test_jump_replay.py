@@ -175,7 +175,8 @@ def test_command(
             (["--authority"], "--authority: is for plans"),
             (["--step", "0.001"], "--step: is for plans"),
             (["--save"], "--save: is for plans"),
-            (["--feedback", "3"], "--feedback: is for plans"),
+            (["--feedback", "80", "--kp", "40"], "feedback: gives the gains of all joints"),
+            (["--feedback", "0"], "feedback: 0.0 rad/s is not positive"),
             (["--perturb", "wind=3"], "cannot perturb 'wind'"),
             (["--kp", "x=3"], "--kp"),
         ):
