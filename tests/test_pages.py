@@ -73,8 +73,8 @@ def jumps_once(monkeypatch, tmp_path):
         asked = fp.save_problem(problem, tmp_path / "asked.toml").read_bytes() + repr(sorted(options.items())).encode()
         return made_once(f"jump {sha256(asked).hexdigest()}", lambda: search(problem, **options))
 
+    monkeypatch.setattr(fp, "jump", jump)  # first: it is the planner's, and what it was is set again last
     monkeypatch.setattr(planner, "jump", jump)
-    monkeypatch.setattr(fp, "jump", jump)
     monkeypatch.setattr("floatplan.initial.flight.jump", jump)
 
 

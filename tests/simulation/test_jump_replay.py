@@ -95,7 +95,7 @@ def test_other_quadrupeds_land_straight(root: Path, name: str, gains: tuple[floa
     """Also where rotors that the plan does not know make them land early."""
     found = made_once(f"{name}.toml", lambda: fp.jump(root / "problems" / "jumps" / f"{name}.toml", starts=1))
     perturb = f"mass=5%,friction=17.647%,armature=0.01,{LATE}"
-    both = fp.replay_jump(found, 250.0, perturb=perturb, friction=0.85, flights=4, gains=gains, budget=None)
+    both = fp.replay_jump(found, 250.0, perturb=perturb, friction=0.85, flights=10, gains=gains, budget=None)
     assert both.corrected is not None
     assert both.uncorrected.clean.all()
     assert both.corrected.clean.all()

@@ -17,7 +17,6 @@ from floatplan.view.figures.figures import figures
 from floatplan.view.report.data import motion_data
 from floatplan.view.report.report import write_report
 from floatplan.view.sampled import SampledPlan
-from floatplan.view.scene.scene import scene
 from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, rendered_solids
 
 
@@ -137,11 +136,6 @@ def test_it_is_turned_by_mouse_by_touch_and_from_the_keyboard(diver: fp.Plan, br
     ActionChains(browser.driver).double_click(stage).perform()
     assert browser.run(camera) == pytest.approx([azimuth, elevation, 1.0])
     assert browser.complaints() == []
-
-
-@pytest.mark.long
-def test_the_scene_holds_solids_trails_and_momentum(diver: fp.Plan) -> None:
-    assert "<title>floatplan: diver_half_twist</title>" in scene(diver)
 
 
 def test_obstacles_are_drawn_where_they_are(planned: Callable[[str], fp.Plan]) -> None:
