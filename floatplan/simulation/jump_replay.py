@@ -101,14 +101,13 @@ def replay_jump(
         Corrections in flight per second at most, Hz, whole periods apart: each robot then flies with them and without.
     perturb : str or Perturbation
         Such as ``"mass=5%,friction=20%,armature=0.01,torque=5%,noise=0.1deg,delay=4ms"``. Delays are rounded to 2 ms.
-    flights : int
-    seed : int
+    flights, seed : int
         The same seed, the same flights.
     friction : float, optional
         Of the ground; left out, that of which the jump is planned.
     gains : two floats or mappings, or one float, optional
-        Stiffness and damping of all joints or of some by name: :func:`first_gains`. One float is a bandwidth, rad/s,
-        from which all follow: :func:`gains_by_phase`. Left out they are searched: :func:`search_gains`.
+        Stiffness and damping, of all joints or of some by name: :func:`first_gains`; or a bandwidth, rad/s:
+        :func:`gains_by_phase`. Left out they are searched: :func:`search_gains`.
     budget : float, optional
         Time, s, after which no new flight begins. None: no end.
     progress : callable, optional
@@ -117,8 +116,7 @@ def replay_jump(
     Raises
     ------
     InputError
-        There is no jump, its check fails, a number or a perturbation is wrong, feedback is faster than the delay of
-        measurements allows, or MuJoCo is not installed.
+        There is no jump, its check fails, a number or a perturbation is wrong, or MuJoCo is not installed.
     """
     start_time = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
@@ -130,7 +128,6 @@ def replay_jump(
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
-    import_mujoco()
     control, tried = _control(jump, gains, replan, perturbation, progress)
     corrected: list[SimulatedFlight[SimulatedJump]] = []
     uncorrected: list[SimulatedFlight[SimulatedJump]] = []
@@ -173,6 +170,7 @@ def _control(
     progress: Callable[[str, int, int], None] | None,
 ) -> tuple[JumpControl, int]:
     """The control of a jump with gains as requested, and how many were tried; errors as of :func:`replay_jump`."""
+    import_mujoco()
     if not isinstance(gains, float | Real):
         of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
         return JumpControl(jump, of_joints, rate), tried
