@@ -38,6 +38,7 @@ from floatplan.problem.attitude import Attitude as Attitude
 from floatplan.problem.family import Family as Family
 from floatplan.problem.file import load_problem as load_problem
 from floatplan.problem.file import save_problem as save_problem
+from floatplan.problem.jump import JumpFlight as JumpFlight
 from floatplan.problem.jump import JumpLanding as JumpLanding
 from floatplan.problem.jump import JumpRequest as JumpRequest
 from floatplan.problem.jump import JumpTakeoff as JumpTakeoff

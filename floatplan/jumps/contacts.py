@@ -112,6 +112,11 @@ class GroundStep:
         return np.where(self.inwards * (along - self.edge) > 0, self.high - self.low, 0.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class GroundEdge(Bar):
+    """A bar that stands for the edge of higher ground."""
+
+
 def edge_obstacles(request: JumpRequest, ground: float) -> tuple[Obstacle, ...]:
     """The higher ground as obstacles; none where the grounds are equally high.
 
@@ -127,9 +132,9 @@ def edge_obstacles(request: JumpRequest, ground: float) -> tuple[Obstacle, ...]:
     deep = 2e-2  # [m] below the ground on which it stands, farther than capsules around feet reach into it
     far = 3.0  # [m] inside, farther than any robot stands from the edge
     x = step.edge + step.inwards * radius
-    side = Bar(start=(x, step.low - radius), end=(x, step.high - radius), radius=radius, margin=0.01)
+    side = GroundEdge(start=(x, step.low - radius), end=(x, step.high - radius), radius=radius, margin=0.01)
     beyond = x + step.inwards * far
-    top = Bar(start=(x, step.high - deep), end=(beyond, step.high - deep), radius=0.0)
+    top = GroundEdge(start=(x, step.high - deep), end=(beyond, step.high - deep), radius=0.0)
     return side, top
 
 

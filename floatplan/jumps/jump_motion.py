@@ -342,8 +342,11 @@ class JumpMotion(MotionInFile):
             return ()
         others = []
         for number, flight in enumerate(self.flights):
-            # Orientations of later flights have the turns of those before.
-            ignored = ("overlap", "turns") if number else ("overlap",)
+            ignored = {"overlap"}
+            if number:  # its orientations have the turns of the flights before
+                ignored.add("turns")
+            if self.request.rise:  # it is over two grounds
+                ignored.add("ground")
             others += [warning for warning in flight.warnings if warning.kind not in ignored]
         return (*others, *overlap_warnings(self.problem, self.planned_positions, self.duration))
 

@@ -77,6 +77,7 @@ def launch(
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump
     if request is None:  # flights know frames and no feet
         request = JumpRequest(feet="points")
+    request = _of_one_flight(request)
     end = one_of("takeoff", "landing")(end, "end")
     seed = SEED(seed, "seed")
     starts = TRIES(starts, "starts")
@@ -84,7 +85,11 @@ def launch(
     if plan.robot.base == "free-flyer":
         return launch_in_space(plan, request, end, seed, starts, say)
     factor_request = replace(
-        request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0
+        request,
+        margin=dict.fromkeys(request.margin, 1.0),
+        objective="limits",
+        clearance=0.0,
+        pitch_error=0.0,
     )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup, met = _setup_and_flight_end(plan, factor_request, end, np.append(state.orientation, state.positions))
@@ -168,6 +173,13 @@ def _calmer(
     if not solved[1].is_motion:
         return []
     return [refined_until_checked(CALM_MARGINS, calm.request, solved, calm.program, complete)]
+
+
+def _of_one_flight(request: JumpRequest) -> JumpRequest:
+    """A request without other flights and grounds: of a stance from standing, or to standing, they say nothing."""
+    landing = replace(request.landing, height=None, to="standing" if request.is_periodic else request.landing.to)
+    takeoff = replace(request.takeoff, height=None)
+    return replace(request, flights=None, edge=None, takeoff=takeoff, landing=landing)
 
 
 def _either_way_around(setup: Setup, end: End) -> list[Setup]:

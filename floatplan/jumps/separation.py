@@ -21,7 +21,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import displacement, is_ground
+from floatplan.jumps.contacts import GroundEdge, displacement, is_ground
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.phases import instants
@@ -128,13 +128,15 @@ class Separation:
         moves = [tuple(self.robot.tree.turns[shape.body].tolist()) for shape in capsules]
         pieces = iter(range(len(capsules), len(self._shapes)))
         for index, obstacle in enumerate(self.obstacles):
-            element = f"obstacles[{index}]"
+            is_edge = isinstance(obstacle, GroundEdge)
+            element = "jump.edge" if is_edge else f"obstacles[{index}]"
+            obstacle_name = "the edge of the ground" if is_edge else f"obstacle {index}"
             own_pieces = list(itertools.islice(pieces, len(obstacle.pieces)))
             if is_ground(obstacle, self.ground):
                 continue
             for other, (first, shape) in itertools.product(own_pieces, enumerate(capsules)):
                 radii = shape.radius + getattr(self._shapes[other], "radius", 0.0)
-                name = f"{shape.link} clear of obstacle {index}"
+                name = f"{shape.link} clear of {obstacle_name}"
                 alike: tuple[Any, ...] = (element, other, moves[first])
                 candidates.append(SeparatingLine(name, element, first, other, radii, obstacle.margin, alike))
         for index, pair in enumerate(self.pairs):

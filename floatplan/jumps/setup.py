@@ -440,12 +440,10 @@ def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
         raise InputError(reason, element="goal.orientation", advice=advice)
     landing = flight.landing
     rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[1]
-    request = problem.jump
-    rise_of_ground = 0.0 if request is None else request.rise
-    if (
-        min(abs(rise), abs(rise - rise_of_ground)) > 0.2
-    ):  # m: ankles rise by so much where soles tip; 0 where it is left out
-        reason = f"a jump lands on ground that is {rise_of_ground:.3g} m up, not {rise:.3g} m"
+    rise_of_ground = problem.jump.rise if problem.jump else 0.0
+    if min(abs(rise), abs(rise - rise_of_ground)) > 0.2:  # m: ankles rise by so much where soles tip; 0 if left out
+        ground = f"ground that is {rise_of_ground:.3g} m up" if rise_of_ground else "the ground that it leaves"
+        reason = f"a jump lands on {ground}, not {rise:.3g} m up"
         advice = "leave it out, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="flight.landing.height", advice=advice)
 
