@@ -1,4 +1,4 @@
-"""The result of a search for the stance beside a plan: the least limits that do, and whose they are."""
+"""The result of a search for a stance that meets a plan: the least limits that do, and whose they are."""
 
 import math
 from collections.abc import Iterable
