@@ -1,6 +1,6 @@
 """Which feet stand before and after a flight of a clip, and where: what a planned stance keeps of the clip's contacts.
 
-A foot stands where it is low and slow. Feet that leave within a tenth of a second leave together, when the first of
+A foot stands where it is low and slow. Feet that leave within a tenth of a second leave at one time, when the first of
 them does; those that arrive so, with the last one.
 """
 

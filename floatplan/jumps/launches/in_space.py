@@ -227,10 +227,7 @@ def _nearest(axes: str, level: Array, rotation: Array) -> Array:
 
 def _path(first: Array, way: Array) -> Array:
     """Rotations (25, 3, 3) from one (3, 3) along a vector of rotation (3,), rad."""
-    steps = []
-    for share in np.linspace(0.0, 1.0, 25):
-        steps.append(first @ pin.exp3(share * way))
-    return np.array(steps)
+    return np.array([first @ pin.exp3(share * way) for share in np.linspace(0.0, 1.0, 25)])
 
 
 def _standing_there(
