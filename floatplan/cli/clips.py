@@ -7,18 +7,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, cast
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, cast, get_args
 
 import typer
 
 import floatplan as fp
+from floatplan.arguments import one_of
 from floatplan.cli import ExitCode, common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
 
 if TYPE_CHECKING:
-    from floatplan.clips.repair import Stances
     from floatplan.clips.repaired_flight import Choice
 
 ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
@@ -113,7 +113,7 @@ def clip_repair(
     code 1 where a flight is not repairable, and the reason is printed.
     """
     from floatplan.clips.formats import LARGEST_CLIP
-    from floatplan.clips.repair import STANCES
+    from floatplan.clips.repair import Stances
     from floatplan.clips.writing import write_clip
     from floatplan.files import read_regular, write_atomically
 
@@ -123,12 +123,12 @@ def clip_repair(
     )
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
-    beside = cast("Stances", STANCES(stances, "--stances"))
-    if beside == "planned":
+    way = cast("Stances", one_of(*get_args(Stances))(stances, "--stances"))
+    if way == "planned":
         common.needs_casadi("--stances")
     with progress("repairing", quiet):
         repaired, repair = fp.repair_clip(
-            clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate, stances=beside
+            clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate, stances=way
         )
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
     shown = _page([target]) if report else None

@@ -29,7 +29,6 @@ from floatplan.tables import GRAVITY, Range
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
 Stances: TypeAlias = Literal["bent", "planned"]
-STANCES = one_of(*get_args(Stances))
 FORCE_STEP = 0.01  # [s] between the instants at which they are
 
 
@@ -44,7 +43,7 @@ class FlightRepair:
     seam_base, seam_turn, seam_foot : m, rad, m
         Largest jump of base and attitude at its ends, and by how much feet before and after are off the clip's.
     stance : StanceFigures, optional
-    stances : of takeoff and landing, where they were to be planned; one between two flights is told of both
+    stances : of takeoff and landing, where they were to be planned; one between two flights is of both
     """
 
     flight: ClipFlight
@@ -57,7 +56,7 @@ class FlightRepair:
 
     @property
     def is_adhesive(self) -> bool:
-        """Whether the ground would have to pull in a stance that is bent."""
+        """Whether the ground would have to be adhesive in a stance that is bent."""
         planned = bool(self.stances) and all(stance.planned for stance in self.stances)
         return not planned and self.stance is not None and self.stance.vertical_least < 0
 
@@ -160,7 +159,7 @@ def repair_clip(
     gravity : m/s^2
     stances : "bent", so that they meet the flights; or "planned": within friction, torques and rates of the robot, near
         to the clip, and checked 2000 times a second. That needs CasADi, and some seconds for each. Flights begin and
-        end with still feet then. Where no stance is found it is bent, and :class:`FlightRepair` tells why.
+        end with still feet then. Where there is none it is bent, and :class:`FlightRepair` says why.
 
     Returns
     -------
@@ -183,7 +182,7 @@ def repair_clip(
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
     planner = None
-    if STANCES(stances, "stances") == "planned":
+    if one_of(*get_args(Stances))(stances, "stances") == "planned":
         casadi()
         planner = StancePlanner(clip, gravity, tuple(chosen))
     repaired = {}

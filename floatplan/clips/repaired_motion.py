@@ -73,7 +73,8 @@ class RepairedMotion:
             self.ends[number] = configurations
             seams = self._seams_of(number, factors[number], configurations, velocities)
             self._seams += [seam for end, seam in enumerate(seams) if (number, end) not in planned_ends]
-        self._seams += [seam for stance in self._stances for seam in self._seams_beyond(stance)]
+        for stance in self._stances:
+            self._seams += self._seams_beyond(stance)
 
     def _seams_of(self, number: int, pace: float, configurations: Array, velocities: Array) -> list[Seam]:
         """Where the stances before and after a flight meet the ends (2, 7 + J), (2, 6 + J) of its plan."""
@@ -105,12 +106,14 @@ class RepairedMotion:
         window = stance.window
         assert window is not None, "it is planned"
         ends = {end for number, end in stance.flight_ends}
-        inside = [flight for flight in self._flights if flight.end <= window.begin]
-        beyond = [flight for flight in self._flights if flight.begin >= window.end]
-        free = {
-            1: window.begin - (inside[-1].end if inside else 0.0),
-            0: (beyond[0].begin if beyond else clip.duration) - window.end,
-        }
+        before = 0.0
+        after = clip.duration
+        for flight in self._flights:
+            if flight.end <= window.begin:
+                before = flight.end
+            elif flight.begin >= window.end:
+                after = min(after, flight.begin)
+        free = {1: window.begin - before, 0: after - window.end}
         for end in {0, 1} - ends:  # a stance that no flight ends with 1 follows, and one without 0 is before
             instant = np.array([window.end if end == 0 else window.begin])
             new = self.clock.to_new(instant)

@@ -62,7 +62,7 @@ class Seam:
         return moved
 
     def frees_feet(self, times: Array) -> BoolArray:
-        """Whether feet are not held where the clip has them at times (K,), s: they are on the way to other places."""
+        """Whether feet are not where the clip has them at times (K,), s: they are on the way to other places."""
         passed = self.sign * (times - self.instant)
         return np.asarray((passed > 0) & (passed < self.span) & (self.offset is not None))
 

@@ -55,8 +55,8 @@ class Clock:
     ) -> Clock:
         """Return the clock of a clip of so many seconds whose flights take ``factors`` times as long.
 
-        ``steps`` are ends of flights, each as number and 0 or 1, at which the pace changes at once: beside them is a
-        stance that keeps its own time.
+        ``steps`` are ends of flights, each as number and 0 or 1, at which the pace changes at once: there a
+        stance keeps its own time.
         """
         times = _grid(duration, [(flights[number].begin, flights[number].end)[end] for number, end in steps])
         middles = 0.5 * (times[1:] + times[:-1])

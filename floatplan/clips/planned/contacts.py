@@ -1,6 +1,6 @@
 """Which feet stand before and after a flight of a clip, and where: what a planned stance keeps of the clip's contacts.
 
-A foot stands where it is low and slow. Feet that leave within a tenth of a second leave together, when the first of
+A foot stands where it is low and slow. Feet that leave within a tenth of a second leave at one time, when the first of
 them does; those that arrive so, with the last one.
 """
 
@@ -22,15 +22,22 @@ from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.kinematics import on_body
 from floatplan.problem.attitude import Attitude
 
-AT_ONCE = 0.1  # [s] within which feet that leave or arrive do so together
-NEAR = 0.2  # [s] from a flight: feet that stand no nearer than that do not begin or end it
-BRIEF = 0.05  # [s] shorter stands, and shorter gaps in one, are noise of the frames
-FARTHEST = 0.1  # [m] from a foot's frame to the ground: as of frames that name contacts of a jump
-REACH = 0.4  # [s] of a stance that is planned, at most, where it does not reach another flight
+
+@dataclass(frozen=True)
+class ContactRules:
+    """What counts as feet that stand, and how far planned stances go."""
+
+    at_once: float = 0.1  # [s] within which feet leave, or arrive, at the same time
+    near: float = 0.2  # [s] from a flight: feet that stand no nearer than that do not begin or end it
+    brief: float = 0.05  # [s] shorter stands, and shorter gaps in one, are noise of the frames
+    reach: float = 0.4  # [s] of a stance that is planned, at most, where it does not meet another flight
+
+
+RULES = ContactRules()
 
 
 class NoContactsError(FloatplanError):
-    """A flight of a clip beside which no feet stand as a planned stance needs them."""
+    """A flight of a clip next to which no feet stand as a planned stance needs them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +61,7 @@ def standing_feet(clip: Clip) -> BoolArray:
     clearances = scene.foot_heights - scene.ground.heights[:, None]
     speeds = np.linalg.norm(scene.foot_velocities, axis=2)
     stands = (clearances < FOOT_CLEARANCE) & (speeds < STILL)
-    brief = max(round(BRIEF / float(scene.times[1] - scene.times[0])), 1)
+    brief = max(round(RULES.brief / float(scene.times[1] - scene.times[0])), 1)
     for column in stands.T:
         for value in (True, False):  # first short gaps are closed, then short stands dropped
             _fill_brief(column, value, brief)
@@ -70,7 +77,7 @@ def _fill_brief(stands: BoolArray, value: bool, brief: int) -> None:
 
 
 def still_flight(clip: Clip, stands: BoolArray, flight: ClipFlight) -> ClipFlight:
-    """Return the flight from when its feet leave to when they stand again, which feet that are low are part of.
+    """Return the flight from when its feet leave to when they stand again.
 
     Raises
     ------
@@ -79,16 +86,15 @@ def still_flight(clip: Clip, stands: BoolArray, flight: ClipFlight) -> ClipFligh
     """
     times = clip.scene.times
     middle = int(np.searchsorted(times, (flight.begin + flight.end) / 2))
-    before = [np.flatnonzero(column[:middle])[-1:] for column in stands.T]
-    after = [middle + np.flatnonzero(column[middle:])[:1] for column in stands.T]
-    leaves = np.array([times[index[0]] if len(index) else -math.inf for index in before])
-    arrives = np.array([times[index[0]] if len(index) else math.inf for index in after])
-    if leaves.max() < flight.begin - NEAR:
-        raise NoContactsError(f"no foot stands within {NEAR:g} s before it")
-    if arrives.min() > flight.end + NEAR:
-        raise NoContactsError(f"no foot stands within {NEAR:g} s after it")
-    begin = float(leaves[leaves > leaves.max() - AT_ONCE].min())
-    end = float(arrives[arrives < arrives.min() + AT_ONCE].max())
+    # The last instant before, and the first one after, at which each foot stands.
+    leaves = np.where(stands[:middle], times[:middle, None], -math.inf).max(axis=0)
+    arrives = np.where(stands[middle:], times[middle:, None], math.inf).min(axis=0)
+    if leaves.max() < flight.begin - RULES.near:
+        raise NoContactsError(f"no foot stands within {RULES.near:g} s before it")
+    if arrives.min() > flight.end + RULES.near:
+        raise NoContactsError(f"no foot stands within {RULES.near:g} s after it")
+    begin = float(leaves[leaves > leaves.max() - RULES.at_once].min())
+    end = float(arrives[arrives < arrives.min() + RULES.at_once].max())
     first = math.ceil(begin * clip.fps - 1e-9)
     last = min(math.floor(end * clip.fps + 1e-9), clip.frames - 1)
     return ClipFlight(begin=begin, end=end, first=first, last=last)
@@ -133,11 +139,11 @@ def contact_phases(clip: Clip, stands: BoolArray, begin: float, end: float, inwa
 
 
 def _phases(times: Array, stands: BoolArray) -> list[ContactPhase]:
-    """Phases of one set of feet each; a short one is part of the one before it."""
+    """Phases of one set of feet each; a short one belongs to the one before it."""
     borders = np.flatnonzero((stands[1:] != stands[:-1]).any(axis=1)) + 1
     edges = [0]
     for border in borders.tolist():
-        if times[border] - times[edges[-1]] >= BRIEF and times[-1] - times[border] >= BRIEF:
+        if times[border] - times[edges[-1]] >= RULES.brief and times[-1] - times[border] >= RULES.brief:
             edges.append(border)
     phases = []
     for first, last in zip(edges, [*edges[1:], len(times) - 1], strict=True):
@@ -162,9 +168,10 @@ def foot_points(clip: Clip, number: int) -> tuple[Foot, ...]:
     links = {solid.link for solid in robot.solids if solid.body == body}
     lowest = min(sorted(links), key=lambda link: kinematics.lowest([link]))
     points = feet_at(robot, lowest, level, robot.resting, "feet")
-    if points[0].depth > FARTHEST:
+    farthest = 0.1  # [m] from a foot's frame to the ground: as of frames that name contacts of a jump
+    if points[0].depth > farthest:
         away = f"{1e3 * points[0].depth:.0f} mm above its lowest point"
-        raise NoContactsError(f"the frame of {lowest} is {away}, so no foot is known that could stand")
+        raise NoContactsError(f"the frame of {lowest} is {away}, so no point is one on which it could stand")
     return points
 
 
@@ -176,17 +183,17 @@ def foot_places(clip: Clip, number: int, points: Sequence[Foot], phases: Sequenc
     ground = float(clip.ground.at(middle)[0])
     places = {}
     for foot in points:
-        place = _on_body(poses, foot)
-        place[2] = ground + foot.depth
-        places[foot.name] = place
-    return _kept_apart(points, places)
+        position = _on_body(poses, foot)
+        position[2] = ground + foot.depth
+        places[foot.name] = position
+    return _flattened(points, places)
 
 
 def _on_body(poses: BodyPoses, foot: Foot) -> Array:
     return np.array(on_body(poses, foot.body, np.array([foot.local]))[0])
 
 
-def _kept_apart(points: Sequence[Foot], places: dict[str, Array]) -> dict[str, Array]:
+def _flattened(points: Sequence[Foot], places: dict[str, Array]) -> dict[str, Array]:
     """Places of a sole's points as far from one another as they are: one that tilts covers less ground."""
     if len(points) < 3:
         return places
@@ -197,4 +204,4 @@ def _kept_apart(points: Sequence[Foot], places: dict[str, Array]) -> dict[str, A
     rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
     fitted = target.mean(axis=0) + (local - local.mean(axis=0)) @ rotation
     fitted[:, 2] = target[:, 2]
-    return {foot.name: place for foot, place in zip(points, fitted, strict=True)}
+    return dict(zip([foot.name for foot in points], fitted, strict=True))

@@ -16,7 +16,7 @@ from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import ClipFlight
 from floatplan.clips.planned.contacts import (
-    REACH,
+    RULES,
     ContactPhase,
     NoContactsError,
     contact_phases,
@@ -39,10 +39,6 @@ from floatplan.problem.attitude import Attitude
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Limits
 from floatplan.problem.problem import Problem
-
-STEP = 0.025  # [s] between the nodes of the program, about
-SLOW = (0.1, 0.3)  # [m/s and rad/s of the base; rad/s of joints] of a robot that stands still in a clip
-REQUEST = JumpRequest(margin={"torque": 1.0, "velocity": 1.0}, clearance=0.02, pitch_error=0.0, feet="points")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +70,7 @@ class StanceWindow:
 
 @dataclass(frozen=True, eq=False)
 class ClipStance:
-    """What came of a stance beside a repaired flight.
+    """What came of a stance next to a repaired flight.
 
     Attributes
     ----------
@@ -100,7 +96,7 @@ class ClipStance:
 
     @property
     def flight_ends(self) -> tuple[tuple[int, int], ...]:
-        """The flights beside it: the number of each, and 0 where it is before the flight, 1 where it follows."""
+        """The flights that it meets: the number of each, and 0 where it is before the flight, 1 where it follows."""
         if self.window is None:
             return ()
         ends = ((self.window.before, 1), (self.window.after, 0))
@@ -145,20 +141,23 @@ class ClipStance:
 
     def to_dict(self) -> dict[str, Any]:
         """As the command line's ``--json`` has it."""
-        figures = {} if self.result is None else self.result.figures
-        shown = [*SHARES, "friction", "pull", "ground", "residual"]
+        shown = {}
+        if self.result is not None:
+            for name in (*SHARES, "friction", "pull", "ground", "residual"):
+                if np.isfinite(self.result.figures.get(name, np.nan)):
+                    shown[name] = self.result.figures[name]
         return {
             "side": self.side,
             "planned": self.planned,
             "reason": self.reason or None,
-            "contacts": [list(frames) for frames in self.frames],
-            "figures": {name: figures[name] for name in shown if name in figures and np.isfinite(figures[name])},
+            "contacts": list(map(list, self.frames)),
+            "figures": shown,
         }
 
 
 @dataclass(eq=False)
 class StancePlanner:
-    """The stances beside some flights of a clip, and the flights that still feet leave and end.
+    """The stances next to some flights of a clip, and the flights that still feet leave and end.
 
     Attributes
     ----------
@@ -189,9 +188,8 @@ class StancePlanner:
                 self.missing[number, "takeoff"] = self.missing[number, "landing"] = str(error)
         for number in sorted(self.flights):
             self._lay_out(number)
-        incomplete = {number for number, _ in self.missing}
-        self.windows = [window for window in self.windows if not incomplete & {window.before, window.after}]
-        self.flights = {number: flight for number, flight in self.flights.items() if number not in incomplete}
+        for number, _ in self.missing:
+            self.flights.pop(number, None)
 
     def _lay_out(self, number: int) -> None:
         """The stances before and after a flight."""
@@ -205,11 +203,11 @@ class StancePlanner:
         last = next((window for window in self.windows if window.after == number), None)
         try:
             if last is None:
-                self._add("takeoff", None, number, max(ends["takeoff"], flight.begin - REACH), flight.begin)
-            if following is not None and following.begin - flight.end <= REACH:
+                self._add("takeoff", None, number, max(ends["takeoff"], flight.begin - RULES.reach), flight.begin)
+            if following is not None and following.begin - flight.end <= RULES.reach:
                 self._add("step", number, number + 1, flight.end, following.begin)
             else:
-                self._add("landing", number, None, flight.end, min(ends["landing"], flight.end + REACH))
+                self._add("landing", number, None, flight.end, min(ends["landing"], flight.end + RULES.reach))
         except FloatplanError as error:
             self.missing[number, "landing" if last else "takeoff"] = str(error)
 
@@ -237,32 +235,33 @@ class StancePlanner:
         if number not in self.flights:
             return None
         flight = self.flights[number]
-        places = []
+        places: list[dict[str, Array]] = [{}, {}]
         points: list[Foot] = []
         for window in self.windows:
             if number in (window.before, window.after):
                 phase = window.phases[-1 if window.after == number else 0]
                 own = self._phase_points(phase)
                 points += own
-                places.append((window.before == number, {foot.name: self._places[window][foot.name] for foot in own}))
-        places.sort(key=lambda place: place[0])  # that of the stance before it is first
-        of_ends = (places[0][1], places[1][1])
+                end = 1 if window.before == number else 0
+                for foot in own:
+                    places[end][foot.name] = self._places[window][foot.name]
+        of_ends = (places[0], places[1])
         instants = np.linspace(flight.begin, flight.end, 101)
         axes = best_axes(self.clip.curve.attitudes(instants))
         mechanics = Mechanics(self.clip.robot, axes, self.gravity, points)
         return StillEnds(mechanics, of_ends, end_motion(self.clip, mechanics, flight, of_ends, lowered))
 
     def give_up(self, number: int, reason: str) -> None:
-        """Plan no stances beside a flight."""
+        """Plan no stances next to a flight."""
         self.flights.pop(number, None)
         self.missing[number, "takeoff"] = self.missing[number, "landing"] = reason
 
     def planned(self, plans: Mapping[int, Plan]) -> list[ClipStance]:
-        """The stances beside flights with still feet, by the plans of these."""
+        """The stances next to flights with still feet, by the plans of these."""
         stances = []
         for window in self.windows:
-            beside = [number for number in (window.before, window.after) if number is not None]
-            if all(number in self.flights and number in plans for number in beside):
+            met = {window.before, window.after} - {None}
+            if met <= self.flights.keys() & plans.keys():
                 stances.append(self._plan(window, self._places[window], plans))
         return stances
 
@@ -286,11 +285,15 @@ class StancePlanner:
         phases = []
         for phase in window.phases:
             duration = phase.end - phase.begin
-            intervals = max(round(duration / STEP), 6)
+            step = 0.025  # [s] between the nodes of the program, about
+            intervals = max(round(duration / step), 6)
             fixed = (duration, duration)
             phases.append(SpatialPhase(window.side, self._phase_points(phase), duration, fixed, intervals))
-        frames = tuple(phase.frames for phase in phases)
-        points = list({foot.name: foot for phase in phases for foot in phase.feet}.values())
+        frames = []
+        points: list[Foot] = []
+        for phase in phases:
+            frames.append(phase.frames)
+            points += phase.feet
         mechanics = Mechanics(clip.robot, axes, self.gravity, points)
 
         def reference(times: Array) -> Array:
@@ -308,14 +311,14 @@ class StancePlanner:
         plan = plans[window.after if window.before is None else window.before]  # type: ignore[index]
         setup = stance_setup(
             stance_problem(plan.problem, reference(instants - window.begin)[0, BASE:]),
-            REQUEST,
+            JumpRequest(margin={"torque": 1.0, "velocity": 1.0}, clearance=0.02, pitch_error=0.0, feet="points"),
             axes,
             phases,
             (ends[0], ends[1]),
             places,
         )
         result = planned_stance(setup, reference, is_reference=True)
-        return ClipStance(window.side, window, result, "; ".join(result.broken), frames)
+        return ClipStance(window.side, window, result, "; ".join(result.broken), tuple(frames))
 
     def _own_end(
         self,
@@ -329,11 +332,13 @@ class StancePlanner:
         instant = np.array([window.begin if end == 0 else window.end])
         motion = _with_rates(self.clip, mechanics, instant)
         rates = np.abs(motion[1, :, 0])
-        of_base, of_joints = SLOW
-        is_still = rates[:BASE].max() < of_base and rates[BASE:].max() < of_joints
+        slow = np.repeat((0.1, 0.3), (BASE, len(rates) - BASE))  # [m/s and rad/s of the base; rad/s] noise of frames
+        is_still = bool((rates < slow).all())
         if is_still:
             motion[1:] = 0.0
-        own = {name: places[name] for name in phase.names}
+        own = {}
+        for name in phase.names:
+            own[name] = places[name]
         closed = mechanics.close(motion, own)[:, :, 0]
         attitude = Attitude(angles=tuple(closed[0, 3:BASE].tolist()), axes=mechanics.axes)
         if not is_still or not_standing(self.clip.robot, phase.feet, attitude, closed[0, BASE:]):
@@ -362,17 +367,10 @@ def _plan_motion(mechanics: Mechanics, plan: Plan, time: float, near: Array) -> 
 
 def stance_problem(problem: Problem, positions: Array) -> Problem:
     """Return a flight's problem with its robot's limits of torques and rates, and ranges that hold positions (n, N)."""
-    robot = problem.robot
     margin = 0.15  # [rad] that a range reaches beyond the clip's own positions, as in flight
     low, high = np.asarray(problem.position_limits).T
     ranges = np.stack(
         (np.minimum(low, positions.min(axis=1) - margin), np.maximum(high, positions.max(axis=1) + margin)), axis=1
     )
-    by_motor: dict[str, Any] = {}
-    for name, values in (("velocity", robot.motor_velocity_limits), ("torque", robot.motor_torque_limits)):
-        finite = {
-            motor: limit for motor, limit in zip(robot.motors, values.tolist(), strict=True) if np.isfinite(limit)
-        }
-        by_motor[name] = finite or "none"
-    limits = Limits(position=tuple(map(tuple, ranges.tolist())), **by_motor)
+    limits = Limits(position=tuple(map(tuple, ranges.tolist())), velocity="urdf", torque="urdf")
     return replace(problem, limits=limits)

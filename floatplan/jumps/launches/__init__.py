@@ -1,1 +1,1 @@
-"""What a search for the stance beside a plan comes to, and the search beside a plan in space."""
+"""What a search for a stance that meets a plan comes to, and the search in space."""

@@ -33,8 +33,6 @@ from floatplan.problem.attitude import Attitude
 from floatplan.problem.jump import JumpRequest
 from floatplan.tables import RELATIVE
 
-LEVEL = 1e-3  # [m] by which feet that stand where the flight is met may differ in height
-
 
 @dataclass(frozen=True, eq=False)
 class SpatialLaunch:
@@ -80,7 +78,9 @@ class SpatialLaunch:
             self.places,
         )
         begin = self.plan.duration if self.end == "landing" else 0.0
-        span = np.array([0.0, sum(phase.duration for phase in phases)])
+        span = np.array([0.0, 0.0])
+        for phase in phases:
+            span[1] += phase.duration
         first, last = ends
         return planned_stance(
             setup, lambda times: quintic(np.clip(times, *span), span, first.motion, last.motion), begin=begin
@@ -97,7 +97,7 @@ class SpatialLaunch:
 def launch_in_space(
     plan: Plan, request: JumpRequest, end: End, seed: int, starts: int, say: Callable[[str], None]
 ) -> Launch:
-    """Search for the stance beside a plan in space; see :func:`floatplan.jumps.launch.launch`."""
+    """Search for the stance that meets a plan in space; see :func:`floatplan.jumps.launch.launch`."""
     stance = _stance(plan, request, end)
     if isinstance(stance, Launch):
         return stance
@@ -112,7 +112,7 @@ def launch_in_space(
 
 
 def _search(stance: SpatialLaunch, seed: int, starts: int, say: Callable[[str], None]) -> Launch:
-    """The stance with the least share of the limits that is found."""
+    """The stance with the least share of the limits."""
     levels = (1.0, 1.5, 2.5, 4.0)  # [-] of the limits: beyond their own, how much is missing
     best: Launch | None = None
     reason = ""
@@ -155,6 +155,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
     own = mechanics.from_coordinates(
         coordinates.positions, coordinates.velocities, coordinates.accelerations, angles[-1][:, None]
     )
+    even = 1e-3  # [m] by which feet that stand where the flight is met may differ in height
     names = [foot.name for foot in feet]
     points, _ = mechanics.feet(own, names)
     grounds = points[0, 0, :, 2] - [foot.depth for foot in feet]
@@ -162,7 +163,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
     if side.contacts:
         groups = phase_feet(side.contacts, feet)
     else:
-        low = [foot for foot, ground in zip(feet, grounds, strict=True) if ground < grounds.min() + LEVEL]
+        low = [foot for foot, ground in zip(feet, grounds, strict=True) if ground < grounds.min() + even]
         groups = [tuple(feet), tuple(low)] if len(low) < len(feet) else [tuple(feet)]
         groups = groups if end == "takeoff" else groups[::-1]
     last = groups[-1 if end == "takeoff" else 0]
@@ -170,7 +171,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
         reason = f"{last[0].frame!r} would stand on its own"
         raise InputError(reason, element=f"jump.{end}.contacts", advice="name two feet at least in each phase")
     of_last = np.array([grounds[names.index(foot.name)] for foot in last])
-    if np.ptp(of_last) > LEVEL:
+    if np.ptp(of_last) > even:
         highest = last[int(of_last.argmax())]
         lowest = last[int(of_last.argmin())]
         words = f"{highest.name} is {1e3 * np.ptp(of_last):.0f} mm higher than {lowest.name} then"
@@ -178,9 +179,9 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
         return Launch(False, np.inf, "", "", (sentence,), {}, impossible=True)
     places = {}
     for foot in last:
-        place = points[0, 0, names.index(foot.name)].copy()
-        place[2] = of_last.mean() + foot.depth
-        places[foot.name] = place
+        position = points[0, 0, names.index(foot.name)].copy()
+        position[2] = of_last.mean() + foot.depth
+        places[foot.name] = position
     standing, places = _standing_there(mechanics, feet, places, joints, height, level)
     standing[0, 3:BASE] = _nearest(axes, rotations_about(axes, standing[0, 3:BASE, None])[0], rotation)
     reason = not_standing(
@@ -194,7 +195,9 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
         )
     state = plan.at(np.array([time]))
     momentum = np.asarray(plan.angular_momentum)
-    last_places = {foot.name: places[foot.name] for foot in last}
+    last_places = {}
+    for foot in last:
+        last_places[foot.name] = places[foot.name]
     met = met_by_flight(mechanics, own[:, :, 0], last_places, state.com_velocity[0], momentum)
     centre = float(mechanics.centre(standing[:, :, None])[0][0, 2, 0]) - float(of_last.mean())
     unit = float(np.sqrt(centre / mechanics.gravity))
@@ -211,7 +214,7 @@ def _levelled(rotation: Array) -> tuple[Array, str, Array]:
     up = np.array([0.0, 0.0, 1.0])
     level = pin.Quaternion.FromTwoVectors(rotation[:, 2], up).matrix() @ rotation
     way = pin.log3(level.T @ rotation)
-    path = np.array([level @ pin.exp3(share * way) for share in np.linspace(0.0, 1.0, 25)])
+    path = _path(level, way)
     axes = best_axes(path)
     return level, axes, unwrapped_angles(axes, path)
 
@@ -219,8 +222,12 @@ def _levelled(rotation: Array) -> tuple[Array, str, Array]:
 def _nearest(axes: str, level: Array, rotation: Array) -> Array:
     """Angles (3,) of a rotation (3, 3) on the way from which to another the angles are next to that one's."""
     way = pin.log3(rotation.T @ level)
-    path = np.array([rotation @ pin.exp3(share * way) for share in np.linspace(0.0, 1.0, 25)])
-    return np.asarray(unwrapped_angles(axes, path)[-1])
+    return np.asarray(unwrapped_angles(axes, _path(rotation, way))[-1])
+
+
+def _path(first: Array, way: Array) -> Array:
+    """Rotations (25, 3, 3) from one (3, 3) along a vector of rotation (3,), rad."""
+    return np.array([first @ pin.exp3(share * way) for share in np.linspace(0.0, 1.0, 25)])
 
 
 def _standing_there(
@@ -235,16 +242,19 @@ def _standing_there(
     points, _ = mechanics.feet(motion, names)
     own = dict(zip(names, points[0, 0], strict=True))
     # Turned about the vertical and moved so that the feet are nearest to where they have to be.
-    here = np.array([own[name] for name in places])
-    there = np.array([places[name] for name in places])
+    here = points[0, 0, [names.index(name) for name in places]]
+    there = np.array(list(places.values()))
     flat = (here - here.mean(axis=0))[:, :2]
     target = (there - there.mean(axis=0))[:, :2]
     yaw = np.arctan2((flat[:, 0] * target[:, 1] - flat[:, 1] * target[:, 0]).sum(), (flat * target).sum())
-    turn = pin.exp3(np.array([0.0, 0.0, yaw]))
-    moved = {name: turn @ (place - here.mean(axis=0)) + there.mean(axis=0) for name, place in own.items()}
-    motion[0, :3, 0] = turn @ (motion[0, :3, 0] - here.mean(axis=0)) + there.mean(axis=0)
-    motion[0, 3:BASE, 0] = unwrapped_angles(mechanics.axes, (turn @ level)[None])[0]
-    ground = float(np.mean([places[foot.name][2] - foot.depth for foot in feet if foot.name in places]))
+    about_vertical = pin.exp3(np.array([0.0, 0.0, yaw]))
+    moved = {}
+    for name, position in own.items():
+        moved[name] = about_vertical @ (position - here.mean(axis=0)) + there.mean(axis=0)
+    motion[0, :3, 0] = about_vertical @ (motion[0, :3, 0] - here.mean(axis=0)) + there.mean(axis=0)
+    motion[0, 3:BASE, 0] = unwrapped_angles(mechanics.axes, (about_vertical @ level)[None])[0]
+    first = next(foot for foot in feet if foot.name in places)
+    ground = places[first.name][2] - first.depth
     for foot in feet:
         moved[foot.name][2] = ground + foot.depth
     everything = moved | places

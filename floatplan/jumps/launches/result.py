@@ -1,4 +1,4 @@
-"""The result of a search for the stance beside a plan: the least limits that do, and whose they are."""
+"""The result of a search for a stance that meets a plan: the least limits that do, and whose they are."""
 
 import math
 from collections.abc import Iterable
@@ -27,8 +27,8 @@ class Launch:
 
     Attributes
     ----------
-    ok : whether one was found within the limits, and holds at 2 kHz
-    ratio : largest share of its limits that a torque or rate takes, at least; infinite where none was found
+    ok : whether there is one within the limits, and holds at 2 kHz
+    ratio : largest share of its limits that a torque or rate takes, at least; infinite where there is none
     limit : of the figures ``torque``, ``torque_speed``, ``velocity`` and ``held_torque`` the one; "" where none is
     joint : the motor whose share it is; or the joint, of a rate, or of the torque of a leader with its followers; ""
         where there is none

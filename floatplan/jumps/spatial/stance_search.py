@@ -103,7 +103,9 @@ def stance_setup(
     y, v, a = motion.transpose(0, 2, 1)
     side = setup.phases[0].side
     last_centre = np.array([*y[1, :2], 0.0]) if side == "landing" else np.zeros(3)
-    of_side = {name: place - origin - last_centre for name, place in places.items()}
+    of_side = {}
+    for name, position in places.items():
+        of_side[name] = position - origin - last_centre
     spatial_ends = SpatialEnds(y, {side: of_side}, y[1, :2], v, a, (ends[0].flies, ends[1].flies))
     return replace(setup, ends=spatial_ends, origin=origin)
 
