@@ -226,30 +226,25 @@ def fall_time(problem: fp.Problem, rise: float) -> float:
 def made(name: str, robot: str, stunt: str, problem: fp.Problem, starts: int, again: bool) -> str:
     """Plan a motion and put it into the pack; what keeps it out of it, or nothing."""
     begin = time.process_time()
-    refused = FOUND / name / "refused.txt"
+    folder = FOUND / name
+    folder.mkdir(parents=True, exist_ok=True)
+    refused = folder / "refused.txt"
     if refused.exists() and not again:
         return refused.read_text(encoding="utf-8")
-    path = fp.save_problem(problem, PACK / f"{name}.toml")
-    cached = FOUND / name / "jump.json"
-    cached.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        jump = fp.load_jump(cached) if cached.exists() and not again else fp.jump(fp.load_problem(path), starts=starts)
-    except fp.FloatplanError as error:
-        path.unlink()
-        return str(error)
-    reason = jump.explanation
-    if jump.ok:
-        assert jump.flight is not None, "a jump has one"
-        certificate = jump.flight.certificate or fp.certify(jump.flight)
-        jump = jump.with_certificate(certificate)
-        overlaps = [warning.message for warning in jump.warnings if warning.kind == "overlap"]
-        reason = "" if certificate.proved else "its flight is not proved"
-        reason = overlaps[0] if overlaps else reason
-    if reason or jump.flight is None:
+    path = PACK / f"{name}.toml"
+    reason = ""
+    for _ in range(3):  # links that overlap are kept apart, which may bring others together
+        fp.save_problem(problem, path)
+        jump, reason = planned(path, folder, starts, again)
+        pairs = overlapping(jump)
+        if not pairs:
+            break
+        reason = f"{pairs[0].links[0]} and {pairs[0].links[1]} overlap"
+        problem = replace(problem, self_clearances=(*problem.self_clearances, *pairs))
+    if reason or jump is None or jump.flight is None:
         path.unlink()
         write_atomically(refused, reason)
         return reason
-    jump.save(cached)
     write_atomically(PACK / f"{name}.npz", packed(jump))
     figures = jump.check.figures
     begin_place, end_place = jump.state([0.0, jump.duration]).com_position
@@ -268,10 +263,41 @@ def made(name: str, robot: str, stunt: str, problem: fp.Problem, starts: int, ag
         "rate_share": share(figures["velocity"], "velocity" in jump.check.unlimited),
         "friction": f"{figures['friction']:.2f}",
         "proof": "proved",
+        **dict.fromkeys(("landed", "on_feet_alone", "flights", "attitude_deg"), ""),
     }
     write_row(row)
     print(f"{name}: {time.process_time() - begin:.1f} s", flush=True)
     return ""
+
+
+def planned(path: Path, folder: Path, starts: int, again: bool) -> tuple[fp.Jump | None, str]:
+    """Return the jump of a problem file, its flight proved, and what is wrong with it; that of a run before, if any."""
+    text = path.read_text(encoding="utf-8")
+    cached = folder / "jump.json"
+    same = folder / "problem.toml"
+    if not again and cached.exists() and same.exists() and same.read_text(encoding="utf-8") == text:
+        return fp.load_jump(cached), ""
+    try:
+        jump = fp.jump(fp.load_problem(path), starts=starts, helps=False)
+    except fp.FloatplanError as error:
+        return None, str(error)
+    if not jump.ok or jump.flight is None:
+        return None, jump.explanation
+    certificate = fp.certify(jump.flight)
+    jump = jump.with_certificate(certificate)
+    jump.save(cached)
+    write_atomically(same, text)
+    return jump, "" if certificate.proved else "its flight is not proved"
+
+
+def overlapping(jump: fp.Jump | None) -> list[fp.SelfClearance]:
+    """Return pairs of links that overlap in a jump, to be kept apart by a little."""
+    pairs = []
+    for warning in () if jump is None else jump.warnings:
+        if warning.kind == "overlap":
+            first, _, second = warning.subject.partition(" ")
+            pairs.append(fp.SelfClearance((first, second), 0.005))
+    return pairs
 
 
 def share(value: float, unlimited: bool) -> str:
