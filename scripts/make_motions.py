@@ -31,6 +31,7 @@ from make_images import SHEET_DPI, rendered, save, sheet
 
 import floatplan as fp
 from floatplan.files import write_atomically
+from floatplan.problem.file import problem_text
 from floatplan.view.figures.snapshots import moments
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -39,7 +40,7 @@ FOUND = ROOT / "build" / "motions"
 INDEX = PACK / "index.csv"
 PAGE = ROOT / "docs" / "motions.md"
 PICTURE = ROOT / "docs" / "images" / "motions.png"
-SHOWN = ("go2_high_backflip", "laikago_frontflip", "a1_leap_forward", "hyq_high_hop", "go2_roll")
+SHOWN = ("go2_high_backflip", "a1_frontflip", "a1_hop_off_front", "go2_diagonal")
 BASES = {  # robot -> file of one of its jumps
     "a1": "problems/jumps/a1.toml",
     "acrobat": "problems/jumps/acrobat.toml",
@@ -101,8 +102,8 @@ STUNTS = {
     "low_hop": Stunt(0, 0.2, "all"),
     "hop": Stunt(0, 0.4, "all"),
     "high_hop": Stunt(0, 0.65, "all"),
-    "leap_forward": Stunt(0, 0.35, "front"),
-    "leap_back": Stunt(0, 0.35, "rear"),
+    "hop_off_front": Stunt(0, 0.35, "front"),  # over the front legs, and back to the rear ones
+    "hop_off_rear": Stunt(0, 0.35, "rear"),
 }
 
 
@@ -226,30 +227,23 @@ def fall_time(problem: fp.Problem, rise: float) -> float:
 def made(name: str, robot: str, stunt: str, problem: fp.Problem, starts: int, again: bool) -> str:
     """Plan a motion and put it into the pack; what keeps it out of it, or nothing."""
     begin = time.process_time()
-    refused = FOUND / name / "refused.txt"
+    folder = FOUND / name
+    folder.mkdir(parents=True, exist_ok=True)
+    refused = folder / "refused.txt"
     if refused.exists() and not again:
         return refused.read_text(encoding="utf-8")
-    path = fp.save_problem(problem, PACK / f"{name}.toml")
-    cached = FOUND / name / "jump.json"
-    cached.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        jump = fp.load_jump(cached) if cached.exists() and not again else fp.jump(fp.load_problem(path), starts=starts)
-    except fp.FloatplanError as error:
-        path.unlink()
-        return str(error)
-    reason = jump.explanation
-    if jump.ok:
-        assert jump.flight is not None, "a jump has one"
-        certificate = jump.flight.certificate or fp.certify(jump.flight)
-        jump = jump.with_certificate(certificate)
-        overlaps = [warning.message for warning in jump.warnings if warning.kind == "overlap"]
-        reason = "" if certificate.proved else "its flight is not proved"
-        reason = overlaps[0] if overlaps else reason
-    if reason or jump.flight is None:
-        path.unlink()
+    reason = ""
+    for _ in range(3):  # links that overlap are kept apart, which may bring others together
+        jump, reason = planned(problem, folder, starts, again)
+        pairs = overlapping(jump)
+        if not pairs:
+            break
+        reason = f"{pairs[0].links[0]} and {pairs[0].links[1]} overlap"
+        problem = replace(problem, self_clearances=(*problem.self_clearances, *pairs))
+    if reason or jump is None or jump.flight is None:
         write_atomically(refused, reason)
         return reason
-    jump.save(cached)
+    fp.save_problem(problem, PACK / f"{name}.toml")
     write_atomically(PACK / f"{name}.npz", packed(jump))
     figures = jump.check.figures
     begin_place, end_place = jump.state([0.0, jump.duration]).com_position
@@ -268,10 +262,42 @@ def made(name: str, robot: str, stunt: str, problem: fp.Problem, starts: int, ag
         "rate_share": share(figures["velocity"], "velocity" in jump.check.unlimited),
         "friction": f"{figures['friction']:.2f}",
         "proof": "proved",
+        **dict.fromkeys(("landed", "on_feet_alone", "flights", "attitude_deg"), ""),
     }
     write_row(row)
     print(f"{name}: {time.process_time() - begin:.1f} s", flush=True)
     return ""
+
+
+def planned(problem: fp.Problem, folder: Path, starts: int, again: bool) -> tuple[fp.Jump | None, str]:
+    """Return the jump of a problem, its flight proved, and what is wrong with it; that of a run before, if any."""
+    cached = folder / "jump.json"
+    path = folder / "problem.toml"
+    text = problem_text(problem, path)
+    if not again and cached.exists() and path.exists() and path.read_text(encoding="utf-8") == text:
+        return fp.load_jump(cached), ""
+    cached.unlink(missing_ok=True)
+    write_atomically(path, text)
+    try:
+        jump = fp.jump(fp.load_problem(path), starts=starts, helps=False)
+    except fp.FloatplanError as error:
+        return None, str(error)
+    if not jump.ok or jump.flight is None:
+        return None, jump.explanation
+    certificate = fp.certify(jump.flight)
+    jump = jump.with_certificate(certificate)
+    jump.save(cached)
+    return jump, "" if certificate.proved else "its flight is not proved"
+
+
+def overlapping(jump: fp.Jump | None) -> list[fp.SelfClearance]:
+    """Return pairs of links that overlap in a jump, to be kept apart by a little."""
+    pairs = []
+    for warning in () if jump is None else jump.warnings:
+        if warning.kind == "overlap":
+            first, _, second = warning.subject.partition(" ")
+            pairs.append(fp.SelfClearance((first, second), 0.005))
+    return pairs
 
 
 def share(value: float, unlimited: bool) -> str:
