@@ -48,6 +48,7 @@ EXPECTED = {
     "launch": "yes that fails",
     "contact": "on feet alone",
     "contact-in-space": "attitude at touchdown",
+    "guesses-in-space": "solved at nodes",
     "space": "drawn motions",
     "proofs": "chains of 12 joints",
     "clips": "false alarms: 0 in 9",
@@ -58,6 +59,7 @@ EXPECTED = {
 LONG = {
     *("clips", "speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch"),
     *("contact", "contact-in-space", "space", "proofs", "quality", "clip-repair", "clip-landings", "guard"),
+    "guesses-in-space",
 }
 
 
