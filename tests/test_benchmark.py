@@ -49,6 +49,7 @@ EXPECTED = {
     "launch": "yes that fails",
     "contact": "on feet alone",
     "contact-in-space": "attitude deg",
+    "guesses-in-space": "solved at nodes",
     "space": "drawn motions",
     "proofs": "chains of 12 joints",
     "clips": "false alarms: 0 in 9",
@@ -62,6 +63,7 @@ LONG = {
     *(
         "contact",
         "contact-in-space",
+        "guesses-in-space",
         "space",
         "proofs",
         "quality",

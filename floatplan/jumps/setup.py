@@ -74,6 +74,7 @@ class NodeMargins:
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
+    tilt : of the middle one of the base's angles, at most, rad; of jumps in space
     """
 
     torque: float
@@ -87,6 +88,7 @@ class NodeMargins:
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
+    tilt: float = math.inf
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""

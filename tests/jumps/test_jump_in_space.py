@@ -13,6 +13,7 @@ from floatplan.jumps.launches import in_space
 from floatplan.jumps.setup import NodeMargins
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess
+from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import spatial_setup
 
 
@@ -188,6 +189,39 @@ def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     assert jump.ok, jump.check.sentences[0]
     assert jump.check.figures["velocity"] <= 0.7
     assert len(jumps) == 1 + sum("with more nodes" in message for message in messages)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "intervals", "tilt"),
+    [
+        ("go2_half_flip_half_twist", 0, 12, 65.0),
+        ("go2_half_flip_half_twist", 1, 12, 65.0),
+        ("a1_backflip_half_twist", 0, 22, 45.0),
+        ("a1_backflip_half_twist", 1, 31, 35.0),
+        ("a1_backflip_half_twist", 2, 31, 35.0),
+    ],
+)
+def test_starts_of_combined_rotations_tilt_less_with_more_nodes(root, monkeypatch, name, number, intervals, tilt):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    guesses = []
+
+    def unsolved(program, raw, is_near=False):
+        guesses.append(raw)
+        return SpatialSolution(raw, *np.zeros((3, 1, 1)), [], np.zeros(1), (1.0, ""), 0, converged=False)
+
+    monkeypatch.setattr(SpatialProgram, "solve", unsolved)
+    setup = spatial_setup(problem, problem.jump)
+    start = planner.solved_start(setup, 0, number)
+    assert start.program.phases[start.program.flight].intervals == intervals
+    assert np.rad2deg(start.program.bounds.tilt) == pytest.approx(tilt)
+    is_generic = number == 0 or (setup.is_combined and number == 1)
+    assert np.array_equal(guesses[0], guess(start.program)) == is_generic
+
+
+@pytest.mark.long
+def test_an_a1_flips_with_half_a_twist_within_three_starts(root):
+    found = fp.jump(root / "problems" / "jumps" / "space" / "a1_backflip_half_twist.toml", starts=3)
+    assert found.ok, found.explanation
 
 
 ALL = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")

@@ -1,7 +1,8 @@
 """From a problem in space to a jump: one program over all phases, its flight planned, its stances exact and checked."""
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +24,28 @@ from floatplan.problem.problem import Problem
 MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85)  # of the first program; then as its check demands
 
 
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a start's programs end.
+
+    Attributes
+    ----------
+    setup : SpatialSetup
+    margins : of the program
+    program : with these
+    solution : of the program, or where its search ended
+    """
+
+    setup: SpatialSetup
+    margins: NodeMargins
+    program: SpatialProgram
+    solution: SpatialSolution
+
+
+def _silent(_: str) -> None:
+    """Report nothing."""
+
+
 def jump_in_space(
     problem: Problem,
     request: JumpRequest,
@@ -35,18 +58,17 @@ def jump_in_space(
     if near is not None:
         raise InputError("is for jumps in a plane, so far", element="near", advice="leave it out")
     setup = spatial_setup(problem, request)
-    program = setup.program(MARGINS)
     failed: SpatialJump | None = None
-    nearest: SpatialSolution | None = None
-    for start in range(starts):
-        say(f"start {start + 1} of {starts}")
-        rng = np.random.default_rng((seed, start)) if start else None
-        solution = program.solve(guess(program, rng))
-        if not solution.converged:
-            if nearest is None or solution.worst < nearest.worst:
-                nearest = solution
+    nearest: Start | None = None
+    start: Start | None = None
+    for number in range(starts):
+        say(f"start {number + 1} of {starts}")
+        start = solved_start(setup, seed, number, start)
+        if not start.solution.converged:
+            if nearest is None or start.solution.worst < nearest.solution.worst:
+                nearest = start
             continue
-        failed = _corrected(setup, program, solution, seed, say)
+        failed = checked_jump(start, seed, say)
         if failed.ok:
             return failed
     if failed is not None:
@@ -55,32 +77,53 @@ def jump_in_space(
     explanation = f"No jump was found in {counted}."
     if nearest is not None:
         say("what stands in the way")
-        explanation += f" {shortfall(program, nearest, problem)}"
+        explanation += f" {shortfall(nearest.program, nearest.solution, problem)}"
     return SpatialJump(problem, request, explanation=explanation)
 
 
-def _corrected(
-    setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int, say: Callable[[str], None]
-) -> SpatialJump:
-    """The jump of a program's solution; where its check fails, of one with more nodes, and wider margins."""
-    programs = 1 + CORRECTIONS
+def solved_start(setup: SpatialSetup, seed: int, number: int, previous: Start | None = None) -> Start:
+    """Return where the search of a start, by its number, ends.
+
+    The first one has the generic guess, others random ones. Where rotations are combined the second one has the generic
+    guess too; from it on the program has more nodes, and the base tilts less: flights nearer to where its angles are no
+    coordinates may have no plan. The program of the ``previous`` start serves again where it has the same margins.
+    """
     margins = MARGINS
+    generic = 1  # starts from the generic guess
+    if setup.is_combined:
+        generic = 2
+        if number:
+            margins = replace(MARGINS, refinement=1.4, tilt=math.radians(35.0))
+    rng = np.random.default_rng((seed, number)) if number >= generic else None
+    program = previous.program if previous is not None and previous.margins == margins else setup.program(margins)
+    return Start(setup, margins, program, program.solve(guess(program, rng)))
+
+
+def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:
+    """Return the jump of a start's solution; where its check fails, of one with more nodes, and wider margins.
+
+    Parameters
+    ----------
+    start : whose program has a solution
+    seed : of the flight's plan
+    say : is told what is done
+    """
+    programs = 1 + CORRECTIONS
     for number in range(1, programs + 1):
         say(f"program {number} of {programs} at most: flight, stances, check")
-        jump = completed(setup, program, solution, seed)
+        jump = completed(start.setup, start.program, start.solution, seed)
         if jump.ok or number == programs:
             break
         if jump.flight is not None:
-            margins = margins.tightened(setup.request, jump.check.figures)
+            margins = start.margins.tightened(start.setup.request, jump.check.figures)
         else:
-            margins = replace(margins, refinement=1.4 * margins.refinement)
+            margins = replace(start.margins, refinement=1.4 * start.margins.refinement)
         say(f"program {number + 1} of {programs} at most, with more nodes")
-        finer = setup.program(margins)
-        refined = finer.solve(finer.resampled(solution, program), is_near=True)
-        if not refined.converged:
+        program = start.setup.program(margins)
+        solution = program.solve(program.resampled(start.solution, start.program), is_near=True)
+        if not solution.converged:
             break
-        program = finer
-        solution = refined
+        start = Start(start.setup, margins, program, solution)
     return jump
 
 

@@ -93,7 +93,7 @@ class SpatialSetup:
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
             lift=margins.lift,
             dip=margins.dip,
-            tilt=self._largest_tilt,
+            tilt=min(self._largest_tilt, margins.tilt),
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
@@ -102,15 +102,19 @@ class SpatialSetup:
         return SpatialProgram(model, phases, self.ends, points, corners, bounds, request.friction)
 
     @property
+    def is_combined(self) -> bool:
+        """Whether flip and twist are more than a whole rotation."""
+        rotation = float(np.abs(np.diff(self.ends.y[:, 3:BASE], axis=0)).sum())
+        return rotation > 2 * math.pi + 0.1
+
+    @property
     def _largest_tilt(self) -> float:
         """Of the base's middle angle, rad: a little less than what the flight's plan may tilt.
 
-        Where flip and twist are more than a whole rotation, it is much less: with the middle angle near 90 degrees they
-        become half the flip, and the twist in the other direction about another axis.
+        Where rotations are combined, it is much less: with the middle angle near 90 degrees they become half the flip,
+        and the twist in the other direction about another axis.
         """
-        rotation = float(np.abs(np.diff(self.ends.y[:, 3:BASE], axis=0)).sum())
-        is_combined = rotation > 2 * math.pi + 0.1
-        return math.radians(45.0) if is_combined else STEEPEST - math.radians(5.0)
+        return math.radians(45.0) if self.is_combined else STEEPEST - math.radians(5.0)
 
     @property
     def _lowest(self) -> float:
