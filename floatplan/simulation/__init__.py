@@ -6,8 +6,8 @@ nothing is corrected.
 - `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
   plan file states, its torques by inverse dynamics, and how it takes off.
 - `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints.
-- `tracked_motion.py`: a motion as controllers track it, a jump or a recorded one, and what of its robot touches the
-  ground.
+- `tracked_motion.py`: a motion as controllers track it, a jump or a recorded one; `contact_shapes.py`: what of its
+  robot touches the ground.
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
   model for MuJoCo, on a planar base or on a free joint; `contact_model.py`: the same with feet, links and the ground.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
