@@ -33,7 +33,7 @@ class Start:
     setup : SpatialSetup
     margins : of the program
     program : with these
-    solution : of the program, or where its search ended
+    solution : of the program, or the last iterate of its search
     """
 
     setup: SpatialSetup
@@ -106,7 +106,7 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
     ----------
     start : whose program has a solution
     seed : of the flight's plan
-    say : is told what is done
+    say : called with a few words on what is being done
     """
     programs = 1 + CORRECTIONS
     for number in range(1, programs + 1):
