@@ -190,7 +190,7 @@ class Control:
         self.errors.append(np.stack((positions - q[7:], rates - v[6:])))
         if tick >= LATE:
             torques += (self.gains[self._phase(row, in_flight, now)] * self.errors[tick - LATE]).sum(axis=0)
-        return np.clip(torques, self.least, self.most)
+        return np.asarray(np.clip(torques, self.least, self.most))
 
     def _phase(self, row: int, in_flight: bool, now: float) -> int:
         """Number of the phase in which the robot should be."""
@@ -263,11 +263,11 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
 
 def angle(quaternion: Array, other: Array) -> float:
     """Angle between two attitudes, rad, of quaternions w, x, y, z."""
-    return float(2 * np.arccos(min(abs(quaternion @ other), 1.0)))
+    return float(2 * np.arccos(np.clip(np.abs(quaternion @ other), 0.0, 1.0)))
 
 
 def _up(quaternion: Array) -> Array:
     """The world's vertical (3,) in the axes of a base, of a quaternion w, x, y, z."""
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)[2]
+    return np.asarray(matrix.reshape(3, 3)[2])

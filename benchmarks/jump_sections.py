@@ -27,7 +27,7 @@ from floatplan.simulation.gains import gains_by_phase
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
 FEET: tuple[Literal["points", "rolling"], ...] = ("points", "rolling")
 PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (40.0, 1.0)  # kp, kd
-# Stiffness, damping, and armature that is unknown, kg m^2, by robot; of others each joint's gains follow from a
+# Stiffness, damping, and armature that is unknown, kg m^2, by robot; besides these, gains of each joint from a
 # bandwidth. A Solo12's shanks turn 0.0003 kg m^2.
 GAINS_IN_SPACE = dict.fromkeys(("a1", "go1", "go2"), ((40.0, 1.0), 0.005)) | {"solo12": ((4.0, 0.1), 0.0005)}
 FEEDBACK = 100.0  # [rad/s]
@@ -117,22 +117,30 @@ def landings_in_space(path: Path, flights: int) -> list[list[object]]:
     if jump is None:
         return [[path.stem, "not found", *[""] * (len(HEADER_IN_SPACE) - 2)]]
     constant, armature = GAINS_IN_SPACE.get(path.stem.partition("_")[0], (None, 0.005))
-    if constant is None:
-        gains = gains_by_phase(jump, FEEDBACK)
-        control = f"{FEEDBACK:g} rad/s"
-    else:
-        shape = (len(jump.phases), 2, len(jump.problem.robot.model_joints))
-        gains = np.broadcast_to(np.array(constant)[:, None], shape)
-        control = "kp {:g}, kd {:g}".format(*constant)
+    choices = {f"{FEEDBACK:g} rad/s": gains_by_phase(jump, FEEDBACK)}
+    if constant is not None:
+        same = np.array(constant)[:, None]
+        choices["kp {:g}, kd {:g}".format(*constant)] = np.broadcast_to(same, choices[f"{FEEDBACK:g} rad/s"].shape)
     assert jump.flight is not None
     replanner = fp.Replanner(jump.flight, 250.0)
     rows: list[list[object]] = []
-    for name, corrections in (("no", None), ("yes", replanner)):
+    for (control, gains), correct in itertools.product(choices.items(), (False, True)):
+        corrections = replanner if correct else None
         flown = [capsule_world.fly(jump, seed, gains, armature, corrections) for seed in range(flights)]
         errors = np.rad2deg([flight.error for flight in flown if np.isfinite(flight.error)])
         worst = float(errors.max(initial=0.0))
         landed = [sum(flight.stands for flight in flown), sum(flight.clean for flight in flown)]
-        rows.append([path.stem, control, armature, name, *landed, float(np.sqrt(np.mean(errors**2))), worst])
+        rows.append(
+            [
+                path.stem,
+                control,
+                armature,
+                "yes" if correct else "no",
+                *landed,
+                float(np.sqrt(np.mean(errors**2))),
+                worst,
+            ]
+        )
     return rows
 
 

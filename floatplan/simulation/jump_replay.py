@@ -5,7 +5,6 @@ import math
 import time as clock
 from collections import Counter
 from collections.abc import Callable
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -147,7 +146,7 @@ def replay_jump(
         friction=friction,
         period=PERIOD,
         joints=control.joints,
-        feedback=gains if isinstance(gains, Real) else None,
+        feedback=gains if isinstance(gains, int | float) else None,
         kp=read_only(control.gains[0]),
         kd=read_only(control.gains[1]),
         phase_gains=control.phase_gains,
@@ -171,7 +170,7 @@ def _control(
 ) -> tuple[JumpControl, int]:
     """The control of a jump with gains as requested, and how many were tried; errors as of :func:`replay_jump`."""
     import_mujoco()
-    if not isinstance(gains, float | Real):
+    if not isinstance(gains, int | float):
         of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (first_gains(jump, gains), 0)
         return JumpControl(jump, of_joints, rate), tried
     bandwidth = positive(FASTEST, "rad/s")(gains, "feedback")
