@@ -6,10 +6,9 @@ nothing is corrected.
 - `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
   plan file states, its torques by inverse dynamics, and how it takes off.
 - `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints.
-- `tracked_motion.py`: a motion as controllers track it, a jump or a recorded one; `contact_shapes.py`: what of its
-  robot touches the ground.
+- `tracked_motion.py`: a motion as controllers track it, a jump or a recorded one.
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
-  model for MuJoCo, on a planar base or on a free joint; `contact_model.py`: the same with feet, links and the ground.
+  model for MuJoCo, on a planar base or on a free joint; `contact`: the same with feet, links and the ground.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
   `free_flight.py`: a plan in a plane with its base free in space.
 - `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,
@@ -21,7 +20,7 @@ To add what goes wrong:
 - in `perturbation.py` its row in `KINDS`, its name in `MEASURED`, `OF_TAKEOFF` or `OF_JUMPS` where it is one of these,
   a field of `Perturbation` and one of `Sample`, and its factors at the end of `sampled`, so that others stay the same;
 - what feels it: `Sample.perturbed` and with it `PinocchioRobot` of `engines.py`; `MujocoSpec` of `mujoco_model.py`;
-  `ContactRobot` of `contact_model.py`; at takeoff `perturbed_takeoff`, in measurements `Sensors` of `control_loop.py`;
+  `ContactRobot` of `contact/model.py`; at takeoff `perturbed_takeoff`, in measurements `Sensors` of `control_loop.py`;
 - in `closed_loop.py`, where it changes when the robot lands: the centre of mass is then measured;
 - its words in `cli/motions.py`, `docs/in_flight.md` and, of jumps, `docs/howto/flip_in_mujoco.md`.
 

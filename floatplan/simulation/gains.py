@@ -13,7 +13,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER
-from floatplan.simulation.contact_shapes import feet_spheres
+from floatplan.simulation.contact.shapes import feet_spheres
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))

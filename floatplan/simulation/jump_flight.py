@@ -20,7 +20,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.simulation.base_states import base_states
-from floatplan.simulation.contact_model import ContactRobot
+from floatplan.simulation.contact.model import ContactRobot
 from floatplan.simulation.control_loop import Corrections, Guide, JointControl, Sensors
 from floatplan.simulation.perturbation import Perturbation, Sample
 from floatplan.simulation.results import SimulatedFlight

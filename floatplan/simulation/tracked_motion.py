@@ -10,7 +10,7 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
 from floatplan.robot.robot import Robot
 from floatplan.simulation.base_states import base_states
-from floatplan.simulation.contact_shapes import ContactShapes, shapes_of_jump
+from floatplan.simulation.contact.shapes import ContactShapes, shapes_of_jump
 from floatplan.simulation.control_loop import Motors
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.simulated_jump import STANDING

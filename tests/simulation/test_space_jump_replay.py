@@ -13,8 +13,8 @@ from jumps import roll
 import floatplan as fp
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
-from floatplan.simulation.contact_model import ContactRobot
-from floatplan.simulation.contact_shapes import shapes_of_jump
+from floatplan.simulation.contact.model import ContactRobot
+from floatplan.simulation.contact.shapes import shapes_of_jump
 from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.tracked_motion import PERIOD
