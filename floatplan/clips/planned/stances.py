@@ -291,9 +291,9 @@ class StancePlanner:
             phases.append(SpatialPhase(window.side, self._phase_points(phase), duration, fixed, intervals))
         frames = []
         points: list[Foot] = []
-        for stance in phases:
-            frames.append(stance.frames)
-            points += stance.feet
+        for planned in phases:
+            frames.append(planned.frames)
+            points += planned.feet
         mechanics = Mechanics(clip.robot, axes, self.gravity, points)
 
         def reference(times: Array) -> Array:
