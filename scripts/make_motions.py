@@ -33,6 +33,7 @@ import floatplan as fp
 from floatplan.files import write_atomically
 from floatplan.problem.file import problem_text
 from floatplan.view.figures.snapshots import moments
+from floatplan.view.style import styled
 
 ROOT = Path(__file__).resolve().parents[1]
 PACK = ROOT / "motions"
@@ -371,7 +372,8 @@ def write_page() -> None:
     strips = []
     for name in SHOWN:
         jump = fp.load_jump(FOUND / name / "jump.json")
-        strips.append(rendered(moments(jump, flying=3, title=name), SHEET_DPI))
+        with styled():
+            strips.append(rendered(moments(jump, flying=3, title=name), SHEET_DPI))
     save(sheet([strips]), PICTURE)
 
 
