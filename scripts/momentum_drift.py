@@ -19,10 +19,10 @@ import numpy as np
 from floatplan.jumps.reading import load_jump
 from floatplan.simulation import jump_flight
 from floatplan.simulation.contact.model import ContactRobot
+from floatplan.simulation.contact.tracked_motion import PERIOD
 from floatplan.simulation.gains import first_gains
 from floatplan.simulation.mujoco_model import STEP
 from floatplan.simulation.perturbation import given_perturbation
-from floatplan.simulation.tracked_motion import PERIOD
 
 INTEGRATORS = ("IMPLICITFAST", "IMPLICIT", "RK4", "EULER")
 WHEN = 0.02  # [s] into the flight: from then on all feet are in the air

@@ -6,9 +6,9 @@ nothing is corrected.
 - `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
   plan file states, its torques by inverse dynamics, and how it takes off.
 - `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints.
-- `tracked_motion.py`: a motion as controllers track it, a jump or a recorded one.
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
-  model for MuJoCo, on a planar base or on a free joint; `contact`: the same with feet, links and the ground.
+  model for MuJoCo, on a planar base or on a free joint; `contact`: the same with feet, links and the
+  ground, and a motion as controllers track it there, a jump or a recorded one.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
   `free_flight.py`: a plan in a plane with its base free in space.
 - `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,

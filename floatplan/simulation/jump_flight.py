@@ -21,11 +21,11 @@ from floatplan.jumps.motion import JumpState
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact.model import ContactRobot
+from floatplan.simulation.contact.tracked_motion import PERIOD, TrackedMotion, control_times, tracked_jump
 from floatplan.simulation.control_loop import Corrections, Guide, JointControl, Sensors
 from floatplan.simulation.perturbation import Perturbation, Sample
 from floatplan.simulation.results import SimulatedFlight
 from floatplan.simulation.simulated_jump import SimulatedJump, SimulatedSpatialJump
-from floatplan.simulation.tracked_motion import PERIOD, TrackedMotion, control_times, tracked_jump
 
 
 @dataclass(eq=False)

@@ -18,12 +18,12 @@ from floatplan.jumps.reading import load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.contact.tracked_motion import PERIOD
 from floatplan.simulation.gains import FASTEST, Gains, fastest_bandwidth, first_gains, gains_by_phase, joint_inertia
 from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlight
 from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
-from floatplan.simulation.tracked_motion import PERIOD
 from floatplan.tables import Range
 
 MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # [-] of gains

@@ -23,12 +23,12 @@ from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
 from floatplan.simulation.closed_loop import MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.contact.tracked_motion import PERIOD, TrackedMotion, tracked_jump
 from floatplan.simulation.gains import Gains, usual_gains
 from floatplan.simulation.jump_flight import MotionControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.simulation.results import Flights, JumpLandings, SimulatedFlight
 from floatplan.simulation.simulated_jump import STANDING
-from floatplan.simulation.tracked_motion import PERIOD, TrackedMotion, tracked_jump
 from floatplan.tables import Range
 from floatplan.tracking.tracked_clip import tracked_clip
 

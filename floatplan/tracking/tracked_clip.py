@@ -16,9 +16,9 @@ from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
 from floatplan.simulation.contact.shapes import ContactShapes, Hull, solid_hull
+from floatplan.simulation.contact.tracked_motion import PERIOD, TrackedMotion, control_times
 from floatplan.simulation.control_loop import Motors
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
-from floatplan.simulation.tracked_motion import PERIOD, TrackedMotion, control_times
 from floatplan.tables import GRAVITY
 
 

@@ -15,9 +15,9 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.simulation.contact.model import ContactRobot
 from floatplan.simulation.contact.shapes import shapes_of_jump
+from floatplan.simulation.contact.tracked_motion import PERIOD
 from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.simulation.tracked_motion import PERIOD
 from floatplan.view.report.flights import jump_rows, write_jump_pages
 
 SOFT = 40.0, 1.0  # [N m/rad, N m s/rad]

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 import floatplan as fp
 from floatplan.cli.commands import app
 from floatplan.errors import InputError
-from floatplan.simulation.tracked_motion import PERIOD, tracked_jump
+from floatplan.simulation.contact.tracked_motion import PERIOD, tracked_jump
 from floatplan.tracking.tracked_clip import tracked_clip
 
 

@@ -16,9 +16,9 @@ from floatplan.jumps.contacts import GroundStep
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.planar.choice import Plane
 from floatplan.simulation.base_states import base_states
+from floatplan.simulation.contact.tracked_motion import TrackedMotion
 from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
-from floatplan.simulation.tracked_motion import TrackedMotion
 
 SOLE = "sole "  # before the name of a foot's hull; a number is after it
 LINK = "link "  # before the name of its shape, since a foot may be called as its link; a number is after it
