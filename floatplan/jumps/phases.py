@@ -1,7 +1,8 @@
 """Phases of a jump: which contacts stand when, for how long; and the standing posture at both ends."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -12,6 +13,8 @@ from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions, names_of
+from floatplan.problem.jump import JumpRequest
+from floatplan.problem.problem import Problem
 from floatplan.robot import PlanarTree, Robot
 
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
@@ -388,3 +391,15 @@ def axes_of(contact: GroundContact) -> tuple[int, ...]:
 def drifting(phase: Phase) -> int:
     """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
     return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
+
+
+def in_sequence(phase: Phase, hop: int, problem: Problem, request: JumpRequest) -> Phase:
+    """Return a phase with the number of its flight, and with what a step of the ground makes of it."""
+    phase = replace(phase, hop=hop)
+    if phase.side == "landing":
+        return replace(phase, ground=request.rise)
+    low, high = phase.bounds
+    if phase.side == "takeoff" or low == high:
+        return phase
+    fall = math.sqrt(2 * abs(request.rise) / float(problem.flight.gravity))  # [s] through the step
+    return replace(phase, duration=phase.duration + fall / 2, bounds=(low, high + fall))

@@ -37,6 +37,7 @@ from floatplan.jumps.phases import (
     FlightEnd,
     Phase,
     Side,
+    in_sequence,
     indices_of_flights,
     not_static,
     refuse_other_feet,
@@ -368,7 +369,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
             *side_phases("flight", [()], unit, [flight_bounds], own_turns),
             *side_phases("landing", landing_contacts, unit, of_landing),
         ]
-        phases += [_of_sequence(phase, hop, problem, request) for phase in of_hop]
+        phases += [in_sequence(phase, hop, problem, request) for phase in of_hop]
         ends.append(_rotated(end if is_last else start, ends[-1][0] - start[0] + math.tau * own_turns))
     refuse_other_feet(phases, request.is_periodic)
     flight_ends = []
@@ -401,18 +402,6 @@ def _flights(problem: Problem, request: JumpRequest, turns: int) -> list[tuple[i
         reason = "only jumps of one flight keep clear of obstacles"
         raise InputError(reason, element="obstacles", advice="leave them out, or plan one flight")
     return flights
-
-
-def _of_sequence(phase: Phase, hop: int, problem: Problem, request: JumpRequest) -> Phase:
-    """A phase with the number of its flight, and with what a step of the ground makes of it."""
-    phase = replace(phase, hop=hop)
-    if phase.side == "landing":
-        return replace(phase, ground=request.rise)
-    low, high = phase.bounds
-    if phase.side == "takeoff" or low == high:
-        return phase
-    fall = math.sqrt(2 * abs(request.rise) / float(problem.flight.gravity))  # [s] through the step
-    return replace(phase, duration=phase.duration + fall / 2, bounds=(low, high + fall))
 
 
 def _groups(
