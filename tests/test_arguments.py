@@ -19,10 +19,10 @@ MADE_BY_FLOATPLAN = {
     "JumpReplay",
     *("Authority", "Certificate", "ClosedLoop", "Contact", "Correction", "FlightState", "Plan", "Plans", "Reference"),
     *("Replay", "Study", "Jump", "JumpCheck", "JumpPhase", "Launch", "MotionSample"),
-    *("Clip", "ClipCheck", "ClipFlight", "ClipRepair", "FlightJudgement"),
+    *("Clip", "ClipCheck", "ClipFlight", "ClipRepair", "FlightJudgement", "Bench"),
 }
 TRIED_AMONG_JUMPS = ("jump", "launch", "load_jump", "replay_jump")  # in tests of their own
-TRIED_AMONG_CLIPS = ("load_clip", "check_clip", "repair_clip")
+TRIED_AMONG_CLIPS = ("load_clip", "check_clip", "repair_clip", "bench")
 NO_ARGUMENTS = {"__version__", "FloatplanError", "InputError", "method"}
 FEW_LETTERS = 1500  # of any representation
 
@@ -143,6 +143,7 @@ def parts(problem):
         (fp.JumpRequest(feet="point", objective="limits"), into("jump")),
         (fp.JumpTakeoff(**ends, from_="standing"), into("jump", lambda it: fp.JumpRequest(takeoff=it))),
         (fp.JumpLanding(**ends, to="standing"), into("jump", lambda it: fp.JumpRequest(landing=it))),
+        (fp.JumpFlight(1, 2, (0.3, 0.4)), into("jump", lambda it: fp.JumpRequest(flights=[it]))),
         (replace(problem, name="x"), repr),
         (fp.Coupling("q1", -1.0), repr),
         (fp.Payload("body1", 0.5, (0.0, 0.0, 0.1)), repr),

@@ -39,7 +39,9 @@ MORE = {  # keys of tables that no one problem that is planned has together
         "clearance": 0.04,
         "pitch_error": 4,
         "landing": {"to": "standing", **STANCE},
-        "takeoff": {"from": {"q1": 90}, **STANCE},
+        "takeoff": {"from": {"q1": 90}, "height": 0.2, **STANCE},
+        "edge": 0.3,
+        "flights": [{"turns": 1, "repeat": 1, "duration": [0.3, 0.4]}],
     },
 }
 IN_SPACE = """

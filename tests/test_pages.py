@@ -23,6 +23,7 @@ LONG = {WITH_JUMP} | {
 LONG |= {
     f"docs/howto/{page}.md"
     for page in (
+        "bench",
         "flip_for_learning",
         "flip_in_mujoco",
         "jump_to_controller",
@@ -87,6 +88,12 @@ def few_flights(monkeypatch):
         return fly(*arguments, flights=min(flights, 2), **options)
 
     monkeypatch.setattr(fp, "replay_jump", replay_jump)
+    follow = fp.bench
+
+    def bench(*arguments, flights=50, **options):
+        return follow(*arguments, flights=min(flights, 2), **options)
+
+    monkeypatch.setattr(fp, "bench", bench)
 
 
 @pytest.mark.usefixtures("jumps_once", "few_flights")

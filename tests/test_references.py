@@ -34,7 +34,8 @@ def test_answer_is_the_reference(planned, name):
     words = ("status", "verdict")
     assert {key: found[key] for key in words} == {key: wanted[key] for key in words}
     optimal = wanted["status"] == "optimal"
-    tiny = TINY if name.startswith("space/") else None
+    falls = name.startswith("jumps/boxes/")  # flights that take no torque
+    tiny = TINY if falls or name.startswith("space/") else None
     is_free = plan.problem.flight.angular_momentum == "free"
     for key, same in (("angular_momentum", FREE if is_free else SAME), ("objective", SAME)):
         assert found[key] == pytest.approx(wanted[key], rel=same if optimal else ALIKE, abs=tiny), key

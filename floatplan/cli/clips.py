@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, cast, get_args
 import typer
 
 import floatplan as fp
-from floatplan.arguments import one_of
 from floatplan.cli import ExitCode, common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
@@ -115,6 +114,7 @@ def clip_repair(
     from floatplan.clips.formats import LARGEST_CLIP
     from floatplan.clips.repair import Stances
     from floatplan.clips.writing import write_clip
+    from floatplan.arguments import one_of
     from floatplan.files import read_regular, write_atomically
 
     robot = fp.Robot.from_file(model, base="free-flyer")

@@ -180,6 +180,8 @@ def usual_gains(
     lightest = float(np.mean([joint_inertia(model, posture).min() for posture in in_flight]))
     stiffness = float(f"{max(late_bandwidth**2 * lightest, tipping):.2g}")
     joints = robot.model_joints
+    if not (isinstance(requested, Sequence) and len(requested) == 2):
+        raise InputError("must be stiffness and damping, each None if left out", element="gains")
     kp, kd = requested
     return np.stack(
         [

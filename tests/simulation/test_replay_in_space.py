@@ -96,11 +96,3 @@ def test_mujoco_flies_the_same_corrected_robot(diver):
     ]
     assert all(each.corrected.orientation[0] < np.radians(0.5) for each in flown)
     np.testing.assert_allclose(*(each.uncorrected.orientation for each in flown), atol=1e-3)
-
-
-def test_launch_of_a_flight_in_space_is_refused_in_a_line(diver, floatplan):
-    refused = floatplan("launch", diver.save("plan.json"))
-    assert refused.code == 2
-    assert refused.stdout == ""
-    assert len(refused.stderr.split("error:")) == 2
-    assert "give its problem a table [jump]" in " ".join(refused.stderr.split())

@@ -70,6 +70,10 @@ def test_what_cannot_be_followed(tmp_path: Path) -> None:
         fp.bench(backflip(), model)
     with pytest.raises(InputError, match="perturb: h: is for plans"):
         fp.bench(path, model, perturb="h=1%")
+    for name in ("flights", "seed", "perturb", "friction", "gains", "progress", "motion"):
+        for strange in (object(), -1.0, float("nan"), "\0", [1, "x"], 10**400):
+            with pytest.raises(InputError):
+                fp.bench(**{"motion": backflip(), "flights": 1, name: strange})
     lasting = clip_samples.write_csv(clip_samples.hops(50.0, [0.4] * 600), tmp_path / "lasting.csv")
     with pytest.raises(InputError, match=r"lasting\.csv.*lasts"):
         fp.bench(lasting, model)
