@@ -111,10 +111,10 @@ def clip_repair(
     robot rises higher. Flights that are physical are left as they are; a clip without others is written as it is. Exit
     code 1 where a flight is not repairable, and the reason is printed.
     """
+    from floatplan.arguments import one_of
     from floatplan.clips.formats import LARGEST_CLIP
     from floatplan.clips.repair import Stances
     from floatplan.clips.writing import write_clip
-    from floatplan.arguments import one_of
     from floatplan.files import read_regular, write_atomically
 
     robot = fp.Robot.from_file(model, base="free-flyer")
