@@ -20,6 +20,8 @@ import floatplan as fp
 from floatplan.jumps.check import sentences_on
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
+from floatplan.jumps.spatial.planner import Start, checked_jump, solved_start
+from floatplan.jumps.spatial.setup import spatial_setup
 from floatplan.simulation.gains import gains_by_phase
 
 ARMATURES = (0.0, 0.0045)  # [kg m^2] nothing, and what a rotor of the Go2's file is behind its gear
@@ -157,6 +159,31 @@ def planned_once(path: Path) -> fp.Jump | None:
         cached.parent.mkdir(parents=True, exist_ok=True)
         jump.save(cached)
     return fp.load_jump(cached)
+
+
+def guesses_in_space(counts: Counts) -> None:
+    """Jumps in space from random guesses, one start each: found are those whose flight is planned and stances hold."""
+    heading(f"guesses in space: seeds 1 to {counts.guesses_in_space} of each jump")
+    rows = []
+    for name in ("go2_roll", "go2_quarter_turn"):
+        problem = fp.load_problem(PROBLEMS / "jumps" / "space" / f"{name}.toml")
+        assert problem.jump is not None
+        setup = spatial_setup(problem, problem.jump)
+        solved = 0
+        seconds = []
+        start: Start | None = None
+        for seed in range(1, counts.guesses_in_space + 1):
+            began = time.process_time()
+            start = solved_start(setup, seed, 1, start)
+            solved += start.solution.converged
+            found = start.solution.converged and checked_jump(start, seed=0).ok
+            if found:
+                seconds.append(time.process_time() - began)
+            else:
+                print(f"  not found: {name}, seed {seed}, solved: {start.solution.converged}", flush=True)
+        of_found = [statistics.median(seconds), max(seconds)] if seconds else [np.nan, np.nan]
+        rows.append([name, solved, len(seconds), counts.guesses_in_space, *of_found])
+    table(["jump", "solved at nodes", "found", "of", "s of the processor", "at most"], rows)
 
 
 def jump_section(counts: Counts) -> None:

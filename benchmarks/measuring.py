@@ -49,6 +49,7 @@ class Counts:
     flights: int = 100
     instants: int = INSTANTS
     guesses: int = 20
+    guesses_in_space: int = 10  # of each jump
     hops: int = 50
     takeoffs: int = 50
     landings: int = 20
@@ -80,6 +81,7 @@ QUICK = Counts(
     flights=10,
     instants=4000,
     guesses=4,
+    guesses_in_space=1,
     hops=3,
     takeoffs=6,
     landings=5,

@@ -113,31 +113,6 @@ class BaseMotion(Protocol):
         """Return the same motion, with the attitudes asked for at s = 0 and s = 1 in the place of its own."""
 
 
-class JointSlopes(NamedTuple):
-    """How joints' motion changes with p, its rate and its curvature by s: (N, n) each."""
-
-    position_by_p: Array
-    velocity_by_p: Array
-    velocity_by_rate: Array
-    acceleration_by_p: Array
-    acceleration_by_rate: Array
-    acceleration_by_curvature: Array
-
-    @classmethod
-    def of(cls, motion: JointMotion) -> JointSlopes:
-        """Of the motion (12)."""
-        per_second, rate, sine, cosine = motion.per_second, motion.p_rate, motion.sine, motion.cosine
-        velocity_by_p = -per_second * sine * rate
-        return cls(
-            position_by_p=cosine,
-            velocity_by_p=velocity_by_p,
-            velocity_by_rate=per_second * cosine,
-            acceleration_by_p=-(per_second**2) * (sine * motion.p_curvature + cosine * rate**2),
-            acceleration_by_rate=2 * per_second * velocity_by_p,
-            acceleration_by_curvature=per_second**2 * cosine,
-        )
-
-
 class DifferentiableMotion(BaseMotion, Protocol):
     """One with its derivatives: of a motion in NumPy.
 
@@ -405,22 +380,15 @@ class Trajectory:
 
     def _chained(self, partials: Partials) -> Array:
         """Derivatives (L, r, size) by x through joints and h alone, of partials at the first L instants."""
-        motion = JointSlopes.of(self.motion)
+        slopes = self.motion.slopes
         weights: dict[int, Array] = {}  # by p, its rate and its curvature
-
-        def add(derivative: int, partial: Array, slope: Array) -> None:
-            weight = partial * slope[: len(partial), None]
-            weights[derivative] = weights[derivative] + weight if derivative in weights else weight
-
-        if partials.by_position is not None:
-            add(0, partials.by_position, motion.position_by_p)
-        if partials.by_velocity is not None:
-            add(0, partials.by_velocity, motion.velocity_by_p)
-            add(1, partials.by_velocity, motion.velocity_by_rate)
-        if partials.by_acceleration is not None:
-            add(0, partials.by_acceleration, motion.acceleration_by_p)
-            add(1, partials.by_acceleration, motion.acceleration_by_rate)
-            add(2, partials.by_acceleration, motion.acceleration_by_curvature)
+        by_joints = (partials.by_position, partials.by_velocity, partials.by_acceleration)
+        for order, by_order in enumerate(by_joints):
+            if by_order is None:
+                continue
+            for derivative in range(order + 1):
+                weight = by_order * slopes[order, derivative, : len(by_order), None]
+                weights[derivative] = weights[derivative] + weight if derivative in weights else weight
         values, given = self.sampling.values, self.sampling.given
         by_z = np.asarray(sum(w[..., None] * values[d][: len(w), None, None, given:] for d, w in weights.items()))
         return gradient(self.variables, by_z, partials.by_momentum)

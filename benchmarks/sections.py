@@ -1,8 +1,9 @@
 """Measures floatplan, and its peers beside it, in one run, and prints tables.
 
 Usage: ``python scripts/benchmark.py [--quick] [SECTION ...]``; sections: speed quality starts free random rest
-forward obstacle witness growth inflight startup many studies single jump hops launch contact contact-in-space space
-proofs clips clip-repair clip-landings guard; all of them where none is named. Needs the extra ``bench``.
+forward obstacle witness growth inflight startup many studies single jump hops launch contact contact-in-space
+guesses-in-space space proofs clips clip-repair clip-landings guard; all of them where none is named. Needs the extra
+``bench``.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from pathlib import Path
 from clip_landings import clip_landings
 from clip_repair_section import clip_repair
 from clip_section import clips
+from clip_stances_section import clip_stances
 from constraint_sections import forward, obstacle, witness
 from guard import guard
 from inflight_sections import inflight
-from jump_sections import contact, contact_in_space, hops, jump_section, launch_section
+from jump_sections import contact, contact_in_space, guesses_in_space, hops, jump_section, launch_section
 from many_section import many
 from measuring import FULL, QUICK, Counts
 from proof_section import proofs
@@ -52,11 +54,13 @@ SECTIONS: dict[str, Callable[[Counts], None]] = {
     "launch": launch_section,
     "contact": contact,
     "contact-in-space": contact_in_space,
+    "guesses-in-space": guesses_in_space,
     "space": space,
     "proofs": proofs,
     "clips": clips,
     "clip-repair": clip_repair,
     "clip-landings": clip_landings,
+    "clip-stances": clip_stances,
     "guard": guard,
 }
 

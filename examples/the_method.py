@@ -27,7 +27,7 @@ def show(title: str, plan: fp.Plan) -> None:
 # Example A: into a new configuration. First the momentum that rates of base and joints make, (4).
 problem = fp.load_problem(PROBLEMS / "new_configuration.toml")
 joints = len(problem.robot.joints)
-(D,) = Dynamics(problem.robot).momentum_map(problem.initial.positions[None])
+(D,) = Dynamics(problem.robot).momentum_map(problem.initial.positions[None, :, None])
 print(f"(4)    at the start, D = {D.round(4)} kg m^2")
 
 # The h of (10) is the middle of (9). The paper says 0.13 kg m^2/s, and so does the file.
@@ -38,19 +38,18 @@ assert not isinstance(h, str), "the file has a number"
 print(f"(9)    h between {low:.4f} and {high:.4f}, middle (10) {(low + high) / 2:.4f}; here {h:.4f} kg m^2/s")
 
 # The joints' motions: sine functions of polynomials (12) that meet both ends (13), whatever the variables z are.
-program = Program(problem, problem.degrees, np.zeros(joints, dtype=np.int64))
-motions = program.motions
-print(f"(16)   degrees {problem.degrees}: {motions.size} variables are left for the one equation (14)")
+program = Program(problem, np.array(problem.degrees), np.zeros(joints, dtype=np.int64))
+print(f"(16)   degrees {problem.degrees}: {program.size} variables are left for the one equation (14)")
 
 # With quintics alone, z = 0, the base ends elsewhere, (14); b of least length (17) bring it there.
 nowhere = np.zeros(0)  # inequalities hold at no instant
-quintics = np.zeros(motions.size)
+quintics = np.zeros(program.size)
 plain = program.evaluate(quintics, nowhere)
 print(f"(14)   quintics miss the orientation by {plain.rows[0]:+.4f} rad")
-solution = minimise(program, quintics, nowhere)
-b, _ = motions.b(solution.x)
-assert solution.violation < 1e-9
-print(f"(17)   {solution.steps} steps take the base there to less than 1e-9 rad, with |b| = {np.linalg.norm(b):.4f}")
+x, solution, steps = minimise(program, quintics, nowhere)
+b = program.b(x[:, None])[..., 0]
+assert abs(solution.rows[0]) < 1e-9
+print(f"(17)   {steps} steps take the base there to less than 1e-9 rad, with |b| = {np.linalg.norm(b):.4f}")
 
 # All of that in one call, with the torques (A.1) that it takes.
 show("example A", fp.method.plan(problem))

@@ -18,8 +18,8 @@ from floatplan.inflight.replanner import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.jumps.check import JumpCheck as JumpCheck
 from floatplan.jumps.jump import Jump as Jump
-from floatplan.jumps.launch import Launch as Launch
 from floatplan.jumps.launch import launch as launch
+from floatplan.jumps.launches.result import Launch as Launch
 from floatplan.jumps.planner import jump as jump
 from floatplan.jumps.reading import load_jump as load_jump
 from floatplan.motion.dynamics import FlightState as FlightState
@@ -38,6 +38,7 @@ from floatplan.problem.attitude import Attitude as Attitude
 from floatplan.problem.family import Family as Family
 from floatplan.problem.file import load_problem as load_problem
 from floatplan.problem.file import save_problem as save_problem
+from floatplan.problem.jump import JumpFlight as JumpFlight
 from floatplan.problem.jump import JumpLanding as JumpLanding
 from floatplan.problem.jump import JumpRequest as JumpRequest
 from floatplan.problem.jump import JumpTakeoff as JumpTakeoff
@@ -70,5 +71,7 @@ from floatplan.simulation.results import ClosedLoop as ClosedLoop
 from floatplan.simulation.results import JumpReplay as JumpReplay
 from floatplan.studies.study import Study as Study
 from floatplan.studies.study import study as study
+from floatplan.tracking.bench import Bench as Bench
+from floatplan.tracking.bench import bench as bench
 
 __version__: str

@@ -11,13 +11,11 @@ from typing import Literal, TypeAlias, get_args
 # constraints (``back_off`` of ``kernel/tolerances.py``); what it ends with is judged by these, as the certificate does.
 ORIENTATION = 1e-8  # [rad] at the end of the flight
 BOUNDARY = (1e-8, 1e-7, 1e-5)  # [rad, rad/s, rad/s^2] of (13)
-CLEARANCE = 1e-8  # [m] also where a foot or hand touches the ground: 0 there
+CLEARANCE = 1e-8  # [m] also of the frames and feet at takeoff and landing, where it is 0
 POINT_FEET = 4e-3  # [m] that feet may be in the ground where a jump stands on points: they rotate about their frames
 FRAME_SPEED = 1e-9  # [m/s] of a frame that leaves or meets the ground still
-ROUNDED_FRAME_SPEED = (
-    1e-4  # [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE
-)
-FRAME_POSITION = 1e-8  # [m] takeoff frame, landing frame
+# [m/s] of one whose rates a file gives in six digits: an upward 1 m/s^2 stops it within CLEARANCE.
+ROUNDED_FRAME_SPEED = 1e-4
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
 RANGE = 1e-12  # [rad] of joint ranges
 STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined

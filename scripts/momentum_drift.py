@@ -17,9 +17,10 @@ import mujoco
 import numpy as np
 
 from floatplan.jumps.reading import load_jump
-from floatplan.simulation import contact_model, jump_flight
+from floatplan.simulation import jump_flight
+from floatplan.simulation.contact.model import ContactRobot
+from floatplan.simulation.contact.tracked_motion import PERIOD
 from floatplan.simulation.gains import first_gains
-from floatplan.simulation.jump_flight import PERIOD
 from floatplan.simulation.mujoco_model import STEP
 from floatplan.simulation.perturbation import given_perturbation
 
@@ -31,7 +32,7 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
     """Time, s, angular momentum about the plane's normal, kg m^2/s, and whether anything touches, at each tick."""
     rows: list[tuple[float, float, bool]] = []
 
-    class Recorded(contact_model.ContactRobot):
+    class Recorded(ContactRobot):
         def __init__(self, *given: Any) -> None:
             super().__init__(*given)
             self.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
@@ -46,7 +47,7 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
 
     vars(jump_flight)["ContactRobot"] = Recorded
     control = jump_flight.JumpControl(jump, first_gains(jump), None)
-    control.fly(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
+    control.fly_jump(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
     return rows
 
 

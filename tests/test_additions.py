@@ -227,7 +227,7 @@ by_numpy = values_of(block, trajectory(ready.spec.flight, start.variables, nodes
 assert np.allclose(of_kernel, by_numpy, rtol=1e-10, atol=1e-10) and np.abs(of_kernel).max() > 0
 
 assert verdicts(plan, "obstacle") == {"obstacles[0] bend": "proved"}
-for shift in np.linspace(-0.5, 0.5, 11):
+for shift in np.linspace(-0.5, 0.5, 5):
     elsewhere = edits.moved(bend, 1j * shift)
     content = json.loads(Path("plan.json").read_text())
     content["problem"]["obstacles"][0] |= {name: list(getattr(elsewhere, name)) for name in elsewhere.places()}

@@ -95,7 +95,14 @@ def authority(plan):
     """Of few errors, here and wherever it is asked for while this one is at hand."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(authority_module, "LARGEST", 0.01)
+        patch.setattr(authority_module, "SHARES", (0.0,))
         yield fp.authority(plan)
+
+
+@pytest.fixture
+def seldom(monkeypatch):
+    """Closed loops at 100 Hz: what comes of them matters little here."""
+    monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 1e-2)
 
 
 def parts(problem):
@@ -255,10 +262,10 @@ def test_what_people_make(problem):
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
+@pytest.mark.usefixtures("seldom")
 def test_what_people_call(problem, plan, authority, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(webbrowser, "open", lambda _: True)
-    monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 1e-2)
     monkeypatch.setattr("floatplan.view.figures.animation.FILM", FilmFormat(rate=1.0))
     found = []
     for name, call in calls(problem, plan, authority, tmp_path).items():
@@ -336,6 +343,7 @@ def test_what_is_wrong_is_said_at_once(problem, call, message):
         call(problem)
 
 
+@pytest.mark.usefixtures("seldom")
 def test_a_path_stands_for_what_is_in_its_file(root, plan, authority, tmp_path):
     toml, file = root / "problems" / "handstand.toml", plan.save(tmp_path / "plan.json")
     for path in (toml, str(toml)):
@@ -345,7 +353,7 @@ def test_a_path_stands_for_what_is_in_its_file(root, plan, authority, tmp_path):
     assert fp.plan_many([toml, plan.problem]).ok.all()
     assert fp.replay(file).position_error.tolist() == fp.replay(plan).position_error.tolist()
     assert fp.Replanner(str(file)).plan.coefficients.tolist() == plan.coefficients.tolist()
-    assert fp.closed_loop(file, flights=1).flights == 1
+    assert fp.closed_loop(file, 50.0, flights=1, feedback=50.0).flights == 1
     assert fp.authority(file).momentum.shape == authority.momentum.shape
 
 
@@ -385,13 +393,14 @@ def test_degrees_given_as_radians_are_a_warning(problem):
     assert turns(fp.Posture(4.1 * math.pi, 0.1), two[1]) != []
 
 
+@pytest.mark.usefixtures("seldom")
 def test_representations_are_short_and_tell(problem, plan, authority):
     family = fp.Family(problem, {"flight.duration": np.linspace(1.3, 1.5, 1000)})
     plans = fp.plan_many(family)
     replanner = fp.Replanner(plan)
     first = plan.at(0.0)
     measured = (float(first.orientation), float(first.orientation_rate), first.positions, first.velocities)
-    flown = fp.closed_loop(plan, flights=2)
+    flown = fp.closed_loop(plan, 50.0, flights=2, feedback=50.0)
     for shown, told in (
         (plans, "status: 1000 optimal"),
         (family, "varied: flight.duration (1000,) from 1.3 to 1.5"),

@@ -4,6 +4,7 @@ import pkgutil
 import sys
 from dataclasses import fields
 
+import jumps
 import numpy as np
 import pytest
 from general_flight import GeneralDynamics
@@ -48,16 +49,29 @@ EXPECTED = {
     "launch": "yes that fails",
     "contact": "on feet alone",
     "contact-in-space": "attitude deg",
+    "guesses-in-space": "solved at nodes",
     "space": "drawn motions",
     "proofs": "chains of 12 joints",
     "clips": "false alarms: 0 in 9",
     "clip-repair": "true hops that come back as they are: 4 of 4",
     "clip-landings": "in 18 at least, repaired",
+    "clip-stances": "have both stances, found and checked",
     "guard": "most worse",
 }
 LONG = {
     *("clips", "speed", "free", "obstacle", "inflight", "startup", "studies", "jump", "hops", "launch"),
-    *("contact", "contact-in-space", "space", "proofs", "quality", "clip-repair", "clip-landings", "guard"),
+    *(
+        "contact",
+        "contact-in-space",
+        "guesses-in-space",
+        "space",
+        "proofs",
+        "quality",
+        "clip-repair",
+        "clip-landings",
+        "clip-stances",
+        "guard",
+    ),
 }
 
 
@@ -68,6 +82,9 @@ def test_section_runs(section, benchmark, capsys, monkeypatch):
     tiny = benchmark.Counts(**dict.fromkeys((field.name for field in fields(benchmark.Counts)), 1) | few)
     for name in ("Go2's backflip", "Go2's half twist"):  # planned for seconds
         monkeypatch.delitem(sys.modules["inflight_sections"].FLOWN, name)
+    monkeypatch.setattr(sys.modules["jump_sections"], "FEET", ("rolling",))
+    if section == "contact-in-space":
+        monkeypatch.setattr(fp, "jump", lambda _: jumps.roll())
     benchmark.SECTIONS[section](tiny)
     assert EXPECTED[section] in capsys.readouterr().out
 
@@ -90,7 +107,9 @@ def compiler(benchmark):
         skip_or_fail("gcc is not installed")
 
 
-@pytest.mark.parametrize("peer", ["peers_pinocchio.PinocchioSlsqp", "peers_compiled.CompiledSqp"])
+@pytest.mark.parametrize(
+    "peer", cases(["peers_pinocchio.PinocchioSlsqp", "peers_compiled.CompiledSqp"], {"peers_compiled.CompiledSqp"})
+)
 def test_a_peer_reaches_the_optimum(peer, planned, request):
     request.getfixturevalue("compiler" if "compiled" in peer else "benchmark")
     plan = planned("new_configuration")

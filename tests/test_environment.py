@@ -48,6 +48,7 @@ def made(checkout):
     return subprocess.run(command, cwd=checkout, env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_without_compiler_and_index_it_says_so_and_installs_nothing(checkout):
     done = made(checkout)
     assert done.returncode == 2

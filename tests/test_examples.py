@@ -38,7 +38,10 @@ PROMISED = {
     "bounds_by_hand": "middle -1.1778 kg m^2/s (10)",
     "the_method": "|b| = 25.0411",
 }
-LONG = {"fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"}
+LONG = {
+    *("fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"),
+    "sweep",
+}
 
 
 @pytest.fixture(scope="module")
@@ -103,7 +106,7 @@ def run(source, namespace):
     return printed.getvalue() + ("" if value is None else repr(value))
 
 
-@pytest.mark.parametrize(("name", "count"), [("first_flip", 3), ("handstand", 6)])
+@pytest.mark.parametrize(("name", "count"), [("first_flip", 3), pytest.param("handstand", 6, marks=pytest.mark.long)])
 def test_notebook_gives_the_outputs_that_it_shows(name, count, monkeypatch):
     monkeypatch.chdir(EXAMPLES)
     cells = json.loads((EXAMPLES / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]

@@ -82,6 +82,7 @@ def test_nor_does_a_search(here):
     run_there(here, PROGRAM, "plan", problem, "--starts", "4", "--no-figures")
 
 
+@pytest.mark.long
 def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path, study_file):
     """Each process reads a script anew, and this one would start further processes there."""
     script = tmp_path / "script.py"

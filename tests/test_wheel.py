@@ -24,7 +24,7 @@ def wheel(tmp_path_factory):
     shutil.copytree(ROOT / "floatplan", folder / "floatplan", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
     for name in SOURCES:
         shutil.copy(ROOT / name, folder / name)
-    for name in ("urdf", "problems", "tests", "scripts"):
+    for name in ("urdf", "problems", "motions", "tests", "scripts"):
         (folder / name).symlink_to(ROOT / name)
     command = [sys.executable, "-m", "hatchling", "build", "-t", "wheel"]
     subprocess.run(command, check=True, capture_output=True, cwd=folder)
@@ -40,7 +40,7 @@ def unpacked(wheel, tmp_path):
 
 def test_holds_robots_and_problems(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
-    for kind, ending in (("urdf", "urdf"), ("problems", "toml")):
+    for kind, ending in (("urdf", "urdf"), ("problems", "toml"), ("motions", "npz"), ("motions", "csv")):
         files = {path.name for path in (ROOT / kind).glob(f"*.{ending}")}
         assert files
         assert {f"floatplan/data/{kind}/{name}" for name in files} <= names

@@ -1,14 +1,18 @@
-"""The commands that take recorded motions: ``clip check`` judges their flights, ``clip repair`` makes them fly."""
+"""The commands that take recorded motions: ``clip check`` judges their flights, ``clip repair`` makes them fly.
+
+``bench`` has robots follow them, and jumps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn, cast
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, cast, get_args
 
 import typer
 
 import floatplan as fp
+from floatplan.arguments import one_of
 from floatplan.cli import ExitCode, common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
@@ -87,6 +91,9 @@ def clip_repair(
     degree: Annotated[
         int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
     ] = None,
+    stances: Annotated[
+        str, option("NAME", "'bent' to meet the flights, or 'planned', within friction, torques and rates: CasADi.")
+    ] = "bent",
     report: Annotated[bool, flag("Write runs/<name>_repaired/report.html too: it plays both side by side.")] = False,
     rate: Annotated[float | None, option("HZ", "Frames a second of the output; the clip's own if left out.")] = None,
     problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
@@ -106,6 +113,7 @@ def clip_repair(
     code 1 where a flight is not repairable, and the reason is printed.
     """
     from floatplan.clips.formats import LARGEST_CLIP
+    from floatplan.clips.repair import Stances
     from floatplan.clips.writing import write_clip
     from floatplan.files import read_regular, write_atomically
 
@@ -115,8 +123,13 @@ def clip_repair(
     )
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
+    way = cast("Stances", one_of(*get_args(Stances))(stances, "--stances"))
+    if way == "planned":
+        common.needs_casadi("--stances")
     with progress("repairing", quiet):
-        repaired, repair = fp.repair_clip(clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate)
+        repaired, repair = fp.repair_clip(
+            clip, _choice(choice), flights=_numbers(flights), degree=degree, rate=rate, stances=way
+        )
     target = output or file.with_name(f"{file.stem}_repaired{file.suffix}")
     shown = _page([target]) if report else None
     if repaired is not clip:
@@ -135,6 +148,59 @@ def clip_repair(
         repair.ok,
         summary_shown=not quiet and not json_output,
     )
+
+
+def bench(
+    files: Annotated[list[Path], typer.Argument(metavar="JUMP.json|CLIP..", help="Jumps, and recorded motions.")],
+    model: Annotated[str | None, option("FILE", "URDF or MJCF of the robot that the recorded motions are of.")] = None,
+    flights: Annotated[int | None, option("N", "Of each motion; 50 if left out.", "--flights", "--runs", min=1)] = None,
+    perturb: Annotated[
+        str | None,
+        option(
+            "mass=5%,..",
+            "What differs between the robots and the model, and what they measure; "
+            "mass=5%,friction=20%,armature=0.005,noise=0.1deg,delay=4ms if left out.",
+        ),
+    ] = None,
+    friction: Annotated[float | None, option("MU", "Of the ground; 0.8 if left out.")] = None,
+    kp: Annotated[str | None, option("K|J=K,..", "Stiffness, N m/rad, of all joints or by name.")] = None,
+    kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Of the robots and their noise.")] = 0,
+    form: Format = None,
+    quaternion: Quaternion = None,
+    fps: Fps = None,
+    feet: Feet = None,
+    ground: Ground = None,
+    json_output: common.Json = False,
+    quiet: common.Quiet = False,
+) -> None:
+    """Let disturbed robots follow motions in MuJoCo with contact, by one fixed controller, and count who lands.
+
+    Each motor gets the motion's torque, of recorded motions by inverse dynamics, and feedback of its joint. Of several
+    files one table, the worst first. Exit code 1 where fewer than nine of ten flights of a motion land.
+    """
+    from floatplan.arguments import without_none
+    from floatplan.cli.option_values import gain
+
+    gains = gain("--kp", kp), gain("--kd", kd)
+    recorded = [path for path in files if path.suffix.lower() != ".json"]
+    if model is not None and not recorded:
+        raise InputError("is for recorded motions: a jump has its own", element="--model", advice="leave it out")
+    robot = None if model is None else fp.Robot.from_file(model, base="free-flyer")
+    of_clips: dict[str, Any] = {"model": robot, "format": form, "fps": fps, "quaternion": quaternion}
+    of_clips |= {"feet": _names(feet), "ground": ground}
+    of_all: dict[str, Any] = without_none({"flights": flights, "seed": seed, "perturb": perturb, "friction": friction})
+    results: list[fp.Bench] = []
+    with progress("following", quiet) as bar:
+        for path in files:
+            bar.say(path.name)
+            only_clips = of_clips if path in recorded else {}
+            results.append(fp.bench(path, **of_all, gains=gains, **only_clips))
+    results.sort(key=lambda result: (result.landed, result.clean))
+    facts = {"motions": [result.to_dict() for result in results]}
+    shown = not quiet and not json_output
+    ok = all(result.ok for result in results)
+    common.finish(facts, json_output, lambda summary: summary.bench_summary(results), ok, summary_shown=shown)
 
 
 def _write_problem(clip: fp.Clip, number: int, choice: str, degree: int | None, output: Path | None) -> NoReturn:

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import typer
 
 import floatplan as fp
-from floatplan.cli import ExitCode, clips, common, motions, robots
+from floatplan.cli import ExitCode, clips, common, motions, pack, robots
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import merge, studio, study
@@ -109,7 +109,7 @@ def plan(
     if launch:
         from floatplan.jumps.launch import launches
 
-        needs_casadi("--launch")
+        common.needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:
         if method == "reference":
             result = _by_reference(problem, seed, certify, source)
@@ -181,15 +181,14 @@ def jump(
     start_time = time.perf_counter()
     with progress("jump", quiet, tell=True) as bar, naming(problem_file):
         planned = fp.jump(problem, seed=seed, starts=starts, progress=bar.say)
-        if planned.flight is not None and planned.flight.ok:
+        if planned.flights:
             bar.say("proving the flight")
-            planned = planned.with_certificate(fp.certify(planned.flight))
+            planned = planned.with_certificate(*map(fp.certify, planned.flights))
     files = write_jump(planned, directory, common.tell(quiet))
     if (report or (report is None and not json_output)) and planned.flight is not None:
         files.append(planned.show(directory / ResultFile.REPORT, browse=False))
     words = (planned, files, time.perf_counter() - start_time, common.program())
-    proved = planned.flight is not None and planned.flight.certificate is not None and planned.flight.certificate.proved
-    ok = planned.ok and proved
+    ok = planned.ok and planned.proved
     common.finish(
         planned.to_dict(), json_output, lambda summary: summary.jump_summary(*words), ok, summary_shown=not quiet
     )
@@ -236,25 +235,16 @@ def launch(
     common.finish(facts, json_output, lambda summary: summary.launch_summary(result), result.ok)
 
 
-def needs_casadi(option: str) -> None:
-    """Refuse an option where CasADi is not installed."""
-    from floatplan.jumps.model import casadi
-
-    try:
-        casadi()
-    except InputError as error:
-        raise InputError(error.reason, element=option, advice=error.advice) from None
-
-
 COMMANDS = (  # in the order in which --help lists them
     *(plan, robots.bounds, robots.info, motions.certify, motions.replay, robots.robots, robots.schema, motions.show),
     *(motions.export, study, merge, studio, jump, launch, takeoff, robots.init),
-    *(clips.clip_check, clips.clip_repair),
+    *(clips.clip_check, clips.clip_repair, clips.bench, pack.motions, pack.motions_get),
 )
 TWO_WORDS: Mapping[object, str] = {
     merge: "study merge",
     clips.clip_check: "clip check",
     clips.clip_repair: "clip repair",
+    pack.motions_get: "motions get",
 }
 OF_THEIR_OWN = {robots.info: robots.InfoCommand, motions.export: motions.ExportCommand}
 for command in COMMANDS:

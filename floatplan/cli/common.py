@@ -358,3 +358,13 @@ def finish(
     if json_output:
         print_json(facts)
     raise typer.Exit(ExitCode.DONE if ok else ExitCode.FAILED)
+
+
+def needs_casadi(option: str) -> None:
+    """Refuse an option where CasADi is not installed."""
+    from floatplan.jumps.model import casadi
+
+    try:
+        casadi()
+    except InputError as error:
+        raise InputError(error.reason, element=option, advice=error.advice) from None

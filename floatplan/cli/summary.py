@@ -357,7 +357,11 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
         )
         if not repaired.repairable:
             reasons.append(Text(f"{when}: not repairable: {repaired.reason}", "red"))
-        elif flight_repair.stance is not None and flight_repair.stance.vertical_least < 0:
+        reasons += [
+            Text(f"{when}, {stance.sentence}", COLOURS["good" if stance.planned else "open"])
+            for stance in flight_repair.stances
+        ]
+        if repaired.repairable and flight_repair.is_adhesive and not flight_repair.stances:
             reasons.append(
                 Text(
                     f"{when}: a stance beside it would have to pull at the ground: stances are bent, not planned",
@@ -386,6 +390,36 @@ def clips_summary(checks: Sequence[fp.ClipCheck], page: Path | None = None) -> R
         most = f"{max(turns):.2f}" if turns else ""
         rows.append((name, str(len(check.flights)), str(check.physical), str(unphysical), worst, most))
     return Group(_table(titles, rows, whole=True), *([] if page is None else [Text(escaped(str(page)))]))
+
+
+def bench_summary(results: Sequence[fp.Bench]) -> RenderableType:
+    """Return a table of motions that robots tracked, in their order, and of what differed."""
+    titles = ("motion", "robot", "landed", "on feet only", "attitude, deg rms", "over torque limits", "torques")
+    rows: list[tuple[str | Text, ...]] = []
+    for result in results:
+        facts = result.to_dict()
+        name = Text(escaped(result.source), COLOURS["good" if result.ok else "bad"])
+        of_flights = f" of {result.flights}"
+        counts = [f"{count}{of_flights}" for count in (result.landed, result.clean)]
+        pitch = result.landings.pitch_rms
+        degrees = f"{math.degrees(pitch):.1f}" if math.isfinite(pitch) else ""
+        over = f"{facts['torque_over_limits']}{of_flights}"
+        rows.append((name, escaped(result.robot), *counts, degrees, over, result.torques))
+    world = f"friction {results[0].friction:g}, {', '.join(results[0].perturbation.in_words())}"
+    return Group(_table(titles, rows, whole=True), Text(f"MuJoCo with contact, {world}", "dim"))
+
+
+def pack_summary(rows: Sequence[Mapping[str, str]]) -> RenderableType:
+    """Return a table of the motions that come with floatplan."""
+    titles = ("motion", "flight, s", "height, m", "torque", "rate", "landed", "on feet only")
+    keys = ("name", "flight_s", "height_m", "torque_share", "rate_share")
+    lines: list[tuple[str, ...]] = []
+    for row in rows:
+        landed = [f"{row[key]} of {row['flights']}" if row[key] else "" for key in ("landed", "on_feet_alone")]
+        lines.append((*(row[key] for key in keys), *landed))
+    robots = {row["robot"] for row in rows}
+    words = f"{len(rows)} motions of {len(robots)} robots; floatplan motions get NAME writes one, for mjlab or with -f"
+    return Group(_table(titles, lines, whole=True), Text(words, "dim"))
 
 
 def launch_summary(launch: fp.Launch) -> RenderableType:

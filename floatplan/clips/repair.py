@@ -3,27 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
-from floatplan.arguments import FINITE, many, optional, whole
+from floatplan.arguments import FINITE, many, one_of, optional, whole
 from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import ClipFlight
 from floatplan.clips.formats import check_rate
+from floatplan.clips.judge import FlightJudgement
+from floatplan.clips.planned.stances import ClipStance, StancePlanner
 from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
 from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
 from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
+from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.exact import NoExactStanceError
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
 from floatplan.tables import GRAVITY, Range
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
+Stances: TypeAlias = Literal["bent", "planned"]
 FORCE_STEP = 0.01  # [s] between the instants at which they are
 
 
@@ -38,6 +43,7 @@ class FlightRepair:
     seam_base, seam_turn, seam_foot : m, rad, m
         Largest jump of base and attitude at its ends, and by how much feet before and after are off the clip's.
     stance : StanceFigures, optional
+    stances : of takeoff and landing, where they were to be planned; one between two flights is of both
     """
 
     flight: ClipFlight
@@ -46,6 +52,13 @@ class FlightRepair:
     seam_turn: float = 0.0
     seam_foot: float = 0.0
     stance: StanceFigures | None = None
+    stances: tuple[ClipStance, ...] = ()
+
+    @property
+    def is_adhesive(self) -> bool:
+        """Whether the ground would have to be adhesive in a stance that is bent."""
+        planned = bool(self.stances) and all(stance.planned for stance in self.stances)
+        return not planned and self.stance is not None and self.stance.vertical_least < 0
 
     def to_dict(self) -> dict[str, Any]:
         """As the command line's ``--json`` has it."""
@@ -74,6 +87,7 @@ class FlightRepair:
             },
             "repairable": repaired.repairable,
             "reason": repaired.reason or None,
+            **({"stances": [stance.to_dict() for stance in self.stances]} if self.stances else {}),
         }
 
 
@@ -123,6 +137,7 @@ def repair_clip(
     degree: int | None = None,
     rate: float | None = None,
     gravity: float = GRAVITY,
+    stances: Stances = "bent",
 ) -> tuple[Clip, ClipRepair]:
     """Make the flights of a clip fly.
 
@@ -142,6 +157,9 @@ def repair_clip(
     rate : Hz, optional
         Frames a second of the repaired clip; the clip's own where left out.
     gravity : m/s^2
+    stances : "bent", so that they meet the flights; or "planned": within friction, torques and rates of the robot, near
+        to the clip, and checked 2000 times a second. That needs CasADi, and some seconds for each. Flights begin and
+        end with still feet then. Where there is none it is bent, and :class:`FlightRepair` says why.
 
     Returns
     -------
@@ -152,7 +170,8 @@ def repair_clip(
     Raises
     ------
     InputError
-        A choice, a rate or a number of a flight is none; or as of :func:`floatplan.check_clip`.
+        A choice, a rate or a number of a flight is none; CasADi is not installed, for stances that are planned; or as
+        of :func:`floatplan.check_clip`.
     """
     CHOICE(choice, "choice")
     optional(many(whole(Range(0, 10**6, "")), "numbers of flights"))(flights, "flights")
@@ -162,15 +181,51 @@ def repair_clip(
         check_rate(rate, "rate")
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
-    repaired = {number: repair_flight(clip, before.flights[number], choice, degree, gravity) for number in chosen}
+    planner = None
+    if one_of(*get_args(Stances))(stances, "stances") == "planned":
+        casadi()
+        planner = StancePlanner(clip, gravity, tuple(chosen))
+    repaired = {}
+    for number in chosen:
+        repaired[number] = _repaired_flight(clip, before.flights[number], number, (choice, degree, gravity), planner)
     good = {number: flight for number, flight in repaired.items() if flight.repairable}
     plans = {number: flight.plan for number, flight in good.items() if flight.plan is not None}
     left = {number: FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights)}
     if not plans and rate in (None, clip.fps):
         return clip, ClipRepair(before, tuple(left.values()))
-    motion = RepairedMotion(clip, plans)
-    repairs = {number: _flight_repair(motion, clip, number, flight, gravity) for number, flight in good.items()}
+    replaced = [good[number].flight if number in good else flight for number, flight in enumerate(clip.flights)]
+    planned_stances = [] if planner is None else planner.planned(plans)
+    motion = RepairedMotion(clip, plans, replaced, planned_stances)
+    repairs = {}
+    for number, flight in good.items():
+        own = [] if planner is None else planner.of_flight(number, planned_stances)
+        repairs[number] = replace(_flight_repair(motion, clip, number, flight, gravity), stances=tuple(own))
     return motion.clip(rate or clip.fps), ClipRepair(before, tuple((left | repairs).values()))
+
+
+def _repaired_flight(
+    clip: Clip,
+    judged: FlightJudgement,
+    number: int,
+    how: tuple[Choice, int | None, float],
+    planner: StancePlanner | None,
+) -> RepairedFlight:
+    """The repair of a flight: between still feet where stances are planned, and there is such a flight."""
+    if planner is not None and number in planner.flights:
+        reason = ""
+        # [m] by which the base is lowered where feet are still: of nearly straight legs rates exceed their limits
+        for lowered in (0.0, 0.01, 0.02, 0.03):
+            still = replace(judged, flight=planner.flights[number])
+            try:
+                repaired = repair_flight(clip, still, *how, planner.ends(number, lowered))
+            except NoExactStanceError as error:
+                reason = reason or str(error)
+                break
+            if repaired.repairable:
+                return repaired
+            reason = reason or repaired.reason
+        planner.give_up(number, f"no flight with still feet at its ends: {reason}")
+    return repair_flight(clip, judged, *how)
 
 
 def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
@@ -189,7 +244,7 @@ def _flight_repair(
     """The report on a repaired flight: its seams, and the forces of the stances before and after."""
     plan = repaired.plan
     assert plan is not None, "the flight is repaired"
-    flight = clip.flights[number]
+    flight = repaired.flight
     begin = motion.begins[number]
     ends = np.array([flight.begin, flight.end])
     q = motion.ends[number]

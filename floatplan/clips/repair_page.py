@@ -21,10 +21,9 @@ from floatplan.files import json_value, write_atomically
 from floatplan.motion.spatial.kinematics import centre_of_mass
 from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
-from floatplan.view.report.data import robot_in_space, rounded
+from floatplan.view.report.data import moving_robot
 from floatplan.view.report.report import page
 from floatplan.view.solids import rendered_solids
-from floatplan.view.style import PALETTE
 
 STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
@@ -110,11 +109,12 @@ def _sentences(repair: ClipRepair) -> list[str]:
         if repaired is not None and not repaired.repairable:
             flight = flight_repair.flight
             sentences.append(f"{flight.begin:.2f} to {flight.end:.2f} s is not repairable: {repaired.reason}.")
-    stances = [flight.stance for flight in repair.flights if flight.stance is not None]
-    sticking = sum(stance.vertical_least < 0 for stance in stances)
-    if sticking:
+        sentences += [f"{flight_repair.flight.begin:.2f} s, {stance.sentence}." for stance in flight_repair.stances]
+    stances = [flight for flight in repair.flights if flight.stance is not None]
+    adhesive = sum(flight.is_adhesive for flight in stances)
+    if adhesive:
         sentences.append(
-            f"Stances are bent, not planned: next to {sticking} of {len(stances)} repaired flights the ground would "
+            f"Stances are bent, not planned: next to {adhesive} of {len(stances)} repaired flights the ground would "
             "have to be adhesive."
         )
     return sentences
@@ -144,22 +144,15 @@ def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:
     placed = np.concatenate([poses.points(solid.body, solid.points) for solid in rendered_solids(robot)], axis=1)
     low = placed.min(axis=(0, 1))
     high = placed.max(axis=(0, 1))
-    return {
-        "duration": end - begin,
-        "columns": {name: rounded(values) for name, values in columns.items()},
-        "robot": robot_in_space(robot),
-        "frames": [],
-        "trail": PALETTE.trails[0],
-        "obstacles": [],
-        "ground": [],
-        "floor": [rounded(line) for line in floor_lines(low, high, float(clip.ground.at(times[:1])[0]))],
-        "ghosts": [],
-        "goal": {
-            "base": rounded([*poses.places[-1, 1], *quaternions[-1]]),
-            "positions": rounded(positions[-1]),
-            "com": rounded(com[-1]),
+    return moving_robot(
+        robot,
+        columns,
+        duration=end - begin,
+        ball=((low + high) / 2, float(np.linalg.norm(high - low)) / 2),
+        floor=floor_lines(low, high, float(clip.ground.at(times[:1])[0])),
+        goal={
+            "base": [*poses.places[-1, 1], *quaternions[-1]],
+            "positions": positions[-1],
+            "com": com[-1],
         },
-        "ball": {"centre": rounded((low + high) / 2), "radius": float(np.linalg.norm(high - low)) / 2},
-        "vector": None,
-        "scale": "",
-    }
+    )

@@ -20,6 +20,7 @@ from floatplan.clips.clip import Clip
 from floatplan.clips.fall import fit_longer_fall
 from floatplan.clips.flights import LEAST_DURATION, SAMPLING, ClipFlight
 from floatplan.clips.judge import FlightJudgement, com_of_frames, largest_share
+from floatplan.clips.planned.ends import StillEnds
 from floatplan.clips.timing import fall_duration
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
@@ -86,7 +87,12 @@ class RepairedFlight:
 
 
 def repair_flight(
-    clip: Clip, judged: FlightJudgement, choice: Choice = "auto", degree: int | None = None, gravity: float = GRAVITY
+    clip: Clip,
+    judged: FlightJudgement,
+    choice: Choice = "auto",
+    degree: int | None = None,
+    gravity: float = GRAVITY,
+    ends: StillEnds | None = None,
 ) -> RepairedFlight:
     """Plan a flight of a clip anew.
 
@@ -98,11 +104,12 @@ def repair_flight(
         the nearer one
     degree : of the polynomials (12); by the flight's duration where left out
     gravity : m/s^2
+    ends : with which still feet leave and arrive, optional
     """
     shares: tuple[str | float, ...] = tuple(SHARES) if choice == "auto" else (choice,)
     tried: list[RepairedFlight] = []
     for share in shares:
-        repaired = _planned(clip, judged, share, degree, gravity)
+        repaired = _planned(clip, judged, share, degree, gravity, ends)
         if repaired.repairable:
             return repaired
         tried.append(repaired)
@@ -115,7 +122,12 @@ def _largest_share(used: RepairedFlight | FlightJudgement) -> float:
 
 
 def _planned(
-    clip: Clip, judged: FlightJudgement, choice: str | float, degree: int | None, gravity: float
+    clip: Clip,
+    judged: FlightJudgement,
+    choice: str | float,
+    degree: int | None,
+    gravity: float,
+    ends: StillEnds | None,
 ) -> RepairedFlight:
     """Plan with one choice: within the limits where the nearest motion exceeds them, or is expected to.
 
@@ -129,6 +141,8 @@ def _planned(
     def plan_within(near: Plan | None = None) -> Plan:
         margin = 0.985  # [-] of the limits, which hold at nodes and are judged between them
         problem = flight_problem(clip, flight, duration, degree, gravity, share_of_limits=margin)
+        if ends is not None:
+            return ends.plan(problem)
         return planned(problem, SearchOptions(), near=near).plan
 
     expects_more = _is_limited(_expected_share(judged, duration))
@@ -136,7 +150,8 @@ def _planned(
         within = plan_within()
         if within.ok:
             return _judged(clip, flight, choice, within)
-    plan = plan_flight(flight_problem(clip, flight, duration, degree, gravity))
+    problem = flight_problem(clip, flight, duration, degree, gravity)
+    plan = plan_flight(problem) if ends is None else ends.plan(problem)
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     nearest = _judged(clip, flight, choice, plan)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, BoolArray, read_only
 from floatplan.clips.clip import Clip
+from floatplan.clips.flights import ClipFlight
 from floatplan.clips.formats import continuous_signs
+from floatplan.clips.planned.stances import ClipStance
 from floatplan.clips.stances import Seam, stance_configurations, velocity_difference
 from floatplan.clips.timing import RAMP, Clock
-from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.plans.plan import Plan
 
 STEP = 1e-4  # [s] of differences, by which velocities in stances are computed
@@ -36,6 +38,8 @@ class RepairedMotion:
     ----------
     clip : Clip
     plans : by the number of the flight
+    flights : of the clip, instead of which they are; its own if left out
+    stances : that are planned, optional
 
     Attributes
     ----------
@@ -43,14 +47,23 @@ class RepairedMotion:
     ends : (2, 7 + J), configurations of each plan at takeoff and landing
     """
 
-    def __init__(self, clip: Clip, plans: Mapping[int, Plan]) -> None:
+    def __init__(
+        self,
+        clip: Clip,
+        plans: Mapping[int, Plan],
+        flights: Sequence[ClipFlight] | None = None,
+        stances: Sequence[ClipStance] = (),
+    ) -> None:
         self._clip = clip
         self._plans = plans
-        flights = clip.flights
+        self._flights = clip.flights if flights is None else flights
+        flights = self._flights
         factors = [1.0] * len(flights)
         for number, plan in plans.items():
             factors[number] = plan.duration / flights[number].duration
-        self.clock = Clock.of(clip.duration, flights, factors)
+        self._stances = [stance for stance in stances if stance.planned]
+        planned_ends = {end for stance in self._stances for end in stance.flight_ends}
+        self.clock = Clock.of(clip.duration, flights, factors, planned_ends)
         begins = self.clock.to_new(np.array([flight.begin for flight in flights]))
         self.begins = {number: float(begins[number]) for number in plans}
         self.ends: dict[int, Array] = {}
@@ -58,12 +71,15 @@ class RepairedMotion:
         for number, plan in plans.items():
             configurations, velocities = plan_motion(plan, np.array([0.0, plan.duration]))
             self.ends[number] = configurations
-            self._seams += self._seams_of(number, factors[number], configurations, velocities)
+            seams = self._seams_of(number, factors[number], configurations, velocities)
+            self._seams += [seam for end, seam in enumerate(seams) if (number, end) not in planned_ends]
+        for stance in self._stances:
+            self._seams += self._seams_beyond(stance)
 
     def _seams_of(self, number: int, pace: float, configurations: Array, velocities: Array) -> list[Seam]:
         """Where the stances before and after a flight meet the ends (2, 7 + J), (2, 6 + J) of its plan."""
         clip = self._clip
-        flights = clip.flights
+        flights = self._flights
         flight = flights[number]
         before = flights[number - 1].end if number else 0.0
         after = flights[number + 1].begin if number + 1 < len(flights) else clip.duration
@@ -84,6 +100,57 @@ class RepairedMotion:
             seams.append(seam)
         return seams
 
+    def _seams_beyond(self, stance: ClipStance) -> Iterator[Seam]:
+        """Where the clip meets a planned stance away from the flight."""
+        clip = self._clip
+        window = stance.window
+        assert window is not None, "it is planned"
+        ends = {end for number, end in stance.flight_ends}
+        before = 0.0
+        after = clip.duration
+        for flight in self._flights:
+            if flight.end <= window.begin:
+                before = flight.end
+            elif flight.begin >= window.end:
+                after = min(after, flight.begin)
+        free = {1: window.begin - before, 0: after - window.end}
+        for end in {0, 1} - ends:  # a stance that no flight ends with 1 follows, and one without 0 is before
+            instant = np.array([window.end if end == 0 else window.begin])
+            new = self.clock.to_new(instant)
+            own = self._stance_motion(stance, new)
+            of_clip = clip.curve.velocities(instant)
+            attitude = of_quaternions(own[0][:, 3:7])[0]
+            turned = logarithm((attitude @ clip.curve.attitudes(instant)[0].T)[None])[0]
+            offset = np.concatenate(
+                (
+                    own[0][0, :3] - clip.curve.base_positions(instant)[0],
+                    turned,
+                    own[0][0, 7:] - clip.curve.positions(instant)[0],
+                )
+            )
+            yield Seam(
+                instant=float(new[0]),
+                sign=1.0 if end == 0 else -1.0,
+                span=min(RAMP, 0.5 * free[end]),
+                clearances=clip.scene.foot_clearances(instant)[0],
+                change=velocity_difference(own[1][0], tuple(order[0] for order in of_clip), 1.0, attitude),
+                offset=offset,
+            )
+
+    def _stance_motion(self, stance: ClipStance, times: Array) -> tuple[Array, Array]:
+        """Configurations (K, 7 + J) and velocities (K, 6 + J) of a planned stance at times (K,) in it, s."""
+        assert stance.window is not None, "it is planned"
+        return stance.motion(times - float(self.clock.to_new(np.array([stance.window.begin]))[0]))
+
+    def _in_stances(self, times: Array) -> Iterator[tuple[ClipStance, BoolArray]]:
+        """Planned stances, and which of times (K,) are within each."""
+        for stance in self._stances:
+            assert stance.window is not None, "it is planned"
+            begin, end = self.clock.to_new(np.array([stance.window.begin, stance.window.end]))
+            inside = (times >= begin) & (times <= end)
+            if inside.any():
+                yield stance, inside
+
     def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
         """Plans, which of times (K,) are within each, and these in the plan's own time, s."""
         for number, plan in self._plans.items():
@@ -99,6 +166,9 @@ class RepairedMotion:
         for plan, inside, local in self._in_flight(times):
             configurations[inside], _ = plan_motion(plan, local)
             stands &= ~inside
+        for stance, inside in self._in_stances(times):
+            configurations[inside], _ = self._stance_motion(stance, times[inside])
+            stands &= ~inside
         at = times[stands]
         configurations[stands] = stance_configurations(self._clip, self.clock.to_clip(at), at, self._seams)
         return configurations
@@ -113,6 +183,9 @@ class RepairedMotion:
         stands = np.ones(len(times), np.bool_)
         for plan, inside, local in self._in_flight(times):
             configurations[inside], velocities[inside] = plan_motion(plan, local)
+            stands &= ~inside
+        for stance, inside in self._in_stances(times):
+            configurations[inside], velocities[inside] = self._stance_motion(stance, times[inside])
             stands &= ~inside
         at = times[stands]
         early = np.clip(at - STEP, 0.0, self.clock.duration)
@@ -134,7 +207,9 @@ class RepairedMotion:
         contacts = None
         if clip.contacts is not None:
             frame = np.rint(self.clock.to_clip(times) * clip.fps).astype(np.int64)
-            contacts = clip.contacts[np.minimum(frame, clip.frames - 1)]
+            contacts = clip.contacts[np.minimum(frame, clip.frames - 1)].copy()
+            for stance, inside in self._in_stances(times):
+                stance.write_contacts(clip, self.clock.to_clip(times[inside]), contacts, np.flatnonzero(inside))
         return replace(
             clip,
             fps=rate,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, BoolArray
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import BASE_BODY
 from floatplan.motion.spatial.kinematics import Limb, body_poses, in_body, on_body
@@ -37,6 +37,7 @@ class Seam:
     span : s
     clearances : (F,) m, of the clip's feet there
     change : (6 + J,) of the base in the world, m/s and rad/s, and of the joints: the flight's less the clip's
+    offset : (6 + J,) by how much positions differ, m and rad: of a planned stance, whose feet are at places of its own
     """
 
     instant: float
@@ -44,13 +45,26 @@ class Seam:
     span: float
     clearances: Array
     change: Array
+    offset: Array | None = None
 
     def moved(self, times: Array) -> Array:
-        """By how much (K, 6 + J) base and joints are moved at times (K,), s: ``u (1 - u/span)^3`` times the change."""
+        """By how much (K, 6 + J) base and joints are moved at times (K,), s: ``u (1 - u/span)^3`` times the change.
+
+        An offset vanishes by the smoothstep of the fifth order.
+        """
         passed = self.sign * (times - self.instant)
         inside = (passed > 0) & (passed < self.span)
         shape = np.where(inside, passed * (1.0 - passed / max(self.span, 1e-9)) ** 3, 0.0)
-        return self.sign * shape[:, None] * self.change
+        moved = self.sign * shape[:, None] * self.change
+        if self.offset is not None:
+            left = np.where(inside, 1.0 - passed / max(self.span, 1e-9), 0.0)
+            moved = moved + (left**3 * (10.0 - 15.0 * left + 6.0 * left**2))[:, None] * self.offset
+        return moved
+
+    def frees_feet(self, times: Array) -> BoolArray:
+        """Whether feet are not where the clip has them at times (K,), s: they are on the way to other places."""
+        passed = self.sign * (times - self.instant)
+        return np.asarray((passed > 0) & (passed < self.span) & (self.offset is not None))
 
     def loose(self, times: Array) -> Array:
         """Heights (K, F), m, from which on feet are free at times (K,), s; at the flight all are: no speed jumps."""
@@ -79,7 +93,10 @@ def stance_configurations(clip: Clip, clip_times: Array, times: Array, seams: Se
     loose = np.full((len(times), len(clip.scene.foot_bodies)), LOOSE)
     for seam in seams:
         loose = np.minimum(loose, seam.loose(times))
-    is_moved = np.flatnonzero(np.abs(moved).max(axis=1) > 0)
+    is_bent = np.abs(moved).max(axis=1) > 0
+    for seam in seams:
+        is_bent &= ~seam.frees_feet(times)
+    is_moved = np.flatnonzero(is_bent)
     if len(is_moved):
         configurations[is_moved] = _with_feet_fixed(
             clip, configurations[is_moved], clip_times[is_moved], loose[is_moved]

@@ -7,7 +7,7 @@ it the clock goes from one pace to the other over a ramp, so that no speed jumps
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -46,17 +46,30 @@ class Clock:
     pace: Array
 
     @classmethod
-    def of(cls, duration: float, flights: Sequence[ClipFlight], factors: Sequence[float]) -> Clock:
-        """Return the clock of a clip of so many seconds whose flights take ``factors`` times as long."""
-        times = np.linspace(0.0, duration, max(math.ceil(duration / GRID), 2) + 1)
+    def of(
+        cls,
+        duration: float,
+        flights: Sequence[ClipFlight],
+        factors: Sequence[float],
+        steps: Collection[tuple[int, int]] = (),
+    ) -> Clock:
+        """Return the clock of a clip of so many seconds whose flights take ``factors`` times as long.
+
+        ``steps`` are ends of flights, each as number and 0 or 1, at which the pace changes at once: there a
+        stance keeps its own time.
+        """
+        times = _grid(duration, [(flights[number].begin, flights[number].end)[end] for number, end in steps])
+        middles = 0.5 * (times[1:] + times[:-1])
         pace = np.ones(len(times))
+        pace_between = np.ones(len(middles))
         for number, (flight, factor) in enumerate(zip(flights, factors, strict=True)):
             before = flights[number - 1].end if number else 0.0
             after = flights[number + 1].begin if number + 1 < len(flights) else duration
-            lead = min(RAMP, 0.5 * (flight.begin - before))
-            follow = min(RAMP, 0.5 * (after - flight.end))
+            lead = 0.0 if (number, 0) in steps else min(RAMP, 0.5 * (flight.begin - before))
+            follow = 0.0 if (number, 1) in steps else min(RAMP, 0.5 * (after - flight.end))
             pace += (factor - 1.0) * _window(times, flight, lead, follow)
-        passed = np.concatenate(([0.0], np.cumsum(0.5 * (pace[1:] + pace[:-1]) * np.diff(times))))
+            pace_between += (factor - 1.0) * _window(middles, flight, lead, follow)
+        passed = np.concatenate(([0.0], np.cumsum(pace_between * np.diff(times))))
         return cls(clip_times=times, new_times=passed, pace=pace)
 
     @cached_property
@@ -85,10 +98,19 @@ class Clock:
         return np.interp(clip_times, self.clip_times, self.pace)
 
 
+def _grid(duration: float, steps: Sequence[float]) -> Array:
+    """Times from 0 to a duration, GRID apart, with those at which the pace steps among them."""
+    times = np.linspace(0.0, duration, max(math.ceil(duration / GRID), 2) + 1)
+    for step in steps:
+        times[np.abs(times - step).argmin()] = step
+    return times
+
+
 def _window(times: Array, flight: ClipFlight, lead: float, follow: float) -> Array:
     """1 in a flight, 0 before the ramp to it and after the ramp from it."""
-    rising = (times - (flight.begin - lead)) / max(lead, GRID)
-    falling = ((flight.end + follow) - times) / max(follow, GRID)
+    least = 1e-9  # [s] of a ramp that is a step
+    rising = (times - (flight.begin - lead)) / max(lead, least)
+    falling = ((flight.end + follow) - times) / max(follow, least)
     return _smoothstep(rising) * _smoothstep(falling)
 
 

@@ -16,7 +16,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import MotionSample, Trajectory, phase_of, sampled
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, given_gains, joint_inertia
+from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, joint_inertia, requested_gains
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +153,6 @@ def exported(
     posture = np.zeros(motion.problem.robot.model.nv)
     posture[BASE:] = result.at(np.zeros(1)).positions[0]
     inertia = joint_inertia(result.robot.model, posture)
-    stiffness = given_gains(result.joints, kp, "kp", BANDWIDTH**2 * inertia)
-    damping = given_gains(result.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
+    stiffness = requested_gains(result.joints, kp, "kp", BANDWIDTH**2 * inertia)
+    damping = requested_gains(result.joints, kd, "kd", 2.0 * np.sqrt(stiffness * inertia))
     return replace(result, gains=read_only([stiffness, damping]))

@@ -20,8 +20,6 @@ class PlausibilitySettings:
 
     Attributes
     ----------
-    gate : standard deviations of an orientation from the expected one
-    noise : standard deviation of angles that is not yet an outlier's, rad
     orientation : largest difference at which a robot that was hit can be believed again, rad
     mistake : difference of a joint from its reference, beyond which another order or unit is suspected, rad
     unexplained : share of the joints' differences that remains at most, where that is it
@@ -33,8 +31,6 @@ class PlausibilitySettings:
     longest_gap : between measurements of a chain, s
     """
 
-    gate: float = 5.0
-    noise: float = math.radians(1.0)
     orientation: float = 2.0
     mistake: float = 0.1
     unexplained: float = 0.4
@@ -88,8 +84,6 @@ def read(
     if (com_position is None) != (com_velocity is None):
         return None
     numbers = [time, *rates]
-    if isinstance(attitude, float):
-        numbers.append(attitude)
     for array in (positions, velocities, com_position, com_velocity):
         if array is not None:
             numbers += array.tolist()
@@ -100,30 +94,30 @@ def read(
 
 @dataclass(eq=False)  # not frozen, for its speed: there is one per update
 class Expected:
-    """Joints (n,) and base where a measurement is made, if they were on their reference; rad, rad/s.
+    """Joints and base where a measurement is made, if they were on their reference, and how far it is from there.
 
-    ``orientation`` and ``rate`` (e,) are the base's; with the joints as they are measured it would differ by the
-    rotation ``offset`` (e,). ``variance`` (e,), rad^2, is the filter's of that orientation; ``noise`` (e,) is the
-    variance of a measured one, over that of all angles: the joints' count as well.
+    Attributes
+    ----------
+    positions : (n,) rad
+    orientation : the base's
+    offset : (e,) rad
+        Rotation by which that differs with the joints as they are measured.
+    allowed : (e,) rad
+        Rotation from there of an orientation that can be one: so many deviations by the filter's variance and the
+        noise of all angles, as the joints' count as well.
+    positions_off, velocities_off : (n,) rad, rad/s
+        Magnitudes of the differences of measured joints.
+    rate_off : (e,) rad/s
+        The same of the base's rates.
     """
 
     positions: Array
-    velocities: Array
     orientation: Any
-    rate: list[float]
     offset: list[float]
-    variance: list[float]
-    noise: list[float]
-
-    @property
-    def deviations(self) -> list[float]:
-        """Standard deviations (e,) of a measured orientation from that, rad."""
-        return [*map(_deviation, self.variance, self.noise)]
-
-
-def _deviation(variance: float, noise: float) -> float:
-    """Standard deviation of a measured orientation, rad: the filter's, and the noise of all angles."""
-    return math.sqrt(max(variance, 0.0) + PLAUSIBLE.noise**2 * noise)
+    allowed: list[float]
+    positions_off: list[float]
+    velocities_off: list[float]
+    rate_off: list[float]
 
 
 class Plausibility:
@@ -135,31 +129,27 @@ class Plausibility:
         self._base_rate = PLAUSIBLE.rate + fastest
         self._joint_rate: list[float] = (PLAUSIBLE.rate + 2 * np.abs(state.velocities).max(axis=0)).tolist()
 
-    def joints(self, measured: Measurement, expected: Expected) -> bool:
+    def joints(self, expected: Expected) -> bool:
         """Whether joints are near their reference."""
-        off = _differences(measured.positions.tolist(), expected.positions.tolist())
-        rates_off = _differences(measured.velocities.tolist(), expected.velocities.tolist())
-        return max(off) <= PLAUSIBLE.position and all(map(le, rates_off, self._joint_rate))
+        is_near = max(expected.positions_off) <= PLAUSIBLE.position
+        return is_near and all(map(le, expected.velocities_off, self._joint_rate))
 
-    def base(self, off: Sequence[float], measured: Measurement, expected: Expected) -> bool:
+    def base(self, off: Sequence[float], expected: Expected) -> bool:
         """Whether the base, its orientation ``off`` (e,), rad, is near what is expected, in view of its uncertainty."""
-        for part, variance, noise in zip(off, expected.variance, expected.noise, strict=True):
-            if not part <= PLAUSIBLE.gate * _deviation(variance, noise):
-                return False
-        return max(_differences(measured.orientation_rate, expected.rate)) <= self._base_rate
+        return all(map(le, off, expected.allowed)) and max(expected.rate_off) <= self._base_rate
 
     @staticmethod
     def mistaken(measured: Measurement, expected: Expected) -> str:
         """What explains joints that are not where they are expected: degrees, or another order."""
+        if max(expected.positions_off) <= PLAUSIBLE.mistake:
+            return ""
         angles = measured.positions.tolist()
         reference = expected.positions.tolist()
-        off = _differences(angles, reference)
-        if max(off) > PLAUSIBLE.mistake:
-            unexplained = PLAUSIBLE.unexplained * sum(off)
-            if sum(_differences(map(math.radians, angles), reference)) <= unexplained:
-                return "the joints fit their reference as degrees: give radians"
-            if sum(_differences(sorted(angles), sorted(reference))) <= unexplained:
-                return "the joints fit their reference in another order: give them as robot.joints lists them"
+        unexplained = PLAUSIBLE.unexplained * sum(expected.positions_off)
+        if sum(_differences(map(math.radians, angles), reference)) <= unexplained:
+            return "the joints fit their reference as degrees: give radians"
+        if sum(_differences(sorted(angles), sorted(reference))) <= unexplained:
+            return "the joints fit their reference in another order: give them as robot.joints lists them"
         return ""
 
     @staticmethod
@@ -172,9 +162,9 @@ class Plausibility:
         return bool(near.all() and as_fast.all())
 
 
-def _differences(one: Iterable[float], other: Iterable[float]) -> list[float]:
-    """Magnitudes of differences; of lists, which are quicker than arrays of a few numbers."""
-    return list(map(abs, map(sub, one, other)))
+def _differences(one: Iterable[float], other: Iterable[float]) -> Iterable[float]:
+    """Magnitudes of differences."""
+    return map(abs, map(sub, one, other))
 
 
 class _Chain:

@@ -33,7 +33,10 @@ class PlanarOrientations:
 
     def read(self, orientation: Any, rate: Any) -> tuple[float, list[float]]:
         """Return an angle and its rate (1,), rad/s, of what was measured; raise where it is neither."""
-        return float(orientation), [float(rate)]
+        angle = float(orientation)
+        if not math.isfinite(angle):
+            raise ValueError
+        return angle, [float(rate)]
 
     def difference(self, orientation: Any, expected: Any) -> list[float]:
         """Return the rotation (1,), rad, that leads from one orientation to another."""

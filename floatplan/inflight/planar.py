@@ -54,7 +54,7 @@ class InPlane:
         self.plan = plan
         self.links: tuple[str, ...] = tuple(shape.link for shape in shapes)
         self.flight = replace(flight, other_shapes=LinkShapes(flight.tree, shapes, hulls))
-        self.grids = ((np.inf, gauss_grid(NODE_COUNTS[_level(plan)])),)
+        self.grids = ((np.inf, gauss_grid(_node_count(plan))),)
         self.instants = _instants_needed(plan, self.flight, obstacles)
 
     def identification(self, angular_momentum: float) -> Identification:
@@ -92,7 +92,7 @@ class PlanarKernelInput:
     room, step : names
         Of the function that says how many numbers an update works in, and of that which computes a step of one.
     robot : Struct
-    members : of the struct ``Flight``
+    members : of the struct ``CorrectedFlight``
     path : (5,)
         Of the centre of mass, from ``path_begin(now)`` on: place, velocity, gravity.
     """
@@ -244,16 +244,15 @@ def _distinct(tree: PlanarTree, shapes: tuple[LinkCapsule, ...]) -> tuple[LinkCa
     return tuple(shapes[index] for index in sorted(first))
 
 
-def _level(plan: Plan) -> int:
-    """Level of nodes that resolves theta0' of the plan well enough."""
+def _node_count(plan: Plan) -> int:
+    """How many nodes resolve theta0' of the plan well enough."""
     flight = planar_flight(plan.problem)
     # Gauss nodes integrate theta0' to about the square of the tail of its series, relative to its largest.
     largest_tail = 1e-3
-    level = 0
-    for level, count in enumerate(NODE_COUNTS):  # noqa: B007
+    for count in NODE_COUNTS:
         quadrature = gauss_grid(count).quadrature
         positions, velocities, _ = plan.joint_motion(quadrature.nodes * plan.duration)
         rates = flight.equations.base_rate(positions, velocities, plan.angular_momentum)
         if quadrature.tail(rates) <= largest_tail * max(float(np.abs(rates).max()), 1e-300):
-            break
-    return level
+            return count
+    return NODE_COUNTS[-1]

@@ -151,11 +151,6 @@ class Views:
         self.grids: list[tuple[float, Any]] = [(share, self._filled(grid)) for share, grid in self.flying.grids]
         self.instants = self.between(0.0, plan.duration)
 
-    @property
-    def flight(self) -> Any:
-        """What the problem fixes of every motion."""
-        return self.flying.flight
-
     def _filled(self, nodes: Any) -> Any:
         """A grid of nodes with the instants in addition, so many that with all windows there are a multiple of 8."""
         count = self.flying.instants

@@ -278,14 +278,13 @@ class Replanner:
         difference = orientations.difference(measured.orientation, expected.orientation)
         mistake = plausible.mistaken(measured, expected)
         if not mistake and max(map(abs, difference)) > orientations.suspicious:
-            allowed = PLAUSIBLE.gate * max(expected.deviations)
-            mistake = orientations.misread(measured.orientation, expected.orientation, allowed)
+            mistake = orientations.misread(measured.orientation, expected.orientation, max(expected.allowed))
         if mistake:
             return mistake
         measured.orientation = orientations.unwrapped(measured.orientation, difference, expected.offset)
         off = [*map(abs, map(sub, difference, expected.offset))]
-        base = plausible.base(off, measured, expected)
-        if base and plausible.joints(measured, expected):
+        base = plausible.base(off, expected)
+        if base and plausible.joints(expected):
             self._recovery.believe(measured)
         elif not (max(off) <= PLAUSIBLE.orientation and self._recovery.believes(measured)):
             return FAR_OFF
@@ -348,7 +347,7 @@ def _judged(corrected: Prediction) -> tuple[Status, str]:
         return "refused", "any correction breaks a limit"
     if corrected.share < 1.0:
         return "limited", "the whole correction breaks a limit"
-    if min(corrected.worst.tolist(), default=0.0) < -CORRECTION_OPTIONS.kept:
+    if corrected.breaks_a_limit:
         return "limited", "a limit will be broken, as without the correction"
     if not corrected.missed <= REACHED:
         return "limited", f"it lands more than {REACHED:g} rad from the goal"

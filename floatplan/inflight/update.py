@@ -25,7 +25,7 @@ from floatplan.motion.quadrature import gauss_legendre
 from floatplan.planning.kernel_input.rows import KernelRows
 
 FILTER_ARRAYS = ("state", "covariance", "attitude", "surprises", "wander", "deviations")  # of the filter of an estimate
-Step = enumeration("Step")
+STEPS = enumeration("Step").__members__
 
 
 @dataclass(eq=False)
@@ -38,7 +38,7 @@ class Prediction:
 
     motion: RemainingMotion
     miss: Any
-    worst: Array
+    worst: list[float]
     torque_peak: Array
     share: float
 
@@ -46,6 +46,11 @@ class Prediction:
     def missed(self) -> float:
         """Size of the miss, rad."""
         return abs(self.miss) if isinstance(self.miss, float) else float(np.linalg.norm(self.miss))
+
+    @property
+    def breaks_a_limit(self) -> bool:
+        """Whether a row is further below zero than counts as kept."""
+        return min(self.worst, default=0.0) < -CORRECTION_OPTIONS.kept
 
 
 class Update:
@@ -114,7 +119,7 @@ class Update:
         self._struct.point_to(**{name: getattr(estimate.inertial, name) for name in FILTER_ARRAYS})
         flight.known = 0
         self._kernel_input.begin()
-        self._step(Step["adapt_masses"])
+        self._step(STEPS["adapt_masses"])
         self.estimate = estimate
         self.motions.clear()
         self.remember(self._first)
@@ -134,31 +139,32 @@ class Update:
         flight.began = self.estimate.time
         flight.measured = measured.time
         flight.now = now
-        self._called["measured_positions"][:] = measured.positions
-        self._called["measured_velocities"][:] = measured.velocities
-        self._step(Step["expect_state"])
         called = self._called
+        called["measured_positions"][:] = measured.positions
+        called["measured_velocities"][:] = measured.velocities
+        called["measured_rate"][:] = measured.orientation_rate
+        self._step(STEPS["expect_state"])
+        positions_off, velocities_off = called["joints_off"].tolist()
         orientation = self._kernel_input.expected_orientation(self.estimate.inertial.orientation)
         return Expected(
             positions=called["positions"],
-            velocities=called["velocities"],
             orientation=orientation,
-            rate=called["expected_rate"].tolist(),
             offset=called["aside"].tolist(),
-            variance=called["variance"].tolist(),
-            noise=called["noise"].tolist(),
+            allowed=called["allowed"].tolist(),
+            positions_off=positions_off,
+            velocities_off=velocities_off,
+            rate_off=called["rate_off"].tolist(),
         )
 
     def learn(self, measured: Measurement) -> None:
         """Update the filter by a measurement that is plausible."""
         self._kernel_input.measure(measured.orientation)
-        self._called["measured_rate"][:] = measured.orientation_rate
-        self._step(Step["learn_state"])
+        self._step(STEPS["learn_state"])
 
     def torques(self, positions: Array, velocities: Array, accelerations: Array) -> Array:
         """Generalised torques (n,) of the joints, then those of the motors (m,), N m, by the estimated h and masses."""
         self._called["asked"][:] = positions, velocities, accelerations
-        self._step(Step["find_torques"])
+        self._step(STEPS["find_torques"])
         return self._called["torques"].copy()
 
     @property
@@ -174,7 +180,7 @@ class Update:
         flight.is_warm = warm_start is not None
         if warm_start is not None:
             self._called["warm_start"][:] = warm_start
-        self._step(Step["correct_motion"])
+        self._step(STEPS["correct_motion"])
         motion = self._written(now, landing)
         self.motions.append(motion)
         return self._prediction(motion)
@@ -183,7 +189,7 @@ class Update:
         """Return the prediction of a motion as it is; the estimate is that when it begins."""
         self._evaluate_between(motion.begin, motion.end)
         self._called["coefficients"][:] = motion.coefficients
-        self._step(Step["predict_motion"])
+        self._step(STEPS["predict_motion"])
         return self._prediction(motion)
 
     @property
@@ -214,7 +220,7 @@ class Update:
         return Prediction(
             motion=motion,
             miss=self._kernel_input.miss(result),
-            worst=self._called["worst"].copy(),
+            worst=self._called["worst"].tolist(),
             torque_peak=self._called["torque_peak"].copy(),
             share=result.fraction,
         )
@@ -223,7 +229,7 @@ class Update:
         """Return the present motion from ``now``, s, to a landing: positions to accelerations go on at ``now``."""
         self._flight.now = now
         self._flight.landing = landing
-        self._step(Step["rewrite_motion"])
+        self._step(STEPS["rewrite_motion"])
         return self._written(now, landing)
 
     def remember(self, motion: RemainingMotion) -> None:
@@ -232,7 +238,7 @@ class Update:
         self._flight.now = motion.begin
         self._flight.landing = motion.end
         self._called["coefficients"][:] = motion.coefficients
-        self._step(Step["remember_motion"])
+        self._step(STEPS["remember_motion"])
 
     def _written(self, now: float, landing: float) -> RemainingMotion:
         first = self._first
@@ -268,17 +274,18 @@ class Update:
 def _called_arrays(
     constraints: KernelRows, n: int, instants: int, width: int, motors: int, size: int
 ) -> dict[str, Array]:
-    """What the kernel reads and writes at each call, by the names of its struct ``Flight``; ``size`` is e."""
+    """What the kernel reads and writes at each call, by the names of ``CorrectedFlight``; ``size`` is e."""
     coefficients = (CONDITIONS + width, n)
     return {
         "measured_positions": np.zeros(n),
         "measured_velocities": np.zeros(n),
         "measured_rate": np.zeros(size),
         "positions": np.zeros(n),
-        "velocities": np.zeros(n),
+        "joints_off": np.zeros((2, n)),
+        "rate_off": np.zeros(size),
+        "allowed": np.zeros(size),
         "expected_rate": np.zeros(size),
         "aside": np.zeros(size),
-        "variance": np.zeros(size),
         "noise": np.zeros(size),
         "asked": np.zeros((3, n)),
         "torques": np.zeros(n + motors),

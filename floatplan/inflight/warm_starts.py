@@ -45,7 +45,7 @@ class WarmStarts:
             least = shortest * abs(step)
             while abs(step) >= least > 0 and abs(momentum + step - planned) <= farthest * (1 + 1e-9):
                 further = corrected(changed, momentum + step, evaluations)
-                if further.missed > CORRECTION_OPTIONS.far or (further.worst < -CORRECTION_OPTIONS.kept).any():
+                if further.missed > CORRECTION_OPTIONS.far or further.breaks_a_limit:
                     step /= 2
                     continue
                 changed = further.motion

@@ -14,8 +14,8 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.jumps.contacts import is_ground
-from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import AnyStance, JumpState, flight_state
+from floatplan.jumps.jump_motion import JumpMotion, TimedFlight
+from floatplan.jumps.motion import AnyStance, JumpState
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
@@ -72,6 +72,7 @@ FIGURES = {
     "junction": Figure("where feet come or leave, the motion steps by {:z.2g}", SEAM),
     "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", SEAM),
     "rest": Figure("at its ends it moves by {:z.2g}", SEAM),
+    "periodic": Figure("from one period to the next the motion steps by {:z.2g}", SEAM),
     "level": Figure("what stands is on grounds {:z.2g} m apart", SEAM),
     "torque_step": Figure("torques change by {:z.0%} of their limits within 4 ms where contacts do", np.inf),
     "lifted": Figure("feet that stand are up to {:z.2g} m above the ground", 0.01),
@@ -133,19 +134,30 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
 def _checked(jump: JumpMotion) -> JumpCheck:
     assert jump.flight is not None
     grounds = [stance.ground for stance in jump.stances]
-    times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, int(jump.flight.duration * RATE) + 2)
-    in_flight = jump.state_of(flight_state(jump.flight, jump.takeoff_time, times))
+    flights: list[Value] = []
+    for flight in jump.timed_flights:
+        times = flight.begin + np.linspace(0.0, flight.plan.duration, int(flight.plan.duration * RATE) + 2)
+        flights += _surroundings(jump, jump.state_of(flight.state(times)), min(grounds), ())
     error = jump.request.pitch_error
     touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
-    flight = _surroundings(jump, in_flight, min(grounds), ())
-    figures = worst_values([*_stances(jump), *touchdown, *flight, *_seams(jump), ("level", np.ptp(grounds))])
+    figures = worst_values([*_stances(jump), *touchdown, *flights, *_seams(jump), ("level", _unevenness(jump))])
     unlimited = unlimited_figures(jump.problem)
     failing, holding = sentences_on(jump.request, figures, unlimited)
     broken = [", ".join(words) for words in failing]
-    if not jump.flight.ok:
+    if not all(plan.ok for plan in jump.flights):
         broken.append("the flight's plan does not hold")
     sentences = (*broken, *(", ".join(words) for words in holding))
     return JumpCheck(not broken, figures, sentences, unlimited)
+
+
+def _unevenness(jump: JumpMotion) -> float:
+    """By how much what stands differs in height, m, but for the step of the ground."""
+    rise = jump.request.rise
+    grounds = []
+    for index, stance in enumerate(jump.stances):
+        has_landed = index >= len(jump.before)
+        grounds.append(stance.ground - (rise if has_landed else 0.0))
+    return float(np.ptp(grounds))
 
 
 def worst_values(values: Iterable[Value]) -> dict[str, float]:
@@ -176,7 +188,8 @@ def _stances(jump: JumpMotion) -> Iterator[Value]:
         state = jump.state_of(full)
         yield from _dynamics(jump, stance, full, state)
         yield from _forces(jump, stance, full)
-        yield from _surroundings(jump, state, stance.ground, stance.contacts)
+        ground = stance.ground if jump.step is None else jump.ground
+        yield from _surroundings(jump, state, ground, stance.contacts)
 
 
 def _dynamics(jump: JumpMotion, stance: AnyStance, full: JumpState, state: FlightState) -> Iterator[Value]:
@@ -298,7 +311,7 @@ def _surroundings(jump: JumpMotion, state: FlightState, ground: float, standing:
     segments = geometry.segments(located)
     for pair in jump.problem.self_clearances:
         yield "self_distance", geometry.distances(segments, pair.links).min() - pair.margin
-    for obstacle in jump.problem.obstacles:
+    for obstacle in jump.obstacles:
         if is_ground(obstacle, ground):
             continue
         least = least_distances(segments, obstacle, state.times - jump.takeoff_time).min() - obstacle.margin
@@ -321,38 +334,56 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
     whether it stands at that time or is still to come. In a plane it is rotated either way, in space about both
     horizontal axes.
     """
-    landing = jump.after[0].span[0]
-    for stance in jump.after:
-        begin = stance.span[0]
-        end = min(stance.span[1], landing + TOUCHDOWN)
-        if begin < end:
-            times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
-            yield from jump.geometry.rotated_heights(jump.state_of(stance.at(times)), error)
+    landing = -np.inf
+    for previous, stance in itertools.pairwise(jump.pieces):
+        if isinstance(previous, TimedFlight):
+            landing = stance.span[0]
+        if not isinstance(stance, TimedFlight):
+            begin = stance.span[0]
+            end = min(stance.span[1], landing + TOUCHDOWN)
+            if begin < end:
+                times = np.linspace(begin, end, int((end - begin) * RATE) + 2)
+                yield from jump.geometry.rotated_heights(jump.state_of(stance.at(times)), error)
 
 
 def _seams(jump: JumpMotion) -> Iterator[Value]:
     """Steps of positions, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
-    assert jump.flight is not None
-    flight = jump.flight
     limits = jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
-    takeoff = flight_state(flight, 0.0, np.array([0.0]))
-    landing = flight_state(flight, 0.0, np.array([flight.duration]))
-    seams = [("takeoff_seam", jump.before[-1], 1, takeoff), ("landing_seam", jump.after[0], 0, landing)]
+    seams: list[tuple[str, AnyStance, int, JumpState]] = []
     yield "gap", abs(jump.before[0].span[0])
-    yield "gap", abs(jump.takeoff_time + flight.duration - jump.after[0].span[0])
-    for one, two in itertools.chain(itertools.pairwise(jump.before), itertools.pairwise(jump.after)):
-        seams.append(("junction", one, 1, two.at(np.array(two.span[:1]))))
-        yield "gap", abs(one.span[1] - two.span[0])
+    for one, two in itertools.pairwise(jump.pieces):
+        if isinstance(two, TimedFlight):
+            seams.append(("takeoff_seam", one, 1, two.state(np.array([two.begin]))))
+        elif isinstance(one, TimedFlight):
+            seams.append(("landing_seam", two, 0, one.state(np.array([one.end]))))
+            yield "gap", abs(one.end - two.span[0])
+        else:
+            seams.append(("junction", one, 1, two.at(np.array(two.span[:1]))))
+            yield "gap", abs(one.span[1] - two.span[0])
     around = np.array([-2e-3, 2e-3])  # s: two steps of a controller at 500 Hz
     for name, stance, end, other in seams:
         yield name, _step(jump.robot, stance.at(np.array([stance.span[end]])), other, unit)
         times = np.clip(stance.span[end] + around, 0.0, jump.duration)
         change = np.diff(jump.at(times).torques @ jump.robot.transmission, axis=0) / limits
         yield "torque_step", np.abs(change).max()
-    for stance, end in ((jump.before[0], 0), (jump.after[-1], 1)):
-        state = stance.at(np.array([stance.span[end]]))
+    first, last = jump.stances[0], jump.stances[-1]
+    begin = first.at(np.array([first.span[0]]))
+    end_state = last.at(np.array([last.span[1]]))
+    if jump.request.is_periodic:
+        yield "periodic", _step(jump.robot, further_on(jump, begin), end_state, unit)
+        return
+    for state in (begin, end_state):
         yield "rest", max(np.abs(state.velocities).max() * unit, np.abs(state.accelerations).max() * unit**2)
+
+
+def further_on(jump: JumpMotion, begin: JumpState) -> JumpState:
+    """The state in which a periodic jump begins, as far on and with as many whole turns more as it ends."""
+    ends = jump.at([0.0, jump.duration]).positions
+    positions = begin.positions.copy()
+    positions[:, 0] += ends[1, 0] - ends[0, 0]
+    positions[:, 2] += 2 * np.pi * np.round((ends[1, 2] - ends[0, 2]) / (2 * np.pi))
+    return replace(begin, positions=positions)
 
 
 def _step(robot: Robot, one: JumpState, other: JumpState, unit: float) -> float:

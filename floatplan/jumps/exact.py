@@ -8,6 +8,7 @@ feet that do not move and the robot in free fall; on one point, joints are chang
 All this is done on a fine grid, between which quintics are as good as exact.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,9 +23,9 @@ from floatplan.errors import FloatplanError
 from floatplan.jumps.contacts import displacement
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, Stance, quintic, quintic_spline, refined, values
-from floatplan.jumps.phases import Phase, instants
+from floatplan.jumps.phases import Phase, axes_of, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rows import axes_of, balanced, spread
+from floatplan.jumps.rows import balanced, spread
 from floatplan.jumps.variables import JumpSolution
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import positions_from_com
@@ -251,10 +252,11 @@ def released(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
         There are none.
     """
     a = solution.a.copy()
-    for side, standing in ((-1, program.ends[0]), (1, program.ends[1])):
-        node = program.starts[program.flight + max(side, 0)]
+    for flight, side in itertools.product(program.flights, (-1, 1)):
+        node = program.starts[flight + max(side, 0)]
+        phase = program.phases[flight + side]
         with may_fail():
-            dynamics = StanceDynamics(program.model, program.phases[program.flight + side], standing)
+            dynamics = StanceDynamics(program.model, phase, program.node_rows.standing(phase))
             a[:, node] = dynamics.released(solution.y[:, node], solution.v[:, node], a[:, node])
     if not np.isfinite(a).all():
         raise NoExactStanceError("no finite accelerations join stance and flight")
@@ -262,14 +264,15 @@ def released(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
 
 
 def exact_stances(
-    program: JumpProgram, solution: JumpSolution, side: str, plan: Plan, rate: float | None = None
+    program: JumpProgram, solution: JumpSolution, side: str, plan: Plan, rate: float | None = None, hop: int = 0
 ) -> tuple[Stance, ...]:
-    """Return the stances of one side, in order of time, exact from the flight's end on.
+    """Return the stances of one side of a flight, in order of time and in its world, exact from the flight's end on.
 
     Parameters
     ----------
     side : "takeoff" or "landing"
     plan : of the flight
+    hop : number of the flight
     rate : of the orientation where it begins or ends, rad/s; the plan's if left out
 
     Raises
@@ -278,7 +281,7 @@ def exact_stances(
         There is none near the solution.
     """
     with may_fail():
-        stances = tuple(_exact_stances(program, solution, side, plan, rate))
+        stances = tuple(_exact_stances(program, solution, (side, hop), plan, rate))
     for stance in stances:
         if not (np.isfinite(stance.grid.motion).all() and np.isfinite(stance.grid.ratios).all()):
             raise NoExactStanceError("the stances have no finite motion near the program's solution")
@@ -286,14 +289,15 @@ def exact_stances(
 
 
 def _exact_stances(
-    program: JumpProgram, solution: JumpSolution, side: str, plan: Plan, rate: float | None
+    program: JumpProgram, solution: JumpSolution, side_of_flight: tuple[str, int], plan: Plan, rate: float | None
 ) -> list[Stance]:
-    """Stances of one side in order of time, see :func:`exact_stances`."""
-    takes_off = side == "takeoff"
+    """Stances of one side of a flight, by its number, in order of time, see :func:`exact_stances`."""
+    takes_off = side_of_flight[0] == "takeoff"
     near = -1 if takes_off else 0  # the end of a phase next to the flight, and the other one
     far = 0 if takes_off else -1
     outwards = -1 if takes_off else 1  # order from the flight to where the robot stands
-    indices = [index for index, phase in enumerate(program.phases) if phase.side == side][::outwards]
+    indices = [index for index, phase in enumerate(program.phases) if (phase.side, phase.hop) == side_of_flight]
+    indices = indices[::outwards]
     state = plan.at(0.0 if takes_off else plan.duration)
     y = np.append(state.orientation, state.positions)
     rate = float(state.orientation_rate) if rate is None else rate
@@ -301,7 +305,8 @@ def _exact_stances(
     spot = program.phases[indices[0]].anchor.spots[0]
     rolled = robot.tree.turn * spot.radius * robot.tree.absolute_angles(y[0], y[1:])[spot.body]
     anchor_position = complex(*state.com_position) + complex(positions_from_com(robot, [spot], y)[0]) + rolled
-    standing = program.ends[far]
+    standing = program.node_rows.standing(program.phases[indices[0]])
+    end = _outer_end(program, solution, indices[-1])
     of_phases = [StanceDynamics(program.model, program.phases[index], standing) for index in indices]
     stances: list[Stance] = []
     junction = None  # y, v, a (3, n+1) with which the phase before ends
@@ -310,13 +315,18 @@ def _exact_stances(
         if junction is None and not dynamics.phase.others:
             beyond = of_phases[position + 1] if position + 1 < len(of_phases) else None
             point = OnePoint(dynamics, nodes.times[::outwards])
-            motion = _one_point(point, nodes, (float(y[0]), rate), standing, beyond)[:, :, ::outwards]
+            motion = _one_point(point, nodes, (float(y[0]), rate), end, beyond)[:, :, ::outwards]
         else:
             motion = nodes.motion
+            free = np.delete(np.arange(program.size), dynamics.dependent)
+            change = np.zeros((3, len(free)))
+            at_end = np.zeros((3, len(free)))
             if junction is not None:
-                free = np.delete(np.arange(program.size), dynamics.dependent)
                 change = (junction - motion[:, :, near])[:, free]
-                changes = (change, 0 * change)[::outwards]
+            if position == len(indices) - 1:
+                at_end = (end - motion[:, :, far])[:, free]
+            if change.any() or at_end.any():
+                changes = (change, at_end)[::outwards]
                 motion[:, free] += quintic(nodes.times, nodes.times[[0, -1]], *changes)
             motion = dynamics.close(*motion)
         junction = motion[:, :, far]
@@ -324,6 +334,30 @@ def _exact_stances(
         grid = replace(grid, ratios=dynamics.shared_ratios(grid, program.node_rows.limits.friction))
         stances.append(Stance(robot, program.model.gravity, dynamics.phase.contacts, anchor_position, grid))
     return stances[::outwards]
+
+
+def _outer_end(program: JumpProgram, solution: JumpSolution, index: int) -> Array:
+    """y, v, a (3, n+1) in which the outermost stance of a flight's side begins or ends: standing, or in the middle.
+
+    Where the next flight's stances begin, or a periodic jump's own, the motion is the solution's with its chain closed
+    in one way: from the anchor of what has landed.
+    """
+    phase = program.phases[index]
+    takes_off = phase.side == "takeoff"
+    standing = program.node_rows.standing(phase)
+    is_first = index == 0
+    is_last = index == len(program.phases) - 1
+    if (is_first or is_last) and not program.periodic:
+        return np.stack((standing, 0 * standing, 0 * standing))
+    landed = index - 1 if takes_off else index  # of a periodic jump's beginning the last one
+    node = int(program.starts[landed % len(program.phases) + 1])
+    motion = np.stack((solution.y, solution.v, solution.a))[:, :, node]
+    last = program.phases[landed]
+    dynamics = StanceDynamics(program.model, last, program.node_rows.standing(last))
+    closed = dynamics.close(*motion[:, :, None])[:, :, 0]
+    if program.periodic and is_first:
+        closed[0] -= program.ends[-1] - program.ends[0]
+    return np.asarray(closed)
 
 
 def _fine_grid(program: JumpProgram, solution: JumpSolution, index: int) -> Grid:
@@ -346,14 +380,16 @@ def _fine_grid(program: JumpProgram, solution: JumpSolution, index: int) -> Grid
 
 
 def _one_point(
-    stance: OnePoint, nodes: Grid, start: tuple[float, float], standing: Array, beyond: StanceDynamics | None
+    stance: OnePoint, nodes: Grid, start: tuple[float, float], end: Array, beyond: StanceDynamics | None
 ) -> Array:
-    """Motion (3, n+1, G) on one point from the flight's end to the next phase, whose feet stand there; or to standing.
+    """Motion (3, n+1, G) on one point from the flight's end to the next phase, whose feet stand there; or to its end.
+
+    Of the ``end``, y, v, a (3, n+1), orientation and its rate count.
 
     Unknowns are changes of joints: at the junction, of those that follow from the next closure; or in between.
     """
     if beyond is None:
-        return _to_standing(stance, nodes, start, standing)
+        return _to_end(stance, nodes, start, end[:2, 0])
     ends = nodes.times[[0, -1]]
     is_landing = stance.times[0] < stance.times[-1]
     order = -1 if is_landing else 1  # of (junction, flight) in time
@@ -386,8 +422,11 @@ def _one_point(
     return follow(unknown)
 
 
-def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], standing: Array) -> Array:
-    """Motion (3, n+1, G) on one point from the flight's end to standing, with joints that are changed in between."""
+def _to_end(stance: OnePoint, nodes: Grid, start: tuple[float, float], end: Array) -> Array:
+    """Motion (3, n+1, G) on one point from the flight's end to an orientation and its rate ``end`` (2,).
+
+    Its joints are changed in between.
+    """
     n = len(nodes.y) - 1
     ends = nodes.times[[0, -1]]
     sampled = stance.sampled
@@ -401,7 +440,7 @@ def _to_standing(stance: OnePoint, nodes: Grid, start: tuple[float, float], stan
 
     def residual(unknown: Array) -> Array:
         last = follow(unknown)[:, 0, -1]
-        return np.array([last[0] - standing[0], last[1] * (ends[1] - ends[0])])
+        return np.array([last[0] - end[0], (last[1] - end[1]) * (ends[1] - ends[0])])
 
     unknown, _ = _least_norm_root(residual, np.zeros(2 * n))
     return follow(unknown)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import GroundContact, ground_below, is_ground
+from floatplan.jumps.contacts import GroundContact, edge_obstacles, ground_below, is_ground
+from floatplan.jumps.phases import grounds_below
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
@@ -29,13 +30,13 @@ def _from_frame(program: JumpProgram, contact: GroundContact, y: Array) -> compl
     return complex(point - origin)
 
 
-def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolution) -> Problem:
-    """Return the problem of the flight between the stances of a solution.
+def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolution, hop: int = 0) -> Problem:
+    """Return the problem of a flight, by its number, between the stances of a solution.
 
     Joints, rates, accelerations, angular momentum and duration are pinned, so that the feet do not move or accelerate
     at both ends, where no force acts.
     """
-    index = program.flight
+    index = program.flights[hop]
     takeoff = program.starts[index]
     landing = program.starts[index + 1]
     postures = []
@@ -44,65 +45,79 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
         postures.append(Posture(float(y[0]), y[1:].copy(), solution.v[1:, node], solution.a[1:, node]))
     before = program.phases[index - 1].anchor
     after = program.phases[index + 1].anchor
+    rise = program.phases[index + 1].ground - program.phases[index - 1].ground
     anchor_height = problem.takeoff.position[1] + _from_frame(program, before, solution.y[:, takeoff]).imag
     ground = anchor_height - before.depth
-    height = ground + after.depth - _from_frame(program, after, solution.y[:, landing]).imag
+    height = ground + rise + after.depth - _from_frame(program, after, solution.y[:, landing]).imag
     model = program.model
     com_speed = model.function("speed", model.com_from(before.spots[0], 1))
     horizontal, _ = com_speed(solution.y[:, takeoff], solution.v[:, takeoff], solution.a[:, takeoff])
     time = float(solution.durations[index])
+    request = problem.jump
+    assert request is not None
     return replace(
         problem,
         start=postures[0],
         goal=postures[1],
         flight=Flight(
             time,
-            angular_momentum=solution.momentum,
+            angular_momentum=float(solution.momenta[hop]),
             takeoff=Takeoff(before.frame, problem.takeoff.position),
             landing=Landing(after.frame, height=height),
             horizontal_velocity=float(horizontal),
             gravity=model.gravity,
         ),
-        obstacles=(*obstacles_in(problem, time, ground), *_grounds(problem, program, solution, ground)),
+        obstacles=(
+            *obstacles_in((*problem.obstacles, *edge_obstacles(request, ground)), time, ground),
+            *_grounds(problem, program, solution, index, ground),
+        ),
         ground=False,
         written=None,
     )
 
 
-def obstacles_in(problem: Problem, duration: float, ground: float) -> list[Obstacle]:
-    """Obstacles that exist at some time of a flight of so many seconds, but for the ground at a height, m."""
-    obstacles = []
-    for obstacle in problem.obstacles:
+def obstacles_in(obstacles: Sequence[Obstacle], duration: float, ground: float) -> list[Obstacle]:
+    """Those obstacles that exist at some time of a flight of so many seconds, but for the ground at a height, m."""
+    existing = []
+    for obstacle in obstacles:
         begin, end = obstacle.window or (0.0, duration)
         if begin < duration and end > 0 and not is_ground(obstacle, ground):
-            obstacles.append(obstacle)
-    return obstacles
+            existing.append(obstacle)
+    return existing
 
 
-def _grounds(problem: Problem, program: JumpProgram, solution: JumpSolution, ground: float) -> list[HalfPlane]:
+def _grounds(
+    problem: Problem, program: JumpProgram, solution: JumpSolution, index: int, ground: float
+) -> list[HalfPlane]:
     """Half-planes below the links' capsules, which are thicker than what stands: as deep as these are at both ends.
 
-    Another is as high as the ground, while the program's capsules are well above it: while its feet are lifted.
+    Another is as high as the ground, while the program's capsules are well above it: while its feet are lifted. Where
+    it lands on other ground than it leaves, ``ground``, m, each of them counts as :func:`grounds_below` says.
     """
-    index = program.flight
     robot = problem.robot
     shares = program.phases[index].shares
     y = solution.y[:, program.nodes_of(index)]
     before = ground_below(robot, program.phases[index - 1].anchor, y[:, 0])
     after = ground_below(robot, program.phases[index + 1].anchor, y[:, -1])
     time = float(solution.durations[index])
+    rise = program.phases[index + 1].ground - program.phases[index - 1].ground
     com_rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
-    heights = com_rise + undersides(robot, corners(robot.shapes), y).min(axis=1)
-    level = ground + min(0.0, *heights[[0, -1]]) - POINT_FEET
+    grounds = grounds_below(shares, 0.0, rise)
+    heights = com_rise + shares * rise - grounds + undersides(robot, corners(robot.shapes), y).min(axis=1)
+    level = ground + min(0.0, rise) + min(0.0, *heights[[0, -1]]) - POINT_FEET
     half_planes = [HalfPlane(point=(0.0, round(level, 4)))]
     clearly = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
-    lifted = np.flatnonzero(heights > np.clip(heights.max() / 2, POINT_FEET, clearly))
-    if len(lifted) > 1:
-        first, last = lifted[[0, -1]]
-        level = ground + min(0.0, heights[first : last + 1].min() - POINT_FEET)
-        window = (time * shares[first], time * shares[last])
-        half_planes.append(HalfPlane(point=(0.0, round(level, 4)), window=window))
-    if program.lift < FOOT_LIFT:  # of so little, 0.6 of the highest is required where it is at least 0.8 of it
+    in_the_air = heights > np.clip(heights.max() / 2, POINT_FEET, clearly)
+    for below in np.unique(grounds):
+        lifted = np.flatnonzero(in_the_air & (grounds == below))
+        if len(lifted) > 1:
+            first, last = lifted[[0, -1]]
+            level = ground + below + min(0.0, heights[first : last + 1].min() - POINT_FEET)
+            window = (time * shares[first], time * shares[last])
+            half_planes.append(HalfPlane(point=(0.0, round(level, 4)), window=window))
+    if (
+        program.lift < FOOT_LIFT and not rise
+    ):  # of so little, 0.6 of the highest is required where it is at least 0.8 of it
         first, last = np.flatnonzero(heights >= 0.8 * heights.max())[[0, -1]]
         window = (time * shares[first], time * shares[last])
         half_planes.append(HalfPlane(point=(0.0, round(ground + 0.6 * heights.max(), 4)), window=window))

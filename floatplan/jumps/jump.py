@@ -3,14 +3,15 @@
 JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``problem`` as in plan files, ``flight``,
 an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its first contact,
 and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (orientation and joints with
-their derivatives), ``ratios``.
+their derivatives), ``ratios``. A sequence has ``flights`` too, those after the first, each with its ``plan``, the
+``shift`` of its world in the jump's, m, and the ``stances`` that follow it.
 """
 
 from __future__ import annotations
 
 import json
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar
@@ -64,12 +65,28 @@ class Jump(Outputs, JumpMotion):
             return JumpCheck(False, {}, ("no jump was found",))
         return check_jump(self)
 
-    def with_certificate(self, certificate: Certificate) -> Jump:
-        """Return the same jump with what was proved of its flight, which both files then hold."""
+    @property
+    def proved(self) -> bool:
+        """Whether all its flights were proved."""
+        certificates = [plan.certificate for plan in self.flights]
+        return bool(certificates) and all(own is not None and own.proved for own in certificates)
+
+    def with_certificate(self, certificate: Certificate, *others: Certificate) -> Jump:
+        """Return the same jump with what was proved of its flight, which both files then hold.
+
+        Of a sequence there are certificates of all flights, in order of time.
+        """
         if self.flight is None:
             return self
         certified = copy(self)  # with its check
         object.__setattr__(certified, "flight", judged(self.flight, certificate))
+        more = []
+        for hop, own in zip(self.more, others, strict=bool(others)):
+            more.append(replace(hop, flight=judged(hop.flight, own)))
+        if others:
+            object.__setattr__(certified, "more", tuple(more))
+            for name in ("timed_flights", "pieces"):  # which hold the plans without
+                vars(certified).pop(name, None)
         return certified
 
     def refuse_unless_ok(self, action: str) -> None:
@@ -85,7 +102,7 @@ class Jump(Outputs, JumpMotion):
         """The verdict, for a person: "flight proved, stances checked" only where both are true."""
         if self.flight is None:
             return "no jump found"
-        flight, _ = verdict_in_words(self.flight.ok, self.flight.certificate, False)
+        flight, _ = self._verdict_of_flights(warned=False)
         stances = "stances checked" if self.check.ok else "stances not within limits"
         return ", ".join([flight, stances, *(["with warnings"] if self.warnings else [])])
 
@@ -95,7 +112,14 @@ class Jump(Outputs, JumpMotion):
         assert self.flight is not None
         if not self.check.ok:
             return "bad"
-        return verdict_in_words(self.flight.ok, self.flight.certificate, bool(self.warnings))[1]
+        return self._verdict_of_flights(bool(self.warnings))[1]
+
+    def _verdict_of_flights(self, warned: bool) -> tuple[str, Tone]:
+        """The verdict on all flights, in words and as a tone: that of the one of which least is true."""
+        tones: list[Tone] = ["bad", "open", "good"]  # the worst first
+        verdicts = [verdict_in_words(plan.ok, plan.certificate, warned) for plan in self.flights]
+        words, tone = min(verdicts, key=lambda verdict: tones.index(verdict[1]))
+        return words.replace("flight ", "flights ") if len(verdicts) > 1 else words, tone
 
     def refuse_unless_shown(self) -> None:
         """Raise InputError where no jump was found, so that pictures have nothing to show."""
@@ -126,6 +150,10 @@ class Jump(Outputs, JumpMotion):
     def to_json(self) -> str:
         """The content of ``jump.json``."""
         sides = (("takeoff", self.before), ("landing", self.after))
+        flights = []
+        for hop in self.more:
+            stances = [{"side": "landing", **self.stance_table(stance)} for stance in hop.after]
+            flights.append({"plan": hop.flight.record.to_dict(), "shift": hop.shift, "stances": stances})
         content = {
             "format": self._format,
             "status": self.status,
@@ -134,6 +162,7 @@ class Jump(Outputs, JumpMotion):
             "problem": problem_to_dict(self.problem),
             "flight": None if self.flight is None else self.flight.record.to_dict(),
             "stances": [{"side": side, **self.stance_table(stance)} for side, stances in sides for stance in stances],
+            **({"flights": flights} if flights else {}),
         }
         return json.dumps(json_value(content), indent=1, allow_nan=False) + "\n"
 

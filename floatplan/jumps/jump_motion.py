@@ -1,8 +1,8 @@
 """The motion of a whole jump, stances and flight: its state at any time, forces, links, coordinates of a plan."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain
 from typing import Any, Protocol
 
@@ -10,10 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from floatplan.arguments import numbers
-from floatplan.arrays import Array, IntArray
+from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import GroundContact, contact_depths, contact_positions, links_of, names_of, near_contact
-from floatplan.jumps.motion import JumpState, flight_state, joined
+from floatplan.jumps.contacts import (
+    GroundContact,
+    GroundStep,
+    contact_depths,
+    contact_positions,
+    edge_obstacles,
+    links_of,
+    names_of,
+    near_contact,
+)
+from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, MotionInFile, PinocchioDynamics
 from floatplan.motion.planar.clearance import LinkShapes, Segments, pair_distances
@@ -64,10 +73,12 @@ class PlanarGeometry:
     ----------
     robot : Robot
     contacts : on which it stands at some time
+    step : of the ground, where it has one
     """
 
-    def __init__(self, robot: Robot, contacts: Sequence[GroundContact]) -> None:
+    def __init__(self, robot: Robot, contacts: Sequence[GroundContact], step: GroundStep | None = None) -> None:
         self.robot = robot
+        self.step = step
         self.contacts = list({contact.name: contact for contact in contacts}.values())
 
     def links_of(self, contacts: Iterable[GroundContact]) -> set[str | None]:
@@ -79,10 +90,17 @@ class PlanarGeometry:
         return np.vstack((state.orientation, state.positions.T)), state.com_position @ [1, 1j]
 
     def lowest(self, located: tuple[Array, Any]) -> Iterator[tuple[str, Array]]:
-        """Links that can touch the ground, each with the height (N,) of its lowest point, m, by corners of its hull."""
+        """Links that can touch the ground, each with the height (N,) of its lowest point, m, by corners of its hull.
+
+        Where the ground has a step, corners over the higher one count by so much less.
+        """
         y, com = located
         for link in self.robot.touching_links:
-            yield link, undersides(self.robot, corners(self.robot.link_hulls[link]), y).min(axis=1) + com.imag
+            of_link = corners(self.robot.link_hulls[link])
+            heights = undersides(self.robot, of_link, y) + com.imag[:, None]
+            if self.step is not None:
+                heights -= self.step.above_low((positions_from_com(self.robot, of_link, y) + com[:, None]).real)
+            yield link, heights.min(axis=1)
 
     def segments(self, located: tuple[Array, Any]) -> Segments:
         """The links' capsules."""
@@ -124,16 +142,52 @@ class PlanarGeometry:
         return points
 
 
+@dataclass(frozen=True, eq=False)
+class Hop:
+    """A flight of a sequence, and the stances that follow it.
+
+    Attributes
+    ----------
+    flight : Plan, whose t = 0 is its takeoff
+    shift : where the origin of its world is in that of the jump, m, horizontal and vertical
+    after : stances after it, up to the next flight
+    """
+
+    flight: Plan
+    shift: tuple[float, float]
+    after: tuple[Stance, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class TimedFlight:
+    """A flight in its jump: its plan, when it takes off and lands, s, and its world's origin (2,), m; () in space."""
+
+    plan: Plan
+    begin: float
+    end: float
+    shift: tuple[float, ...] = ()
+
+    def state(self, times: Array) -> JumpState:
+        """State at times (N,) s from the jump's start, in the jump's world."""
+        state = flight_state(self.plan, self.begin, times)
+        if not any(self.shift):
+            return state
+        positions = state.positions.copy()
+        positions[:, : len(self.shift)] += self.shift
+        return replace(state, positions=read_only(positions))
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class JumpMotion(MotionInFile):
-    """A jump as a function of time; its world is that of its flight.
+    """A jump as a function of time; its world is that of its first flight.
 
     Attributes
     ----------
     problem : Problem, as it was passed
     request : JumpRequest
-    flight : the Plan in its middle, whose t = 0 is the takeoff; None where there is no jump
-    before, after : stances of takeoff and landing, in order of time
+    flight : the first Plan, whose t = 0 is the takeoff; None where there is no jump
+    before, after : stances before it and after it, in order of time
+    more : flights that follow these, in order of time
     """
 
     problem: Problem
@@ -141,6 +195,7 @@ class JumpMotion(MotionInFile):
     flight: Plan | None = None
     before: tuple[Any, ...] = ()  # of Stance, or of its counterpart in space: each an AnyStance
     after: tuple[Any, ...] = ()
+    more: tuple[Hop, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -150,7 +205,47 @@ class JumpMotion(MotionInFile):
     @property
     def stances(self) -> tuple[Any, ...]:
         """All stances."""
-        return (*self.before, *self.after)
+        stances = [*self.before, *self.after]
+        for hop in self.more:
+            stances += hop.after
+        return tuple(stances)
+
+    @property
+    def flights(self) -> tuple[Plan, ...]:
+        """All flights, in order of time."""
+        return () if self.flight is None else (self.flight, *(hop.flight for hop in self.more))
+
+    @cached_property
+    def timed_flights(self) -> tuple[TimedFlight, ...]:
+        """All flights with their times and places."""
+        if self.flight is None:
+            return ()
+        flights = [TimedFlight(self.flight, *self.flight_span)]
+        stances = self.after
+        for hop in self.more:
+            begin = stances[-1].span[1]
+            flights.append(TimedFlight(hop.flight, begin, begin + hop.flight.duration, hop.shift))
+            stances = hop.after
+        return tuple(flights)
+
+    @cached_property
+    def pieces(self) -> tuple[Any, ...]:
+        """Stances and flights (TimedFlight) in order of time."""
+        pieces = [*self.before, *self.timed_flights[:1], *self.after]
+        for flight, hop in zip(self.timed_flights[1:], self.more, strict=True):
+            pieces += [flight, *hop.after]
+        return tuple(pieces)
+
+    @property
+    def step(self) -> GroundStep | None:
+        """Of the ground, where takeoff and landing are on grounds of different heights."""
+        return GroundStep.of(self.request, self.before[-1].ground) if self.before else None
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The problem's obstacles, and the edge between grounds of different heights."""
+        edges = edge_obstacles(self.request, self.before[-1].ground) if self.before else ()
+        return (*self.problem.obstacles, *edges)
 
     @property
     def contacts(self) -> list[Any]:
@@ -165,17 +260,17 @@ class JumpMotion(MotionInFile):
     @property
     def duration(self) -> float:
         """From standing to standing, s."""
-        return self.after[-1].span[1] if self.after else 0.0
+        return self.stances[-1].span[1] if self.after else 0.0
 
     @property
     def flight_span(self) -> tuple[float, float]:
-        """Takeoff and landing, s."""
+        """Takeoff and landing of the first flight, s."""
         assert self.flight is not None
         return self.takeoff_time, self.takeoff_time + self.flight.duration
 
     @property
     def ground(self) -> float:
-        """Height of the ground, m."""
+        """Height of the ground, the lower one where there is a step, m."""
         grounds: list[float] = [stance.ground for stance in self.stances]
         return min(grounds)
 
@@ -188,7 +283,7 @@ class JumpMotion(MotionInFile):
     @cached_property
     def geometry(self) -> JumpGeometry:
         """Where the robot's links are."""
-        return PlanarGeometry(self.robot, self.contacts)
+        return PlanarGeometry(self.robot, self.contacts, self.step)
 
     @property
     def dynamics(self) -> PinocchioDynamics:
@@ -215,7 +310,7 @@ class JumpMotion(MotionInFile):
             start=start,
             goal=goal,
             flight=replace(of_flight.flight, duration=self.duration),
-            obstacles=tuple(delayed(obstacle, self.takeoff_time) for obstacle in self.problem.obstacles),
+            obstacles=tuple(delayed(obstacle, self.takeoff_time) for obstacle in self.obstacles),
         )
 
     def _orientations(self, ends: FlightState) -> list[Any]:
@@ -228,21 +323,32 @@ class JumpMotion(MotionInFile):
         """Phases in order of time."""
         if self.flight is None:
             return ()
-        phases = [JumpPhase("stance", names_of(stance.contacts), *stance.span) for stance in self.stances]
-        phases.insert(len(self.before), JumpPhase("flight", (), *self.flight_span))
+        phases = []
+        for piece in self.pieces:
+            if isinstance(piece, TimedFlight):
+                phases.append(JumpPhase("flight", (), piece.begin, piece.end))
+            else:
+                phases.append(JumpPhase("stance", names_of(piece.contacts), *piece.span))
         return tuple(phases)
 
     @cached_property
     @one_thread
     def warnings(self) -> tuple[PlanWarning, ...]:
-        """What it does although nobody asked for it: its flight's warnings, and links that overlap at instants of it.
+        """What it does unrequested: its flights' warnings, and links that overlap at instants of it.
 
         None where there is no jump.
         """
         if self.flight is None:
             return ()
-        of_flight = [warning for warning in self.flight.warnings if warning.kind != "overlap"]
-        return (*of_flight, *overlap_warnings(self.problem, self.planned_positions, self.duration))
+        others = []
+        for number, flight in enumerate(self.flights):
+            ignored = {"overlap"}
+            if number:  # its orientations have the turns of the flights before
+                ignored.add("turns")
+            if self.request.rise:  # it is over two grounds
+                ignored.add("ground")
+            others += [warning for warning in flight.warnings if warning.kind not in ignored]
+        return (*others, *overlap_warnings(self.problem, self.planned_positions, self.duration))
 
     def refuse_unless_ok(self, action: str) -> None:
         """Raise InputError where there is no jump to "fly", say."""
@@ -265,14 +371,13 @@ class JumpMotion(MotionInFile):
             raise InputError("no jump was found", element="times")
         if not ((instants >= 0) & (instants <= self.duration)).all():
             raise InputError(f"a time lies outside the jump, [0, {self.duration:g}] s", element="times")
-        motions: list[Callable[[Array], JumpState]] = [stance.at for stance in self.stances]
-        motions.insert(len(self.before), partial(flight_state, self.flight, self.takeoff_time))
         phase_of = self._phase_of(instants)
         pieces = []
-        for number, motion in enumerate(motions):
+        for number, piece in enumerate(self.pieces):
             rows = np.flatnonzero(phase_of == number)
             if len(rows):
-                pieces.append((rows, motion(instants[rows])))
+                state_at = piece.state if isinstance(piece, TimedFlight) else piece.at
+                pieces.append((rows, state_at(instants[rows])))
         return joined(instants, self.problem.robot, pieces, names_of(self.contacts))
 
     def _phase_of(self, times: Array) -> IntArray:
@@ -327,15 +432,15 @@ class JumpMotion(MotionInFile):
         assert self.flight is not None
         phase_of = self._phase_of(times)
         positions = np.empty((len(times), len(self.problem.robot.joints)))
-        for number, stance in enumerate((*self.before, None, *self.after)):
+        for number, piece in enumerate(self.pieces):
             rows = np.flatnonzero(phase_of == number)
             if not len(rows):
                 continue
-            if stance is None:
-                since = np.clip(times[rows] - self.takeoff_time, 0.0, self.flight.duration)
-                positions[rows] = self.flight.joint_motion(since)[0]
+            if isinstance(piece, TimedFlight):
+                since = np.clip(times[rows] - piece.begin, 0.0, piece.plan.duration)
+                positions[rows] = piece.plan.joint_motion(since)[0]
             else:
-                positions[rows] = stance.joints(times[rows])
+                positions[rows] = piece.joints(times[rows])
         return positions
 
     def full_motion(self, times: npt.ArrayLike) -> FullMotion:

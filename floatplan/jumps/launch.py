@@ -2,8 +2,8 @@
 
 import itertools
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, get_args
@@ -13,11 +13,13 @@ import numpy as np
 from floatplan.arguments import SEED, TRIES, function, made, one_of, optional
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.check import SHARES, limit_shares, limited_names, sentences_on, stance_figures
+from floatplan.jumps.check import SHARES
 from floatplan.jumps.exact import NoExactStanceError, StanceDynamics, exact_stances, may_fail
 from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.launches.in_space import launch_in_space
+from floatplan.jumps.launches.result import LIMIT_WORDS, Launch, launch_of_stances
 from floatplan.jumps.model import PlanarModel, casadi
-from floatplan.jumps.motion import Grid, JumpState, Stance, flight_state, quintic
+from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
 from floatplan.jumps.phases import FlightEnd, instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.setup import NodeMargins, Setup, refined_until_checked, side_setup, solve_in_rounds
@@ -27,56 +29,11 @@ from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.presentation import Row
 from floatplan.pool import one_thread
 from floatplan.problem.jump import JumpRequest
-from floatplan.problem.problem import Problem
 from floatplan.tables import RELATIVE
 
 STARTS = 3  # [-] guesses that are tried, of which the best counts
 MARGINS = NodeMargins(1.0, 1.0, 0.95, 0.8, clearance=3e-3)  # of programs whose factor is minimised
 CALM_MARGINS = NodeMargins(0.95, 0.97, 0.8, clearance=3e-3)  # where squared torques are, within the limits
-LIMIT_WORDS = {
-    "torque": "torque of {}",
-    "torque_speed": "torque-speed curve of {}",
-    "velocity": "{}'s rate",
-    "held_torque": "torque of {}, held",
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Launch:
-    """A stance from standing to a takeoff, or from a landing to standing, with the least common factor on the limits.
-
-    Attributes
-    ----------
-    ok : whether one was found within the limits, and holds at 2 kHz
-    ratio : largest share of its limits that a torque or rate takes, at least; infinite where none was found
-    limit : of the figures ``torque``, ``torque_speed``, ``velocity`` and ``held_torque`` the one; "" where none is
-    joint : the motor whose share it is; or the joint, of a rate, or of the torque of a leader with its followers; ""
-        where there is none
-    sentences : for a person
-    figures : as of :class:`floatplan.jumps.check.JumpCheck`
-    impossible : whether it is shown that there is none, because of what stands where the flight begins or ends
-    broken : what does not hold at 2 kHz, but for the limits
-    """
-
-    ok: bool
-    ratio: float
-    limit: str
-    joint: str
-    sentences: tuple[str, ...]
-    figures: dict[str, float]
-    impossible: bool = False
-    broken: tuple[str, ...] = ()
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the result as builtin data: what ``floatplan plan --launch --json`` prints of an end."""
-        return {
-            "ok": self.ok,
-            "joint": self.joint,
-            "limit": self.limit,
-            "impossible": self.impossible,
-            "ratio": self.ratio if math.isfinite(self.ratio) else None,
-            "sentences": list(self.sentences),
-        }
 
 
 @one_thread
@@ -117,19 +74,22 @@ def launch(
     """
     casadi()
     plan = as_plan(plan)
-    if plan.robot.base == "free-flyer":
-        reason = "stances that reach a flight in space are searched for only with it, as one jump"
-        advice = "give its problem a table [jump], and plan the whole jump: floatplan jump"
-        raise InputError(reason, source=plan.robot.source, element="robot.base", advice=advice)
     request = optional(made(JumpRequest))(request, "request") or plan.problem.jump
     if request is None:  # flights know frames and no feet
         request = JumpRequest(feet="points")
+    request = _of_one_flight(request)
     end = one_of("takeoff", "landing")(end, "end")
     seed = SEED(seed, "seed")
     starts = TRIES(starts, "starts")
     say = optional(function)(progress, "progress") or (lambda _: None)
+    if plan.robot.base == "free-flyer":
+        return launch_in_space(plan, request, end, seed, starts, say)
     factor_request = replace(
-        request, margin=dict.fromkeys(request.margin, 1.0), objective="limits", clearance=0.0, pitch_error=0.0
+        request,
+        margin=dict.fromkeys(request.margin, 1.0),
+        objective="limits",
+        clearance=0.0,
+        pitch_error=0.0,
     )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup, met = _setup_and_flight_end(plan, factor_request, end, np.append(state.orientation, state.positions))
@@ -215,6 +175,13 @@ def _calmer(
     return [refined_until_checked(CALM_MARGINS, calm.request, solved, calm.program, complete)]
 
 
+def _of_one_flight(request: JumpRequest) -> JumpRequest:
+    """A request without other flights and grounds: of a stance from standing, or to standing, they say nothing."""
+    landing = replace(request.landing, height=None, to="standing" if request.is_periodic else request.landing.to)
+    takeoff = replace(request.takeoff, height=None)
+    return replace(request, flights=None, edge=None, takeoff=takeoff, landing=landing)
+
+
 def _either_way_around(setup: Setup, end: End) -> list[Setup]:
     """Return the setup; and where the flight is met far from standing, one that stands a whole turn further on.
 
@@ -295,28 +262,12 @@ def _launch_of_solution(
         sentence = f"{end.capitalize()}: no stance was found between the program's nodes: {error}."
         return Launch(False, np.inf, "", "", (sentence,), {}, broken=(str(error),)), {}
     sides = (stances, ()) if end == "takeoff" else ((), stances)
-    figures = stance_figures(JumpMotion(plan.problem, request, plan, *sides))
-    limit = max(SHARES, key=lambda name: figures[name])
-    ratio = figures[limit]
-    joint = largest_user(plan.problem, [stance.at(stance.grid.times) for stance in stances], limit)
-    figures.pop("obstacles", None)  # those of a flight may be where it begins: a ground a little below its feet
-    others = {name: value for name, value in figures.items() if name not in SHARES}
-    failing, _ = sentences_on(request, others)
-    broken = tuple(", ".join(words) for words in failing)
-    limit_words = LIMIT_WORDS[limit].format(joint)
-    if ratio > 1:
-        summary = f"no stance was found within the limits (least factor {ratio:.2f}, {limit_words})"
-    elif broken:
-        summary = "no stance was found that holds between the program's nodes"
-    elif ratio > 0:
-        summary = f"reachable, with {1 - ratio:.0%} to spare ({limit_words})"
-    else:
-        summary = "reachable; nothing is limited"
-    sentences = (f"{end.capitalize()}: {summary}.", *broken)
-    result = Launch(ratio <= 1 and not broken, ratio, limit, joint, sentences, figures, broken=broken)
-    if not broken:
+    result = launch_of_stances(JumpMotion(plan.problem, request, plan, *sides), end)
+    if not result.broken:
         return result, None
-    return result, {} if ratio > 1 else others  # beyond the limits the least factor is what counts
+    # Beyond the limits the least factor is what counts.
+    others = {name: value for name, value in result.figures.items() if name not in SHARES}
+    return result, {} if result.ratio > 1 else others
 
 
 def _least_rates(plan: Plan, setup: Setup, met: FlightEnd, end: str) -> tuple[Array, Launch | None]:
@@ -399,13 +350,3 @@ def smooth_guess(program: JumpProgram, met: FlightEnd, rates: Array, shares: Arr
     guess.y, guess.v, guess.a = motion
     guess.factor[:] = 3.0  # on limits, so that the guess is within most of them
     return program.join(guess)
-
-
-def largest_user(problem: Problem, states: Iterable[JumpState], limit: str) -> str:
-    """Return the motor or joint whose share of a limit, of ``SHARES``, is the largest in any of the states."""
-    names = limited_names(problem.robot, limit)
-    shares = [limit_shares(problem, state)[limit] for state in states]
-    largest = np.concatenate(shares).max(axis=0)
-    if limit == "torque":  # a motor before its joint, whose share is the same but for rounding
-        largest[len(problem.robot.motors) :] *= 1 - RELATIVE
-    return names[int(largest.argmax())]

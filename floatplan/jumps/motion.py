@@ -1,7 +1,9 @@
 """The motion of a jump's stances, from what is saved: position of the base, forces of the contacts, and torques."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -9,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray, read_only
-from floatplan.jumps.contacts import GroundContact
+from floatplan.jumps.contacts import GroundContact, displacement
 from floatplan.plans.plan import Plan
 from floatplan.robot import Robot
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
@@ -180,6 +182,11 @@ class Stance:
             points=points,
         )
 
+    def position_of(self, contact: GroundContact) -> complex:
+        """Where a contact stands at its end, m, in the same way as :attr:`anchor_position`."""
+        across, up = displacement(self.robot, self.contacts[0].spots[0], contact.spots[0], self.grid.y[:, -1])
+        return self.anchor_position + complex(across, up)
+
     def joints(self, times: Array) -> Array:
         """Planned positions (N, n), rad, at times (N,) s."""
         positions: Array = self.grid.curve(times)[:, 1:]
@@ -295,6 +302,11 @@ class Stance:
     def span(self) -> tuple[float, float]:
         """Begin and end, s."""
         return float(self.grid.times[0]), float(self.grid.times[-1])
+
+
+def moved(stances: Sequence[Stance], shift: complex) -> tuple[Stance, ...]:
+    """The same stances elsewhere, by horizontal + i vertical, m."""
+    return tuple(replace(stance, anchor_position=stance.anchor_position + shift) for stance in stances)
 
 
 def point_in_joint(robot: Robot, frame: str, local: complex) -> tuple[int, Array]:

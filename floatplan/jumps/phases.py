@@ -1,8 +1,10 @@
 """Phases of a jump: which contacts stand when, for how long; and the standing posture at both ends."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -11,12 +13,14 @@ from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions, names_of
+from floatplan.problem.jump import JumpRequest
+from floatplan.problem.problem import Problem
 from floatplan.robot import PlanarTree, Robot
 
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
 STILL = 1e-6  # [m, rad] what counts as level, and as within limits
 
-Side = Literal["takeoff", "flight", "landing"]
+Side = Literal["takeoff", "flight", "landing", "step"]  # a step is a stance between two flights
 
 
 class Usual(NamedTuple):
@@ -49,7 +53,7 @@ class TimedPhase:
 
     Attributes
     ----------
-    side : "takeoff", "flight" or "landing"
+    side : "takeoff", "flight", "landing", or "step", between two flights
     contacts : those that stand
     duration : guessed, s
     bounds : of the duration, s
@@ -76,9 +80,9 @@ class TimedPhase:
 
     @cached_property
     def shares(self) -> Array:
-        """Times (intervals + 1,) of its nodes over its duration: denser near the flight."""
+        """Times (intervals + 1,) of its nodes over its duration: denser near the one flight that it meets."""
         even = np.linspace(0.0, 1.0, self.intervals + 1)
-        if self.side == "flight":
+        if self.side in ("flight", "step"):
             return even
         from_flight = 1 - even if self.side == "takeoff" else even
         spaced = from_flight * (self.first_step + (1 - self.first_step) * from_flight)
@@ -92,11 +96,20 @@ class Phase(TimedPhase):
     Attributes
     ----------
     gentle : whether forces may vanish towards the flight as gently as they like
+    hop : number of the flight that it is, that it leads to, or that it follows
+    ground : height of the ground on which it stands over that of the first stance, m
     """
 
     contacts: tuple[GroundContact, ...]
     gentle: bool = False
+    hop: int = 0
+    ground: float = 0.0
     first_step: ClassVar[float] = 0.1
+
+    @property
+    def name(self) -> str:
+        """Side and contacts, for a person; of which flight, but of the first."""
+        return f"{super().name}, flight {self.hop + 1}" if self.hop else super().name
 
     @property
     def anchor(self) -> GroundContact:
@@ -206,8 +219,8 @@ def duration_costs(phases: Sequence[Phase]) -> list[float]:
     They are 1 for phases on one point, where more points stand on the same side of the flight: on one point errors grow
     by a factor e in as much time.
     """
-    steadier_sides = {phase.side for phase in phases if phase.others}
-    return [float(not phase.others and phase.side in steadier_sides) for phase in phases]
+    steadier_sides = {(phase.side, phase.hop) for phase in phases if phase.others}
+    return [float(not phase.others and (phase.side, phase.hop) in steadier_sides) for phase in phases]
 
 
 def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Array, limits: Array) -> Array | None:
@@ -322,6 +335,71 @@ def static_beyond_ranges(robot: Robot, contacts: Sequence[GroundContact], target
     return f"static would be {' and '.join(beyond)}" if beyond else ""
 
 
-def index_of_flight(phases: Sequence[Phase]) -> int:
-    """Return where the flight is among the phases of a jump."""
-    return [phase.side for phase in phases].index("flight")
+def indices_of_flights(phases: Sequence[Phase]) -> list[int]:
+    """Return where the flights are among the phases of a jump."""
+    return [index for index, phase in enumerate(phases) if phase.side == "flight"]
+
+
+def outer_phase(phases: Sequence[Phase], index: int) -> Phase | None:
+    """The phase of the same side of its flight that is farther from it than a stance; None where there is none."""
+    phase = phases[index]
+    outer = index - 1 if phase.side == "takeoff" else index + 1
+    if not 0 <= outer < len(phases) or phases[outer].side != phase.side:
+        return None
+    return phases[outer]
+
+
+def meets_next(phases: Sequence[Phase], index: int, periodic: bool) -> bool:
+    """Whether a stance ends, moving, where the stances before another flight begin, or the jump's own again."""
+    if phases[index].side != "landing" or outer_phase(phases, index) is not None:
+        return False
+    return index + 1 < len(phases) or periodic
+
+
+def grounds_below(shares: Array, before: float, after: float) -> Array:
+    """Heights (N,) m of the ground over which a flight is required to be, at shares (N,) of its duration.
+
+    In its first half that is the ground that it leaves, in the second that on which it lands: the edge between them is
+    an obstacle.
+    """
+    return np.where(shares <= 0.5, before, after)
+
+
+def refuse_other_feet(phases: Sequence[Phase], periodic: bool) -> None:
+    """Refuse a stance between flights whose feet come or leave in its middle, or which stands on soles."""
+    meetings = list(pairwise(phases))
+    if periodic:
+        meetings.append((phases[-1], phases[0]))
+    for one, two in meetings:
+        if one.side != "landing" or two.side != "takeoff":
+            continue
+        landed = sorted(one.points)
+        if landed != sorted(two.points):
+            reason = f"{', '.join(landed)} stand where {', '.join(sorted(two.points))} are to take off"
+            advice = "let the last phase of the landing be the first of the takeoff"
+            raise InputError(reason, element="jump.landing.contacts", advice=advice)
+        if one.anchor.of_sole:
+            reason = "between two flights robots stand on points, not on soles"
+            raise InputError(reason, element="jump.flights", advice='name toes, as "FRAME.toe", or plan one flight')
+
+
+def axes_of(contact: GroundContact) -> tuple[int, ...]:
+    """In which directions a contact but the anchor is fixed: both, or of a heel the vertical one."""
+    return (1,) if contact.vertical else (0, 1)
+
+
+def drifting(phase: Phase) -> int:
+    """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
+    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
+
+
+def in_sequence(phase: Phase, hop: int, problem: Problem, request: JumpRequest) -> Phase:
+    """Return a phase with the number of its flight, and with what a step of the ground makes of it."""
+    phase = replace(phase, hop=hop)
+    if phase.side == "landing":
+        return replace(phase, ground=request.rise)
+    low, high = phase.bounds
+    if phase.side == "takeoff" or low == high:
+        return phase
+    fall = math.sqrt(2 * abs(request.rise) / float(problem.flight.gravity))  # [s] through the step
+    return replace(phase, duration=phase.duration + fall / 2, bounds=(low, high + fall))

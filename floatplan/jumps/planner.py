@@ -18,14 +18,16 @@ from floatplan.jumps.conflicts import Conflict, conflict_sentence, conflicting_l
 from floatplan.jumps.exact import NoExactStanceError, exact_stances, released
 from floatplan.jumps.flight import flight_problem, planned_flight, tighter_limits
 from floatplan.jumps.jump import Jump
+from floatplan.jumps.jump_motion import Hop
 from floatplan.jumps.model import casadi
-from floatplan.jumps.motion import flight_state
+from floatplan.jumps.motion import Stance, moved
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, jump_setup, refined_until_checked, solve_in_rounds
 from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
+from floatplan.plans.plan import Plan
 from floatplan.pool import one_thread
 from floatplan.problem.file import as_problem
 from floatplan.problem.jump import JumpRequest
@@ -108,7 +110,7 @@ def jump(
         say = partial(_say_after, f"{NEAR_FAILED}. {result.explanation} Searching on: ", say)
     search = _search(setup, first, seed, starts, say)
     last = search.jump
-    if last is None and setup.base_rotation == 0.0:
+    if last is None and setup.base_rotation == 0.0 and not requested.rise:
         last = _low_hop(setup, seed, say)
     if last is not None and last.ok:
         return last
@@ -313,7 +315,7 @@ def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
         guess.forces[index] = phase.stacked({name: force[nodes] for name, force in state.forces.items()})
     guess.y, guess.v, guess.a = state.planned(near.problem.robot)
     guess.durations[:, 0] = durations
-    guess.momentum[:] = near.flight.angular_momentum
+    guess.momentum[:, 0] = [plan.angular_momentum for plan in near.flights]
     return program.join(guess)
 
 
@@ -356,19 +358,23 @@ def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution,
     try:
         solution = released(program, solution)
         tighter = tighter_limits(problem, program, solution)
-        plan = planned_flight(flight_problem(problem, program, solution), seed, tighter)
-        if not plan.ok:
-            explanation = f"No flight between the stances was found: {plan.explanation}"
-            return Jump(problem, request, explanation=explanation)
-        before = exact_stances(program, solution, "takeoff", plan)
-        after = exact_stances(program, solution, "landing", plan)
+        plans: list[Plan] = []
+        for hop in range(len(program.flights)):
+            plan = planned_flight(flight_problem(problem, program, solution, hop), seed, tighter)
+            if not plan.ok:
+                which = f"flight {hop + 1}" if len(program.flights) > 1 else "flight"
+                explanation = f"Between the stances no {which} was planned: {plan.explanation}"
+                return Jump(problem, request, explanation=explanation)
+            plans.append(plan)
+        before = exact_stances(program, solution, "takeoff", plans[0])
+        after, more = _stances_after(program, solution, plans)
     except InputError as error:
         explanation = f"The flight between the stances cannot be planned: {error}"
         return Jump(problem, request, explanation=explanation)
     except NoExactStanceError as error:
         explanation = f"Between the program's nodes no stance was found: {error}."
         return Jump(problem, request, explanation=explanation)
-    jump = Jump(problem, request, plan, before, after, status="found")
+    jump = Jump(problem, request, plans[0], before, after, more, status="found")
     check = jump.check
     if not check.ok:
         return _with_explanation(jump, f"Between the program's nodes, {check.sentences[0]}.")
@@ -379,14 +385,38 @@ def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution,
     return _with_explanation(jump, explanation)
 
 
+def _stances_after(
+    program: JumpProgram, solution: JumpSolution, plans: Sequence[Plan]
+) -> tuple[tuple[Stance, ...], tuple[Hop, ...]]:
+    """Exact stances after the first flight, up to the second; and what follows, in the world of the first.
+
+    Where the stances after a flight meet those before the next, both stand on the same feet: these say where the world
+    of the next flight is.
+    """
+    after: list[tuple[Stance, ...]] = []
+    shifts = [0j]
+    for hop, plan in enumerate(plans):
+        landed = moved(exact_stances(program, solution, "landing", plan, hop=hop), shifts[-1])
+        if hop + 1 < len(plans):
+            leaving = exact_stances(program, solution, "takeoff", plans[hop + 1], hop=hop + 1)
+            shifts.append(landed[-1].position_of(leaving[0].contacts[0]) - leaving[0].anchor_position)
+            landed += moved(leaving, shifts[-1])
+        after.append(landed)
+    more: list[Hop] = []
+    for plan, shift, stances in zip(plans[1:], shifts[1:], after[1:], strict=True):
+        more.append(Hop(plan, (shift.real, shift.imag), stances))
+    return after[0], tuple(more)
+
+
 def _largest_share(jump: Jump, check: JumpCheck) -> float:
     """The largest share of what the margins leave of limits, in stances and in flight; 0 where nothing is limited."""
-    assert jump.flight is not None
-    times = jump.takeoff_time + np.linspace(0.0, jump.flight.duration, 1001)  # half a millisecond apart
-    of_flight = limit_shares(jump.problem, flight_state(jump.flight, jump.takeoff_time, times))
+    shares = dict(check.figures)
+    for flight in jump.timed_flights:
+        times = flight.begin + np.linspace(0.0, flight.plan.duration, 1001)  # half a millisecond apart
+        for name, values in limit_shares(jump.problem, flight.state(times)).items():
+            shares[name] = max(shares[name], float(values.max(initial=0.0)))
     largest = 0.0
     for name in SHARES:
         if name not in check.unlimited:
-            share = max(check.figures[name], float(of_flight[name].max(initial=0.0)))
-            largest = max(largest, share / FIGURES[name].limit_of(jump.request))
+            largest = max(largest, shares[name] / FIGURES[name].limit_of(jump.request))
     return largest

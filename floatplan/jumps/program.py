@@ -12,6 +12,10 @@ constant, ``D y' = h``, the centre of mass is on its parabola, and the orientati
 are exact: there forces vanish, and h and the parabola are those of either side. The objective is the integral of
 squared torques; or, where shares of limits count, a factor, one more variable, that is no less than any share of a
 limit on torques, torque-speed curves and rates. One side alone is a jump whose flight, of no intervals, is fixed.
+
+A sequence has more flights: what follows a landing leads to the next takeoff. In between is one more node, at which all
+feet of both stand as far apart as where the robot stands, and everything moves as it likes; forces of both are equal.
+A periodic jump begins and ends in such a node: its motion there is the same at both ends, but for whole turns.
 """
 
 from collections.abc import Sequence
@@ -26,10 +30,37 @@ from floatplan.jumps.check import TOUCHDOWN
 from floatplan.jumps.locked_joints import stop_when_overloaded
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, values
-from floatplan.jumps.phases import FlightEnd, Phase, duration_costs, instants
-from floatplan.jumps.rows import Bound, CompiledProgram, Kind, Label, NodeRows, Rows, drifting, quadrature_step
-from floatplan.jumps.separation import Separation
-from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, SETTINGS, JumpSolution, Variables, ipopt_options
+from floatplan.jumps.phases import (
+    FlightEnd,
+    Phase,
+    drifting,
+    duration_costs,
+    grounds_below,
+    instants,
+    meets_next,
+    outer_phase,
+)
+from floatplan.jumps.rows import (
+    Bound,
+    CompiledProgram,
+    Kind,
+    Label,
+    NodeRows,
+    Rows,
+    quadrature_step,
+)
+from floatplan.jumps.separation import Separation, add_distance
+from floatplan.jumps.variables import (
+    FOOT_LIFT,
+    ITERATIONS,
+    SETTINGS,
+    JumpSolution,
+    Variables,
+    add_meeting,
+    bound_forces,
+    ipopt_options,
+    onset_cost,
+)
 
 
 class JumpProgram:
@@ -41,6 +72,8 @@ class JumpProgram:
     separation : distances that it requires
     flight_ends : what is fixed at the flight's ends
     momentum : kg m^2/s, where it is fixed
+    beyond : least horizontal position of the foot that lands from the one that takes off, m, its sign the direction
+    periodic : whether it ends as it begins, in the middle of a stance, instead of standing
     limits : whether the factor on limits is minimised, instead of squared torques
     iterations : of IPOPT at most
     lift : of feet in the middle of the flight, m
@@ -52,6 +85,8 @@ class JumpProgram:
         separation: Separation,
         flight_ends: Sequence[FlightEnd] = (),
         momentum: float | None = None,
+        beyond: float | None = None,
+        periodic: bool = False,
         limits: bool = False,
         iterations: int = ITERATIONS,
         lift: float = FOOT_LIFT,
@@ -62,11 +97,13 @@ class JumpProgram:
         self.ends = node_rows.ends
         self.size = 1 + len(self.model.robot.joints)
         self.starts = node_rows.starts
-        self.flight = node_rows.flight
+        self.flights = node_rows.flights
         self.nodes = int(self.starts[-1]) + 1
         self.separation = separation
         self._flight_ends = tuple(flight_ends)
         self._momentum = momentum
+        self._beyond = beyond
+        self.periodic = periodic
         self._limits = limits
         self._iterations = iterations
         self._warm = False
@@ -79,7 +116,8 @@ class JumpProgram:
         forces = [(2 * len(phase.others), phase.intervals + 1) for phase in self.phases]
         drifts = [(drifting(phase), 2) for phase in self.phases]
         durations = (len(self.phases), 1)
-        return Variables(motion, motion, motion, forces, drifts, durations, (1, 1), (int(self._limits), 1))
+        momenta = (len(self.flights), 1)
+        return Variables(motion, motion, motion, forces, drifts, durations, momenta, (int(self._limits), 1))
 
     @cached_property
     def _scales(self) -> Variables:
@@ -133,36 +171,25 @@ class JumpProgram:
         box.y[:] = np.stack((low, high))[:, :, None]
         box.v[:] = np.stack((-fastest, fastest))[:, :, None]
         for node in (0, -1):
-            if self.phases[node].contacts:
+            if self.phases[node].contacts and not self.periodic:
                 box.y[:, :, node] = ends[node]
                 box.v[:, :, node] = 0.0
                 box.a[:, :, node] = 0.0
         for end in self._flight_ends:
-            node = self.starts[self.flight + (1 if end.node else 0)]
+            node = self.starts[self.flights[0] + (1 if end.node else 0)]
             for bound, fixed in ((box.y, end.y), (box.v, end.v), (box.a, end.a)):
                 if fixed is not None:
                     bound[:, :, node] = fixed
         for index, phase in enumerate(self.phases):
             if phase.others:
                 inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
-                self._bound_forces(box.forces[index], phase, inner)
+                bound_forces(box.forces[index], phase, inner, self.node_rows.limits.pressed * self.node_rows.weight)
         box.durations[:] = self._duration_bounds[:, :, None]
         if self._momentum is not None:
             box.momentum[:] = self._momentum
         box.factor[0] = 0.0
         box.factor[1] = SETTINGS.largest_factor
         return self.join(box.map(lambda bound: bound[0])), self.join(box.map(lambda bound: bound[1]))
-
-    def _bound_forces(self, box: Array, phase: Phase, inner: Phase) -> None:
-        """Bounds (2, 2 others, nodes) of forces: unilateral; nothing where a contact leaves or comes."""
-        box[0, 1::2] = self.node_rows.limits.pressed * self.node_rows.weight * phase.force_shares
-        seam = -1 if phase.side == "takeoff" else 0
-        stays = [contact.name for contact in inner.contacts]
-        for row, contact in enumerate(phase.others):
-            if contact.vertical:
-                box[:, 2 * row] = 0.0
-            if contact.name not in stays:
-                box[:, 2 * row : 2 * row + 2, seam] = 0.0
 
     @cached_property
     def compiled(self) -> CompiledProgram:
@@ -179,7 +206,7 @@ class JumpProgram:
         for index, phase in enumerate(self.phases):
             y, v, a = (values[:, self.nodes_of(index)] for values in motion)
             if not phase.intervals:
-                self._add_seam(rows, (y, v, a), variables.momentum)
+                self._add_seam(rows, (y, v, a), variables.momentum)  # of its only flight, which is fixed
                 continue
             duration = variables.durations[index]
             step = duration * ca.DM(np.diff(phase.shares)).T
@@ -188,9 +215,11 @@ class JumpProgram:
             if not phase.others:
                 self._add_base(rows, phase, (y, v, a), step)
             if phase.side == "flight":
-                cost = self._add_flight(rows, (y, v, a), duration, variables.momentum)
+                cost = self._add_flight(rows, index, (y, v, a), duration, variables.momentum[phase.hop])
             else:
                 cost = self._add_stance(rows, index, (y, v, a), variables)
+                if meets_next(self.phases, index, self.periodic):
+                    add_meeting(rows, self.node_rows, index, variables, self.periodic)
             self._add_rates(rows, joints, step, phase.name)
             total += ca.dot(step, (cost[:, :-1] + cost[:, 1:]) / 2)
             rough += ca.sumsqr(unit**2 * ca.diff(joints[2], 1, 1))
@@ -200,7 +229,7 @@ class JumpProgram:
         else:
             total += ca.dot(ca.DM(duration_costs(self.phases)), variables.durations)
             cost = total / unit + SETTINGS.roughness * rough
-        options = ipopt_options(self._iterations, not self.phases[self.flight].intervals, self._warm)
+        options = ipopt_options(self._iterations, not self.phases[self.flights[0]].intervals, self._warm)
         callback = stop_when_overloaded(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
         all_rows = ca.vertcat(*rows.values)
         solver, evaluate = rows.at_nodes.solver(raw, shortfall_cost + cost, all_rows, options, callback)
@@ -256,7 +285,7 @@ class JumpProgram:
             times = variables.durations[index] * ca.DM(phase.shares).T
             if self.node_rows.limits.pitch_error:
                 self._add_rotated_landing(rows, phase, motion, times)
-            cost = cost + _onset_cost(load, times)
+            cost = cost + onset_cost(load, times)
         return cost
 
     def _stance_bounds(self, index: int, bounds: Sequence[Bound]) -> tuple[Array, Array]:
@@ -267,6 +296,7 @@ class JumpProgram:
         outer = -1 - seam
         inner_phase = self.phases[index + 1 if takeoff else index - 1]
         at_flight = inner_phase.side == "flight"
+        in_middle = meets_next(self.phases, index, self.periodic)
         stays = {f"friction of {contact.name}" for contact in inner_phase.contacts}
         implied = self._implied if at_flight else set()
         low, high = _repeated(bounds, phase.intervals + 1)
@@ -278,6 +308,9 @@ class JumpProgram:
                 if at_flight or kind == "meets":
                     low[row, seam] = 0.0
                     high[row, seam] = 0.0
+                if kind == "meets" and in_middle:
+                    low[row, outer] = 0.0
+                    high[row, outer] = 0.0
             if kind == "pressed":
                 low[row] *= phase.force_shares
             if kind == "stands" and phase.others[0].vertical:
@@ -292,8 +325,7 @@ class JumpProgram:
             if kind in implied or (at_flight and kind == "pressed"):
                 low[row, seam] = -np.inf
                 high[row, seam] = np.inf
-        has_outer_phase = 0 <= (index - 1 if takeoff else index + 1) < len(self.phases)
-        if has_outer_phase:
+        if outer_phase(self.phases, index) is not None:
             low[:, outer] = -np.inf
             high[:, outer] = np.inf
         return low, high
@@ -324,21 +356,22 @@ class JumpProgram:
                     implied |= {"balance", "release"}
         return implied
 
-    def _add_flight(self, rows: Rows, motion: Sequence[Any], duration: Any, momentum: Any) -> Any:
-        """Rows of the flight: momentum, parabola, limits and heights; and its cost (1, nodes)."""
+    def _add_flight(self, rows: Rows, index: int, motion: Sequence[Any], duration: Any, momentum: Any) -> Any:
+        """Rows of a flight: momentum, parabola, limits and heights; and its cost (1, nodes)."""
         ca = casadi()
-        phase = self.phases[self.flight]
+        phase = self.phases[index]
         gravity = self.model.gravity
         unit = self.node_rows.unit
         y, v, a = motion
         count = phase.intervals + 1
-        z0, vx0, vz0 = self._com(rows, self.flight - 1, (y[:, 0], v[:, 0], a[:, 0]))
-        z1, vx1, vz1 = self._com(rows, self.flight + 1, (y[:, -1], v[:, -1], a[:, -1]))
+        z0, vx0, vz0 = self._com(rows, index - 1, (y[:, 0], v[:, 0], a[:, 0]))
+        z1, vx1, vz1 = self._com(rows, index + 1, (y[:, -1], v[:, -1], a[:, -1]))
         rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node_rows.height, 0.0, 0.0, "parabola")
         rows.add((vx1 - vx0) / (gravity * unit), 0.0, 0.0, "parabola")
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
         times = duration * ca.DM(phase.shares).T
-        com_heights = z0 + vz0 * times - gravity * times**2 / 2
+        ground = grounds_below(phase.shares, self.phases[index - 1].ground, self.phases[index + 1].ground)
+        com_heights = z0 + vz0 * times - gravity * times**2 / 2 - ca.DM(ground).T
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node_rows.of_flight()
         values, torques = rows.at_nodes(function, y, v, a)
@@ -352,6 +385,8 @@ class JumpProgram:
             low[1:, end] = -np.inf
             high[1:, end] = np.inf
         rows.add_nodes(values, bounds, low, high, "flight")
+        if self._beyond is not None:
+            add_distance(rows, self.node_rows, index, (y, v, a), vx0 * duration, self._beyond)
         return ca.sum1(torques**2)
 
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
@@ -362,7 +397,7 @@ class JumpProgram:
         for end in self._flight_ends:
             if end.com_velocity is None:
                 continue
-            stance = self.phases[self.flight + (1 if end.node else -1)]
+            stance = self.phases[self.flights[0] + (1 if end.node else -1)]
             spot = stance.anchor.spots[0]
             function = model.function("seam", [model.momentum(), *model.com_from(spot, 1)])
             values = rows.at_nodes(function, *state)
@@ -370,13 +405,13 @@ class JumpProgram:
                 rows.add((value - fixed) / scale, 0.0, 0.0, "velocity and momentum of the flight")
 
     def _com(self, rows: Rows, index: int, state: Sequence[Any]) -> tuple[Any, Any, Any]:
-        """Height of the centre of mass over the ground, and its velocity, where a stance's anchor stands."""
+        """Height of the centre of mass over the first ground, and its velocity, where a stance's anchor stands."""
         model = self.model
         anchor = self.phases[index].anchor
         _, height = model.com_from(anchor.spots[0])
         rates = model.com_from(anchor.spots[0], 1)
         z, vx, vz = rows.at_nodes(model.function("com", [height, *rates]), *state)
-        return z + anchor.depth, vx, vz
+        return z + anchor.depth + self.phases[index].ground, vx, vz
 
     def solve(self, guess: Array) -> JumpSolution:
         """Run IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
@@ -413,7 +448,7 @@ class JumpProgram:
             a=variables.a,
             forces=tuple(variables.forces),
             durations=variables.durations.ravel(),
-            momentum=float(variables.momentum.item()),
+            momenta=variables.momentum.ravel(),
             factor=float(variables.factor.sum()) if self._limits else 1.0,
             worst=(float(off[worst]), rows.labels[worst]),
             shortfall=shortfall if holds else np.inf,
@@ -466,22 +501,23 @@ class JumpProgram:
     def guess(self, rng: np.random.Generator | None = None) -> Array:
         """Return the generic guess; with random numbers a perturbed one.
 
-        Joints as they stand, the base rotated by a smoothstep from the takeoff's last phase to the landing's first,
+        Joints as they stand, the base rotated by smoothsteps from each takeoff's last phase to its landing's first,
         nothing else.
         """
         durations = np.array([phase.duration for phase in self.phases])
-        joints = np.linspace(self.ends[0, 1:], self.ends[1, 1:], self.nodes).T
+        joints = np.linspace(self.ends[0, 1:], self.ends[-1, 1:], self.nodes).T
         if rng is not None:
             durations = np.clip(durations * rng.uniform(0.75, 1.35, len(durations)), *self._duration_bounds)
             bumps = np.sin(np.pi * np.linspace(0, 1, self.nodes)[None] * rng.integers(1, 4, (self.size - 1, 1)))
             joints = joints + rng.uniform(-0.3, 0.3, (self.size - 1, 1)) * bumps
         times = instants(self.phases, durations)
-        begin, end = times[self.starts[np.clip([self.flight - 1, self.flight + 2], 0, len(self.phases))]]
-        share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
-        rotation = self.ends[1, 0] - self.ends[0, 0]
         guess = self._shapes.map(np.zeros)
-        guess.y[:] = np.vstack((self.ends[0, 0] + rotation * share**2 * (3 - 2 * share), joints))
-        guess.v[0] = rotation * 6 * share * (1 - share) / (end - begin)
+        guess.y[:] = np.vstack((np.full(self.nodes, self.ends[0, 0]), joints))
+        for index, rotation in zip(self.flights, np.diff(self.ends[:, 0]), strict=True):
+            begin, end = times[self.starts[np.clip([index - 1, index + 2], 0, len(self.phases))]]
+            share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
+            guess.y[0] += rotation * share**2 * (3 - 2 * share)
+            guess.v[0] += rotation * 6 * share * (1 - share) / (end - begin)
         guess.durations[:, 0] = durations
         guess.factor[:] = 1.0
         return self.join(guess)
@@ -495,7 +531,7 @@ class JumpProgram:
             for row, force in enumerate(solution.forces[index]):
                 guess.forces[index][row] = np.interp(own.shares, other.shares, force)
         guess.durations[:, 0] = solution.durations
-        guess.momentum[:] = solution.momentum
+        guess.momentum[:, 0] = solution.momenta
         guess.factor[:] = solution.factor
         return self.join(guess)
 
@@ -504,14 +540,3 @@ def _repeated(bounds: Sequence[Bound], count: int) -> tuple[Array, Array]:
     """Low and high bounds (rows, count) of rows at so many nodes."""
     columns = np.array([(bound.low, bound.high) for bound in bounds], dtype=float)
     return np.tile(columns[:, :1], (1, count)), np.tile(columns[:, 1:], (1, count))
-
-
-def _onset_cost(load: Any, times: Any) -> Any:
-    """Cost (1, nodes) of ground forces that grow at once, at times (1, nodes) s from the landing on.
-
-    A foot that lands late is pressed down without a ground below it, and hits it the faster the more force it was to
-    bear by then: what the load is beyond one weight in ``onset`` costs.
-    """
-    beyond = load - times / SETTINGS.onset
-    positive = (beyond + casadi().sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
-    return SETTINGS.abruptness * positive**2

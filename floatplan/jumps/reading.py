@@ -1,7 +1,7 @@
 """Jumps' files, read: of jumps in a plane and in space; errors name file and key."""
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import check_finite, read_json
 from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump import ARRAYS, FORMAT, Jump
+from floatplan.jumps.jump_motion import Hop
 from floatplan.jumps.motion import Grid, Stance
 from floatplan.jumps.spatial.jump import ARRAYS_IN_SPACE, FORMAT_IN_SPACE, SpatialJump
 from floatplan.jumps.spatial.model import BASE
@@ -67,6 +68,10 @@ STANCE_IN_SPACE = KeyedTable(
     },
     unknown=UNKNOWN,
 )
+HOP = KeyedTable(
+    {"plan": table, "shift": POINT, "stances": many(STANCE, "tables")},
+    unknown=UNKNOWN,
+)
 JUMP = KeyedTable(
     {
         "format": one_of(FORMAT, FORMAT_IN_SPACE),
@@ -77,6 +82,7 @@ JUMP = KeyedTable(
         "flight": optional(table),
         "stances": many(table, "tables"),
     },
+    {"flights": many(table, "tables")},
     unknown="",
 )
 
@@ -127,12 +133,16 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     for index, table_of_stance in enumerate(content["stances"]):
         stance = read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
         sides[table_of_stance["side"]].append(stance)
+    more = _read_hops(content.get("flights", ()), path, urdf, robot, problem.flight.gravity)
+    if more and (is_spatial or flight is None):
+        raise InputError("are of a jump in a plane that has a first one", element="flights")
     jump = (SpatialJump if is_spatial else Jump)(
         problem,
         request,
         flight,
         before=tuple(sides["takeoff"]),
         after=tuple(sides["landing"]),
+        more=more,
         status=content["status"],
         explanation=content["explanation"],
     )
@@ -142,6 +152,29 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     if (flight is None) == all(sides.values()):
         raise InputError("do not fit the flight", element="stances")
     return jump
+
+
+def _read_hops(
+    content: Sequence[Any], path: Path, urdf: str | Path | None, robot: Robot, gravity: float
+) -> tuple[Hop, ...]:
+    """Flights after the first, each with what follows it."""
+    many(HOP, "tables")(content, "flights")
+    check_size(content, "flights", LARGEST)
+    hops = []
+    for index, table_of_hop in enumerate(content):
+        element = f"flights[{index}]"
+        with _within(f"{element}.plan"):
+            plan = rebuild(record_from_dict(table_of_hop["plan"]), path, urdf)
+        if plan.robot.sha256 != robot.sha256:
+            raise InputError("is not of the robot of the first flight", element=f"{element}.plan.robot.sha256")
+        stances = []
+        for count, table_of_stance in enumerate(table_of_hop["stances"]):
+            stances.append(_read_stance(table_of_stance, robot, gravity, f"{element}.stances[{count}]"))
+        if not stances:
+            raise InputError("must follow the flight", element=f"{element}.stances")
+        along, up = table_of_hop["shift"]
+        hops.append(Hop(plan, (float(along), float(up)), tuple(stances)))
+    return tuple(hops)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from floatplan.jumps.contacts import (
 )
 from floatplan.jumps.locked_joints import LockedJoints
 from floatplan.jumps.model import Pair, PlanarModel, casadi
-from floatplan.jumps.phases import Phase, index_of_flight
+from floatplan.jumps.phases import Phase, axes_of, drifting, indices_of_flights
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
@@ -242,7 +242,7 @@ class NodeRows:
     phases : of the jump
     points : that stay above the ground
     limits : NodeLimits
-    ends : (2, n+1) rad, y where the motion begins and ends
+    ends : (flights + 1, n+1) rad, y where the robot stands before each flight and after the last
     low_postures : contacts that stand, and y (n+1,), of postures in which points may be nearer to the ground
         Feet that have left, or are to come, may then be as far in the ground as other corners of feet.
 
@@ -269,7 +269,7 @@ class NodeRows:
         self.limits = limits
         self.ends = ends
         self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
-        self.flight = index_of_flight(self.phases)
+        self.flights = indices_of_flights(self.phases)
         self._locked = LockedJoints(model)
         self._functions: dict[tuple[GroundContact, ...], Any] = {}
         self.weight = model.robot.mass * model.gravity  # [N]
@@ -293,6 +293,11 @@ class NodeRows:
             for contact in phase.contacts:
                 feet[contact.name] = contact
         return list(feet.values())
+
+    def standing(self, phase: Phase) -> Array:
+        """Posture y (n+1,) rad in which the robot stands with the feet where a stance has them."""
+        posture: Array = self.ends[phase.hop + (phase.side == "landing")]
+        return posture
 
     @property
     def _spots(self) -> list[Spot]:
@@ -368,7 +373,7 @@ class NodeRows:
         """
         model = self.model
         error = self.limits.pitch_error
-        end = self.ends[0 if phase.side == "takeoff" else 1]
+        end = self.standing(phase)
         least: list[float] = []
         heights = []
         for spot, least_height in zip(self.points.spots, self.points.touchdown.tolist(), strict=True):
@@ -401,7 +406,7 @@ class NodeRows:
         anchor = phase.anchor.spots[0]
         model = self.model
         unit = self.unit
-        end = self.ends[0 if phase.side == "takeoff" else 1]
+        end = self.standing(phase)
         stand: list[Row] = []
         meet: list[Row] = []
         for contact in phase.others:
@@ -545,16 +550,6 @@ def quadrature_step(values: Any, rates: Any, accelerations: Any, step: Any) -> A
     """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives, by Hermite's rule."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (accelerations[:, :-1] - accelerations[:, 1:])
-
-
-def axes_of(contact: GroundContact) -> tuple[int, ...]:
-    """In which directions a contact but the anchor is fixed: both, or of a heel the vertical one."""
-    return (1,) if contact.vertical else (0, 1)
-
-
-def drifting(phase: Phase) -> int:
-    """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
-    return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
 def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import is_ground
+from floatplan.jumps.contacts import GroundEdge, displacement, is_ground
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.phases import instants
@@ -128,13 +128,15 @@ class Separation:
         moves = [tuple(self.robot.tree.turns[shape.body].tolist()) for shape in capsules]
         pieces = iter(range(len(capsules), len(self._shapes)))
         for index, obstacle in enumerate(self.obstacles):
-            element = f"obstacles[{index}]"
+            is_edge = isinstance(obstacle, GroundEdge)
+            element = "jump.edge" if is_edge else f"obstacles[{index}]"
+            obstacle_name = "the edge of the ground" if is_edge else f"obstacle {index}"
             own_pieces = list(itertools.islice(pieces, len(obstacle.pieces)))
             if is_ground(obstacle, self.ground):
                 continue
             for other, (first, shape) in itertools.product(own_pieces, enumerate(capsules)):
                 radii = shape.radius + getattr(self._shapes[other], "radius", 0.0)
-                name = f"{shape.link} clear of obstacle {index}"
+                name = f"{shape.link} clear of {obstacle_name}"
                 alike: tuple[Any, ...] = (element, other, moves[first])
                 candidates.append(SeparatingLine(name, element, first, other, radii, obstacle.margin, alike))
         for index, pair in enumerate(self.pairs):
@@ -161,7 +163,7 @@ class Separation:
         """
         ca = casadi()
         model = node_rows.model
-        index = node_rows.flight
+        index = node_rows.flights[0]
         *state, durations = motion
         capsule_ends: list[Spot] = []
         piece_ends: list[tuple[complex, tuple[float, float]]] = []  # at takeoff, and their velocity
@@ -172,27 +174,37 @@ class Separation:
                 else:
                     piece_ends.append((end, shape.velocity))
         before = node_rows.phases[index - 1].anchor
-        after = node_rows.phases[index + 1].anchor
-        takeoff = [array[:, steps * int(node_rows.starts[index])] for array in state]
-        landing = [array[:, steps * int(node_rows.starts[index + 1])] for array in state]
-        spot = before.spots[0]
         home = self.robot.frames[before.frame]
-        from_frame = model.positions(model.weights([spot], Spot(home.body, home.local)))
-        outputs = [*from_frame, *model.com_from(spot), *model.com_from(spot, 1)]
-        x, z, com_x, com_z, vx, vz = call(model.function("takes_off", outputs), *takeoff)
-        landing_com_x, _ = call(model.function("lands", model.com_from(after.spots[0])), *landing)
-        x = x + self.origin[0]
+        from_frame = model.positions(model.weights([before.spots[0]], Spot(home.body, home.local)))
+        takeoff = [array[:, steps * int(node_rows.starts[index])] for array in state]
+        x, z = call(model.function("from_frame", from_frame), *takeoff)
+        x = x + self.origin[0]  # where the anchor stands
         z = z + self.origin[1]
         begins = ca.cumsum(ca.vertcat(0.0, durations))
         for number, phase in enumerate(node_rows.phases):
             start = steps * int(node_rows.starts[number])
             stop = steps * int(node_rows.starts[number + 1])
-            since = begins[number] - begins[index] + durations[number] * ca.DM(refined(phase.shares, steps)).T
-            reference = (x, z)
-            if number == index:
-                reference = x + com_x + vx * since, z + com_z + vz * since - model.gravity / 2 * since**2
-            elif number > index:
-                reference = x + com_x + vx * durations[index] - landing_com_x, z - before.depth + after.depth
+            in_phase = durations[number] * ca.DM(refined(phase.shares, steps)).T
+            since = begins[number] - begins[index] + in_phase
+            previous = node_rows.phases[number - 1] if number else phase
+            if phase.side == "flight":
+                after = node_rows.phases[number + 1]
+                spot = previous.anchor.spots[0]
+                takeoff = [array[:, start] for array in state]
+                landing = [array[:, stop] for array in state]
+                leaves = model.function("leaves", [*model.com_from(spot), *model.com_from(spot, 1)])
+                com_x, com_z, vx, vz = call(leaves, *takeoff)
+                landing_com_x, _ = call(model.function("lands", model.com_from(after.anchor.spots[0])), *landing)
+                reference = x + com_x + vx * in_phase, z + com_z + vz * in_phase - model.gravity / 2 * in_phase**2
+                x = x + com_x + vx * durations[number] - landing_com_x
+                z = z - previous.anchor.depth - previous.ground + after.anchor.depth + after.ground
+            else:
+                if phase.hop > previous.hop:  # between two flights
+                    spots = (previous.anchor.spots[0], phase.anchor.spots[0])
+                    beyond = displacement(self.robot, *spots, node_rows.standing(phase))
+                    x = x + beyond[0]
+                    z = z + beyond[1]
+                reference = (x, z)
             positions = model.positions(model.weights(capsule_ends, phase.anchor.spots[0] if phase.contacts else None))
             of_phase = [array[:, start : stop + 1] for array in state]
             ends = []
@@ -240,7 +252,7 @@ class Separation:
         """
         if not self._candidates:
             return
-        anchor = node_rows.phases[node_rows.flight - 1].anchor
+        anchor = node_rows.phases[node_rows.flights[0] - 1].anchor
         home = self.robot.frames[anchor.frame]
         spot = anchor.spots[0]
         # Else where it stands depends on how the foot rotates until it takes off.
@@ -305,8 +317,8 @@ class Separation:
         self, node_rows: NodeRows, since: Array, segments: Segments, lines: Sequence[SeparatingLine], swapped: bool
     ) -> tuple[SeparatingLine, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        takeoff = node_rows.starts[node_rows.flight]
-        landing = node_rows.starts[node_rows.flight + 1]
+        takeoff = node_rows.starts[node_rows.flights[0]]
+        landing = node_rows.starts[node_rows.flights[-1] + 1]
         directed = []
         for line in lines:
             other = self._shapes[line.other]
@@ -408,3 +420,22 @@ def _around(angles: Array, gaps: Array, swapped: bool) -> Array:
         other_side = (lengths[0] > detour * lengths[1]) != swapped
         led[begin:end] = np.interp(np.arange(begin, end), [begin - 1, deepest, end], routes[other_side])
     return led
+
+
+def add_distance(rows: Rows, node_rows: NodeRows, index: int, motion: Sequence[Any], along: Any, beyond: float) -> None:
+    """Add a row: what lands is beyond an edge of the ground.
+
+    Parameters
+    ----------
+    index : of the flight among the phases
+    motion : y, v, a (n+1, nodes) of the flight
+    along : how far it goes, m
+    beyond : least horizontal position of the foot that lands from the one that takes off, m; its sign is the direction
+    """
+    model = node_rows.model
+    # Where circles are, not where they would be without their rotation.
+    before, after = (node_rows.phases[index + side].anchor.spots[0]._replace(radius=0.0) for side in (-1, 1))
+    (x0,) = rows.at_nodes(model.function("before", [model.com_from(before)[0]]), *(m[:, 0] for m in motion))
+    (x1,) = rows.at_nodes(model.function("after", [model.com_from(after)[0]]), *(m[:, -1] for m in motion))
+    value = np.sign(beyond) * (x0 + along - x1 - beyond)
+    rows.add(value / node_rows.height, 0.0, np.inf, "landing beyond the edge")

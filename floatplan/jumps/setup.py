@@ -22,8 +22,10 @@ from floatplan.jumps.contacts import (
     bent_ranges,
     clearance_points,
     contact_at,
+    edge_obstacles,
     ground_below,
     in_the_air,
+    least_distance,
     names_of,
     not_round,
     rolling,
@@ -35,8 +37,10 @@ from floatplan.jumps.phases import (
     FlightEnd,
     Phase,
     Side,
-    index_of_flight,
+    in_sequence,
+    indices_of_flights,
     not_static,
+    refuse_other_feet,
     side_phases,
     standing_posture,
     static_beyond_ranges,
@@ -45,8 +49,8 @@ from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rows import NodeLimits, NodeRows
 from floatplan.jumps.separation import RESERVE, TOLERATED_SHORTFALL, Separation
 from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, JumpSolution
-from floatplan.problem.jump import JumpRequest, Standing
-from floatplan.problem.parts import JointState
+from floatplan.problem.jump import Ending, JumpFlight, JumpRequest
+from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, positions_from_com
@@ -71,6 +75,7 @@ class NodeMargins:
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
+    tilt : of the middle one of the base's angles, at most, rad; of jumps in space
     """
 
     torque: float
@@ -84,6 +89,7 @@ class NodeMargins:
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
+    tilt: float = math.inf
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -216,8 +222,8 @@ class Setup:
     problem : Problem
     request : JumpRequest
     phases : of the jump
-    ends : (2, n+1) rad, orientation and joints where the motion begins and ends: standing, or, of one side alone, where
-        it meets the flight
+    ends : (flights + 1, n+1) rad, orientation and joints where it stands before each flight and after the last; of one
+        side alone where it meets the flight
     ground : height of the ground over the centre of mass, standing, m
     flight_ends : what is fixed at the flight's ends
     momentum : of the flight, kg m^2/s, where it is fixed
@@ -243,9 +249,15 @@ class Setup:
         return math.tau * round(float(self.ends[-1, 0] - self.ends[0, 0]) / math.tau)
 
     @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The problem's obstacles, and the edge between grounds of different heights."""
+        ground = self.problem.takeoff.planar_position[1] - self._height_of_origin
+        return (*self.problem.obstacles, *edge_obstacles(self.request, ground))
+
+    @property
     def _flight(self) -> int:
-        """Index of the flight among the phases."""
-        return index_of_flight(self.phases)
+        """Index of the first flight among the phases."""
+        return indices_of_flights(self.phases)[0]
 
     @property
     def _stance_posture(self) -> Array:
@@ -290,7 +302,7 @@ class Setup:
         origin = problem.takeoff.planar_position
         separation = Separation(
             problem.robot,
-            obstacles=problem.obstacles,
+            obstacles=self.obstacles,
             pairs=problem.self_clearances,
             origin=origin,
             ground=origin[1] - self._height_of_origin,
@@ -301,6 +313,8 @@ class Setup:
             separation,
             self.flight_ends,
             self.momentum,
+            beyond=least_distance(problem.robot, self.request, self.phases[-1].contacts, self.ends[-1]),
+            periodic=self.request.is_periodic,
             limits=self.request.objective == "limits",
             iterations=iterations,
             lift=margins.lift,
@@ -334,27 +348,30 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     turns = round(problem.final.orientation / math.tau) - round(problem.initial.orientation / math.tau)
     _refuse_impossible_ends(problem, turns)
     before = _target_posture(problem, problem.initial, request.takeoff.from_)
-    takeoff = request.takeoff.contacts
-    landing = request.landing.contacts
-    if not (takeoff and landing):
-        feet, single = usual_groups(robot, problem.takeoff.frame, "takeoff", before)
-        if turns * robot.tree.turn < 0:  # forwards from the front feet to the rear ones
-            single = single[::-1]
-        takeoff = takeoff or [feet, *single[:1]]
-        landing = landing or [*single[-1:], feet]
-    takeoff_contacts, start = _side(problem, request, "takeoff", takeoff, before)
-    after = _target_posture(problem, problem.final, request.landing.to, start)
-    landing_contacts, end = _side(problem, request, "landing", landing, after)
-    ground = ground_below(robot, takeoff_contacts[0][0], start)
-    unit = math.sqrt(-ground / float(problem.flight.gravity))
-    time = problem.flight.duration
-    flight_bounds = (time, time) if "duration" in request.fixed else None
-    phases = (
-        *side_phases("takeoff", takeoff_contacts, unit, duration_bounds(request, "takeoff", len(takeoff))),
-        *side_phases("flight", [()], unit, [flight_bounds], turns),
-        *side_phases("landing", landing_contacts, unit, duration_bounds(request, "landing", len(landing))),
-    )
-    _check_frames(problem, takeoff_contacts, landing_contacts)
+    flights = _flights(problem, request, turns)
+    phases: list[Phase] = []
+    ends: list[Array] = []
+    for hop, (own_turns, flight_bounds) in enumerate(flights):
+        takeoff, landing = _groups(problem, request, own_turns, before)
+        takeoff_contacts, start = _side(problem, request, "takeoff", takeoff, before)
+        after = _target_posture(problem, problem.final, request.landing.to, start)
+        landing_contacts, end = _side(problem, request, "landing", landing, after)
+        if not hop:
+            ends.append(start)
+            ground = ground_below(robot, takeoff_contacts[0][0], start)
+            unit = math.sqrt(-ground / float(problem.flight.gravity))
+            _check_frames(problem, takeoff_contacts, landing_contacts)
+        is_last = hop == len(flights) - 1
+        of_takeoff = duration_bounds(request, "takeoff", len(takeoff))
+        of_landing = duration_bounds(request, "landing", len(landing))
+        of_hop = [
+            *side_phases("takeoff", takeoff_contacts, unit, of_takeoff),
+            *side_phases("flight", [()], unit, [flight_bounds], own_turns),
+            *side_phases("landing", landing_contacts, unit, of_landing),
+        ]
+        phases += [in_sequence(phase, hop, problem, request) for phase in of_hop]
+        ends.append(_rotated(end if is_last else start, ends[-1][0] - start[0] + math.tau * own_turns))
+    refuse_other_feet(phases, request.is_periodic)
     flight_ends = []
     for key, node, state in (("start", 0, problem.initial), ("goal", -1, problem.final)):
         if key in request.fixed:
@@ -362,12 +379,43 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     return Setup(
         problem,
         request,
-        phases,
-        ends=np.stack((start, _rotated(end, math.tau * turns))),
+        tuple(phases),
+        ends=np.stack(ends),
         ground=ground,
         flight_ends=tuple(flight_ends),
         momentum=_fixed_momentum(problem, request),
     )
+
+
+def _flights(problem: Problem, request: JumpRequest, turns: int) -> list[tuple[int, tuple[float, float] | None]]:
+    """Whole turns of each flight, and bounds of its duration, s, if it has any; ``turns`` are those of the problem."""
+    time = problem.flight.duration
+    fixed = (time, time) if "duration" in request.fixed else None
+    flights: list[tuple[int, tuple[float, float] | None]] = []
+    for flight in request.flights or (JumpFlight(),):
+        own_turns = turns if flight.turns is None else flight.turns
+        flights += [(own_turns, flight.duration or fixed)] * flight.repeat
+    if flights[0][0] != turns:
+        reason = f"the first flight makes {flights[0][0]} turns, and the problem's goal is {turns} from its start"
+        raise InputError(reason, element="jump.flights[0].turns", advice="let both say the same, or leave it out")
+    if len(flights) > 1 and problem.obstacles:
+        reason = "only jumps of one flight keep clear of obstacles"
+        raise InputError(reason, element="obstacles", advice="leave them out, or plan one flight")
+    return flights
+
+
+def _groups(
+    problem: Problem, request: JumpRequest, turns: int, posture: Array
+) -> tuple[Sequence[Sequence[str]], Sequence[Sequence[str]]]:
+    """Names of what stands in the phases before and after a flight: as requested, else as usual for so many turns."""
+    takeoff = request.takeoff.contacts
+    landing = request.landing.contacts
+    if takeoff and landing:
+        return takeoff, landing
+    feet, single = usual_groups(problem.robot, problem.takeoff.frame, "takeoff", posture)
+    if turns * problem.robot.tree.turn < 0:  # forwards from the front feet to the rear ones
+        single = single[::-1]
+    return takeoff or [feet, *single[:1]], landing or [*single[-1:], feet]
 
 
 def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
@@ -383,8 +431,10 @@ def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
         raise InputError(reason, element="goal.orientation", advice=advice)
     landing = flight.landing
     rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[1]
-    if abs(rise) > 0.2:  # m: ankles rise by so much where soles tip
-        reason = f"a jump lands on the ground that it leaves, not {rise:.3g} m up"
+    rise_of_ground = problem.jump.rise if problem.jump else 0.0
+    if min(abs(rise), abs(rise - rise_of_ground)) > 0.2:  # m: ankles rise by so much where soles tip; 0 if left out
+        ground = f"ground that is {rise_of_ground:.3g} m up" if rise_of_ground else "the ground that it leaves"
+        reason = f"a jump lands on {ground}, not {rise:.3g} m up"
         advice = "leave it out, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="flight.landing.height", advice=advice)
 
@@ -542,7 +592,7 @@ def duration_bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple
     return [(low, high) for low, high in durations]
 
 
-def _target_posture(problem: Problem, state: JointState, requested: Standing, standing: Array | None = None) -> Array:
+def _target_posture(problem: Problem, state: JointState, requested: Ending, standing: Array | None = None) -> Array:
     """Posture (n+1,) rad that is requested: that of ``standing``, or by joint, others being in the reference.
 
     The base is level; or, where the robot stands on it, as in the flight's ``state`` there, less whole turns.

@@ -1,4 +1,4 @@
-"""Variables of a jump's program, their values in a solution, and the numbers of the program."""
+"""Variables of a jump's program, their values in a solution, what ties them where stances meet; its numbers."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -7,7 +7,9 @@ from typing import Any, Self
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.model import casadi
 from floatplan.jumps.phases import Phase
+from floatplan.jumps.rows import NodeRows, Rows, balanced
 from floatplan.jumps.separation import TOLERATED_SHORTFALL
 from floatplan.tables import POINT_FEET
 
@@ -79,7 +81,7 @@ class Variables:
     forces : of each phase (2 (contacts - 1), nodes of the phase), N, of its contacts but the anchor
     drifts : of each phase (conditions, 2) at its begin and end, scaled accelerations
     durations : (phases, 1) s
-    momentum : (1, 1) h, kg m^2/s
+    momentum : (flights, 1) h of each flight, kg m^2/s
     factor : (1, 1) on limits; (0, 1) where squared torques are minimised
     """
 
@@ -128,7 +130,7 @@ class JumpSolution:
     y, v, a : (n+1, K+1)
     forces : for each phase (2 (contacts - 1), nodes of the phase) N, of its contacts but the anchor
     durations : (phases,) s
-    momentum : h, kg m^2/s
+    momenta : (flights,) h of each flight, kg m^2/s
     factor : largest share of a limit, where that is minimised; else 1
     worst : largest violation of a constraint, scaled; and which it is
     shortfall : of distances, m, where all else holds, though the cost may not be least; else infinite
@@ -141,7 +143,7 @@ class JumpSolution:
     a: Array
     forces: tuple[Array, ...]
     durations: Array
-    momentum: float
+    momenta: Array
     factor: float
     worst: tuple[float, str]
     shortfall: float
@@ -155,3 +157,58 @@ class JumpSolution:
         Rows hold, distances fall short by no more than is tolerated, and no locked joint without a row bears too much.
         """
         return self.shortfall <= TOLERATED_SHORTFALL and not self.overloaded
+
+
+def bound_forces(box: Array, phase: Phase, inner: Phase, least: float) -> None:
+    """Set bounds (2, 2 others, nodes) N of forces: at ``least`` upwards, N; none where a contact leaves or comes."""
+    box[0, 1::2] = least * phase.force_shares
+    seam = -1 if phase.side == "takeoff" else 0
+    stays = [contact.name for contact in inner.contacts]
+    for row, contact in enumerate(phase.others):
+        if contact.vertical:
+            box[:, 2 * row] = 0.0
+        if contact.name not in stays:
+            box[:, 2 * row : 2 * row + 2, seam] = 0.0
+
+
+def add_meeting(rows: Rows, node_rows: NodeRows, index: int, variables: Variables, periodic: bool) -> None:
+    """Add rows where a stance ends and the next begins: equal forces; of a periodic jump's ends an equal motion.
+
+    What stands there is the same, but seen from another anchor. With the motion given one number is free, by which
+    the feet press against one another: a horizontal force.
+
+    Parameters
+    ----------
+    index : of the stance among the phases, as :func:`meets_next` says
+    periodic : whether the jump ends as it begins
+    """
+    phases = node_rows.phases
+    following = (index + 1) % len(phases)
+    one = phases[index]
+    two = phases[following]
+    motion = (variables.y, variables.v, variables.a)
+    if periodic and not following:
+        change = (node_rows.ends[-1] - node_rows.ends[0], 0.0, 0.0)  # whole turns
+        for order, (values, by) in enumerate(zip(motion, change, strict=True)):
+            rows.add(node_rows.unit**order * (values[:, -1] - values[:, 0] - by), 0.0, 0.0, "periodic")
+    if not one.others:
+        return
+    forces = casadi().SX.sym("forces", 2 * len(one.others))
+    own, pairs = balanced(node_rows.model, one, forces)
+    by_name = dict(zip([contact.name for contact in one.contacts], [own, *pairs], strict=True))
+    function = node_rows.model.function("horizontal", [by_name[two.others[0].name][0]], forces)
+    node = int(node_rows.starts[index + 1])
+    (before,) = rows.at_nodes(function, *(values[:, node] for values in motion), variables.forces[index][:, -1])
+    after = variables.forces[following][0, 0]
+    rows.add((before - after) / node_rows.weight, 0.0, 0.0, f"forces ({one.name})")
+
+
+def onset_cost(load: Any, times: Any) -> Any:
+    """Cost (1, nodes) of ground forces that grow at once, at times (1, nodes) s from the landing on.
+
+    A foot that lands late is pressed down without a ground below it, and hits it the faster the more force it was to
+    bear by then: what the load is beyond one weight in ``onset`` costs.
+    """
+    beyond = load - times / SETTINGS.onset
+    positive = (beyond + casadi().sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
+    return SETTINGS.abruptness * positive**2

@@ -20,12 +20,13 @@ template <typename Remaining> class Correcting {
         const Index most = e + f.options.most_rows * f.blocks;
         for (double **each : {&best, &y, &step, &begun}) arena.take(*each, size);
         arena.take(of_miss, e * size);
-        arena.take(hessian, size * size);
+        arena.take(system, size * size);
+        arena.take(shares, size);
         arena.take(jacobian, most * size);
         arena.take(residual, most);
         arena.take(first, (6 + width) * n);
         arena.take(worst, f.blocks);
-        arena.take(sorted, f.block_first[f.blocks] * f.instants);
+        arena.take(near, f.block_first[f.blocks] * f.instants + 1);
         for (At *each : {present, tried}) rest.lay_out(arena, *each);
     }
 
@@ -80,8 +81,9 @@ template <typename Remaining> class Correcting {
     At two[2] = {}, *present = two, *tried = two + 1;
     Index n, width, size, rows = 0;
     double stiffness = 0, expected = 0;
-    double *best, *y, *step, *begun, *hessian, *jacobian, *residual, *first, *worst, *sorted;
+    double *best, *y, *step, *begun, *system, *shares, *jacobian, *residual, *first, *worst;
     double *of_miss;  // (e, size): of the present motion
+    Index *near;      // of a block, the numbers row * K + instant of what is below its aim
 
     // What is kept, and what changes are of: the present motion.
     void begin_at_present() {
@@ -216,8 +218,8 @@ template <typename Remaining> class Correcting {
         for (Index a = 0; a < e; ++a) residual[a] = present->miss[a] / sigma;
         rows = e;
         for (Index block = 0; block < f.blocks; ++block) gather(block);
-        if (rows == e) step_along_miss();
-        else step_along_all();
+        if (rows < size) step_by_rows();
+        else step_by_changes();
         expected = 0;
         for (Index r = 0; r < rows; ++r) {
             const double left = dot(jacobian + r * size, step, size, residual[r]);
@@ -226,51 +228,58 @@ template <typename Remaining> class Correcting {
         for (Index a = 0; a < size; ++a) expected += stiffness * (best[a] + step[a]) * (best[a] + step[a]);
     }
 
-    // No limit is near: in closed form, by a system of as many equations as there are numbers of the miss.
-    void step_along_miss() {
-        double system[e * e], shares[e];
-        for (Index a = 0; a < e; ++a) {
-            const double *row = jacobian + a * size;
-            shares[a] = dot(row, best, size) - residual[a];
-            for (Index b = 0; b < e; ++b) system[a * e + b] = (a == b) * stiffness + dot(row, jacobian + b * size, size);
+    // With the matrix J of the rows and their residuals r: the least sum is at y = J^T (J J^T + stiffness)^-1 (J best - r),
+    // as many equations as there are rows, most often one for each number of the miss.
+    void step_by_rows() {
+        for (Index a = 0; a < rows; ++a) {
+            multiply_vector(jacobian, rows, size, size, jacobian + a * size, system + a * rows);
+            system[a * rows + a] += stiffness;
         }
-        eliminate(system, shares, e);
-        for (Index k = 0; k < size; ++k) step[k] = jacobian[k] * shares[0] - best[k];
-        for (Index a = 1; a < e; ++a) add(shares[a], jacobian + a * size, size, step);
+        multiply_vector(jacobian, rows, size, size, best, shares);
+        for (Index a = 0; a < rows; ++a) shares[a] -= residual[a];
+        eliminate(system, shares, rows);
+        for (Index k = 0; k < size; ++k) step[k] = -best[k];
+        for (Index a = 0; a < rows; ++a) add(shares[a], jacobian + a * size, size, step);
     }
 
-    void step_along_all() {
-        zero(hessian, size * size);
-        for (Index a = 0; a < size; ++a) hessian[a * size + a] = stiffness, step[a] = -stiffness * best[a];
+    // The same by (J^T J + stiffness) step = -J^T r - stiffness best, as many equations as there are changes.
+    void step_by_changes() {
+        zero(system, size * size);
+        for (Index a = 0; a < size; ++a) {
+            system[a * size + a] = stiffness;
+            step[a] = -stiffness * best[a];
+        }
         for (Index r = 0; r < rows; ++r) {
             const double *row = jacobian + r * size;
             add(-residual[r], row, size, step);
-            for (Index a = 0; a < size; ++a) add(row[a], row, size, hessian + a * size);
+            for (Index a = 0; a < size; ++a) add(row[a], row, size, system + a * size);
         }
-        eliminate(hessian, step, size);
+        eliminate(system, step, size);
     }
 
     // The rows of a block that are below their aim, at most so many, the worst.
     void gather(Index block) {
-        const Index K = f.instants, begin = f.block_first[block] * K, end = f.block_first[block + 1] * K;
-        double *violation = present->violation, floor = 0;
-        Index near = 0;
-        for (Index e = begin; e < end; ++e) near += violation[e] > 0;
-        if (near > f.options.most_rows) {
-            double *end_sorted = sorted, *place;
-            for (Index e = begin; e < end; ++e) *end_sorted++ = violation[e] > 0 ? violation[e] : 0;  // none is NaN
-            std::nth_element(sorted, place = end_sorted - f.options.most_rows - 1, end_sorted);
-            floor = *place;
+        const double *violation = present->violation;
+        if (present->worst[block] >= f.aim[block]) return;
+        Index *end = near;
+        const Index last = f.block_first[block + 1] * f.instants;
+        for (Index entry = f.block_first[block] * f.instants; entry < last; ++entry) {
+            *end = entry;  // kept where the next one is not written over it
+            end += violation[entry] > 0;
         }
-        Index left = f.options.most_rows;
-        for (bool as_floor : {false, true})  // of several that are equal, as of legs that move alike, the first
-            for (Index e = begin; e < end && left; ++e) {
-                if (as_floor ? floor == 0 || violation[e] != floor : !(violation[e] > floor)) continue;
-                --left;
-                double *row = jacobian + rows * size;
-                rest.differentiate(*present, e / K, e % K, row);
-                for (Index a = 0; a < size; ++a) row[a] /= f.softness[block];
-                residual[rows++] = -violation[e];
-            }
+        if (end - near > f.options.most_rows) {
+            const auto is_worse = [violation](Index a, Index b) {  // of legs that move alike, the first
+                return violation[a] != violation[b] ? violation[a] > violation[b] : a < b;
+            };
+            std::nth_element(near, near + f.options.most_rows, end, is_worse);
+            end = near + f.options.most_rows;
+            std::sort(near, end);
+        }
+        for (const Index *entry = near; entry < end; ++entry) {
+            double *row = jacobian + rows * size;
+            rest.differentiate(*present, *entry / f.instants, *entry % f.instants, row);
+            for (Index a = 0; a < size; ++a) row[a] /= f.softness[block];
+            residual[rows++] = -violation[*entry];
+        }
     }
 };

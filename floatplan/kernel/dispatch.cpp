@@ -84,30 +84,30 @@ EXPORT Index floatplan_quadratic(Quadratic *qp, Index instructions) {
 }
 
 EXPORT Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                               const Nodes *levels, const Settings *settings, const Exchange *rules,
+                               const Nodes *levels, const Settings *settings, const Exchange *exchange,
                                const Powers *powers, SearchProblem *problems, SamplingOptions *sampling, Index count,
                                Index instructions) {
-    return CHOSEN(follow_rows(*robot, constraints, motions, levels, *settings, *rules, powers, problems, sampling, count));
+    return CHOSEN(follow_rows(*robot, constraints, motions, levels, *settings, *exchange, powers, problems, sampling, count));
 }
 
 EXPORT Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                                const Nodes *levels, const Settings *settings, const Exchange *rules,
+                                const Nodes *levels, const Settings *settings, const Exchange *exchange,
                                 SearchProblem *problem, Evaluation *at, Index instructions) {
-    return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *rules, *problem, *at));
+    return CHOSEN(evaluate_program(*robot, *constraints, *motions, levels, *settings, *exchange, *problem, *at));
 }
 
 EXPORT Index floatplan_attempt_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints,
                                         const Motions *motions, const Nodes *levels, const Settings *settings,
-                                        const Exchange *rules, const Powers *powers, SearchProblem *problems,
+                                        const Exchange *exchange, const Powers *powers, SearchProblem *problems,
                                         SamplingOptions *sampling, Index count, Index instructions) {
-    return CHOSEN(follow_in_space(bodies, cells, constraints, motions, levels, *settings, *rules, powers, problems, sampling,
+    return CHOSEN(follow_in_space(bodies, cells, constraints, motions, levels, *settings, *exchange, powers, problems, sampling,
                                   count));
 }
 
 EXPORT Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *cells, const Constraints *constraints,
                                          const Motions *motions, const Nodes *levels, const Settings *settings,
-                                         const Exchange *rules, SearchProblem *problem, Evaluation *at, Index instructions) {
-    return CHOSEN(evaluate_in_space(*body, cells, *constraints, *motions, levels, *settings, *rules, *problem, *at));
+                                         const Exchange *exchange, SearchProblem *problem, Evaluation *at, Index instructions) {
+    return CHOSEN(evaluate_in_space(*body, cells, *constraints, *motions, levels, *settings, *exchange, *problem, *at));
 }
 
 EXPORT Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,

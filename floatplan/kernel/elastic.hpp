@@ -9,22 +9,22 @@
 
 template <typename Flight> void Sqp<Flight>::find_elastic_step() {
     const double penalty = slack_penalty;
-    program.differentiate_rows(*now, rules.reach);
+    program.differentiate_rows(*now, exchange.reach);
     gather(*now);
     double lacking[MOST];  // c_e + a_e d
     copy(lacking, now->equality, MOST);
     zero(direction, size);
     copy(linear, gathered, near());
-    for (Index iteration = 0; iteration < rules.elastic_iterations; ++iteration) {
+    for (Index iteration = 0; iteration < exchange.elastic_iterations; ++iteration) {
         copy(matrix, hessian, size * size);
         for (Index k = 0; k < size; ++k) {
             right[k] = -dot(hessian + k * size, direction, size, now->gradient[k]);
-            matrix[k * size + k] += rules.regularisation * penalty;
+            matrix[k * size + k] += exchange.regularisation * penalty;
         }
         copy(product, right, size);
         for (Index e = 0; e < program.equalities; ++e) add_normal(row_of(e), penalty, lacking[e]);
         add_violated(penalty);
-        program.work += rules.solving * (size * size * size / 3 + near() * size);
+        program.work += exchange.solving * (size * size * size / 3 + near() * size);
         copy(change, right, size);
         if (!eliminate(matrix, change, size)) break;
         follow(change, slope);
@@ -61,7 +61,7 @@ template <typename Flight> void Sqp<Flight>::add_violated(double weight) {
     for (Index e = 0; e < near(); e += LANES) {
         const Bits violated = load(linear + e) < all(0);
         if (!any(violated)) continue;
-        program.work += rules.solving * LANES * size * size / 2;
+        program.work += exchange.solving * LANES * size * size / 2;
         const double *slopes = now->slopes + e / 8 * size * 8 + e % 8;
         const Vector value = select(violated, load(linear + e), all(0));
         Vector *sum = (Vector *)squares_of_rows;

@@ -6,15 +6,15 @@ Index flight_room_in_space(const SpatialBody &robot, const Constraints &constrai
 void update_flight_in_space(const SpatialBody &robot, const Constraints &constraints, CorrectedFlight &flight, Index what);
 Index solve_quadratic(Quadratic &qp);
 Index follow_rows(const Robot &robot, const Constraints *constraints, const Motions *motions, const Nodes *levels,
-                  const Settings &settings, const Exchange &rules, const Powers *powers,
+                  const Settings &settings, const Exchange &exchange, const Powers *powers,
                   SearchProblem *problems, SamplingOptions *sampling, Index count);
 Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
-                       const Settings &settings, const Exchange &rules, SearchProblem &problem, Evaluation &at);
+                       const Settings &settings, const Exchange &exchange, SearchProblem &problem, Evaluation &at);
 Index follow_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints, const Motions *motions,
-                      const Nodes *levels, const Settings &settings, const Exchange &rules, const Powers *powers,
+                      const Nodes *levels, const Settings &settings, const Exchange &exchange, const Powers *powers,
                       SearchProblem *problems, SamplingOptions *sampling, Index count);
 Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Constraints &constraints, const Motions &motions,
-                        const Nodes *levels, const Settings &settings, const Exchange &rules, SearchProblem &problem,
+                        const Nodes *levels, const Settings &settings, const Exchange &exchange, SearchProblem &problem,
                         Evaluation &at);
 Index lift_motion(const SpatialBody &body, const Cells &cells, const Motions &motions, const Nodes &nodes, Lifted &of);
 Index move_in_space(const SpatialTree &tree, const SpatialMotion &motion);

@@ -3,18 +3,18 @@
 
 template <typename Flight>
 static inline Index evaluate(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
-                             const Nodes *levels, const Settings &settings, const Exchange &rules, SearchProblem &problem,
+                             const Nodes *levels, const Settings &settings, const Exchange &exchange, SearchProblem &problem,
                              Evaluation &at) {
-    Program<Flight> program(body, constraints, motions, levels, settings, rules, problem);
-    Sqp<Flight> search(program, settings, rules, problem);
+    Program<Flight> program(body, constraints, motions, levels, settings, exchange, problem);
+    Sqp<Flight> search(program, settings, exchange, problem);
     const Index nodes = levels[settings.levels - 1].nodes, size = program.size;
     Workspace room;
     if (!room.make([&](Arena &arena) {
             program.lay_out(arena, nodes);
-            search.lay_out(arena, problem.rows * ((nodes + rules.most_instants + 7) / 8 * 8));
+            search.lay_out(arena, problem.rows * ((nodes + exchange.most_instants + 7) / 8 * 8));
         }))
         return 1;
-    learn_from_plain(program, levels, settings, rules, problem);
+    learn_from_plain(program, levels, settings, exchange, problem);
     program.back_off = at.back_off;
     program.watch(at.level, at.others, at.extra);
     Evaluated<Flight> &now = *search.now;
@@ -38,12 +38,12 @@ static inline Index evaluate(const typename Flight::Body &body, const Constraint
 }
 
 Index evaluate_program(const Robot &robot, const Constraints &constraints, const Motions &motions, const Nodes *levels,
-                       const Settings &settings, const Exchange &rules, SearchProblem &problem, Evaluation &at) {
-    return evaluate<PlanarFlightEvaluator>(robot, constraints, motions, levels, settings, rules, problem, at);
+                       const Settings &settings, const Exchange &exchange, SearchProblem &problem, Evaluation &at) {
+    return evaluate<PlanarFlightEvaluator>(robot, constraints, motions, levels, settings, exchange, problem, at);
 }
 
 Index evaluate_in_space(const SpatialBody &body, const Cells *cells, const Constraints &constraints, const Motions &motions,
-                        const Nodes *levels, const Settings &settings, const Exchange &rules, SearchProblem &problem,
+                        const Nodes *levels, const Settings &settings, const Exchange &exchange, SearchProblem &problem,
                         Evaluation &at) {
-    return evaluate<SpatialFlightEvaluator>({body, cells, body.joints}, constraints, motions, levels, settings, rules, problem, at);
+    return evaluate<SpatialFlightEvaluator>({body, cells, body.joints}, constraints, motions, levels, settings, exchange, problem, at);
 }

@@ -5,16 +5,16 @@
 template <typename Flight> class Follower {
   public:
     Follower(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions, const Nodes *levels,
-             const Settings &settings, const Exchange &rules, SearchProblem &problem)
-        : program(body, constraints, motions, levels, settings, rules, problem),
-          search(program, settings, rules, problem), settings(settings), rules(rules), problem(problem),
+             const Settings &settings, const Exchange &exchange, SearchProblem &problem)
+        : program(body, constraints, motions, levels, settings, exchange, problem),
+          search(program, settings, exchange, problem), settings(settings), exchange(exchange), problem(problem),
           most_nodes(levels[settings.levels - 1].nodes), has_rows(problem.rows > 0) {}
 
     void lay_out(Arena &arena) {
-        const Index most = most_nodes + rules.most_instants;
+        const Index most = most_nodes + exchange.most_instants;
         program.lay_out(arena, most_nodes);
         search.lay_out(arena, problem.rows * ((most + 7) / 8 * 8));
-        for (double **each : {&extra, &watched}) arena.take(*each, 2 * rules.most_instants + problem.minima.instants);
+        for (double **each : {&extra, &watched}) arena.take(*each, 2 * exchange.most_instants + problem.minima.instants);
         for (double **each : {&start, &restored, &best, &looked_at}) arena.take(*each, program.size);
     }
 
@@ -32,7 +32,7 @@ template <typename Flight> class Follower {
         problem.violation = HUGE_VAL;
         looked_level = -1;
         follow_best();
-        if (problem.violation < rules.near_miss && problem.status != optimal && !search.is_exhausted()) {
+        if (problem.violation < exchange.near_miss && problem.status != optimal && !search.is_exhausted()) {
             problem.at_once = 1;
             follow_best();
         }
@@ -101,7 +101,7 @@ template <typename Flight> class Follower {
   private:
     Sqp<Flight> search;
     const Settings &settings;
-    const Exchange &rules;
+    const Exchange &exchange;
     SearchProblem &problem;
     Index most_nodes, extra_count = 0, looked_level = -1;  // the last: of the minima found last
     Status status = infeasible;
@@ -135,16 +135,16 @@ template <typename Flight> class Follower {
     // From `start` to a motion that violates next to nothing, at the nodes of the search's level and then at a closer one,
     // and on to the objective where that promises something.
     void restore_and_solve(Index closer_level) {
-        program.back_off = rules.back_off;
+        program.back_off = exchange.back_off;
         extra_count = 0;
         begin(problem.level, start);
         double squared = search.reduce_violations();
-        if (closer_level != problem.level && !search.is_stuck && squared < rules.nearly_promising) {
+        if (closer_level != problem.level && !search.is_stuck && squared < exchange.nearly_promising) {
             begin(closer_level, search.now->x);
             squared = search.reduce_violations();
         }
         status = infeasible;
-        if (squared < rules.promising && !search.is_stuck) {
+        if (squared < exchange.promising && !search.is_stuck) {
             copy(restored, search.now->x, program.size);
             solve(restored, closer_level);
         }
@@ -161,7 +161,7 @@ template <typename Flight> class Follower {
         is_bare = !extra_count;
         std::sort(watched, watched + count);
         count = std::unique(watched, watched + count) - watched;
-        program.watch(level, watched, count < rules.most_instants ? count : rules.most_instants);
+        program.watch(level, watched, count < exchange.most_instants ? count : exchange.most_instants);
         if (x != search.now->x) copy(search.now->x, x, program.size);
         program.evaluate(*search.now);
     }
@@ -169,7 +169,7 @@ template <typename Flight> class Follower {
     // Minimises the objective subject to (14) and to the rows at all times, in rounds: an SQP at the nodes and instants at
     // hand, then more nodes where these do not resolve where it ended, and instants where rows are low between them.
     void solve(const double *x, Index first_level) {
-        program.back_off = rules.back_off;
+        program.back_off = exchange.back_off;
         extra_count = 0;
         Index level = begin_resolved(x, first_level);
         if (!program.is_known(*search.now)) {
@@ -186,9 +186,9 @@ template <typename Flight> class Follower {
         for (Index round = 0; round < settings.most_rounds; ++round) {
             const bool is_last = stage == last;
             const bool is_free = !program.watches && problem.at_once;
-            const double longest = is_free ? rules.longest_free_step : settings.longest_step;
+            const double longest = is_free ? exchange.longest_free_step : settings.longest_step;
             Stage own = settings.stages[stages[stage]];
-            const double rough = is_last ? rules.between_left * left_between : 0;
+            const double rough = is_last ? exchange.between_left * left_between : 0;
             const bool is_rough = rough > own.feasibility;
             if (is_rough) own.feasibility = rough;
             status = search.minimise(own, longest, is_last);
@@ -200,7 +200,7 @@ template <typename Flight> class Follower {
             if (search.iterations - begun > settings.most_iterations) return;
             if (status == infeasible && (is_last || !(search.now->worst <= settings.hopeless))) {
                 // What nearly holds may have no room inside its limits, but just as much as they leave.
-                if (!(program.watches && program.back_off > 0 && search.now->worst < rules.tight)) return;
+                if (!(program.watches && program.back_off > 0 && search.now->worst < exchange.tight)) return;
                 program.back_off = 0;
                 finished = false;
             }
@@ -217,7 +217,7 @@ template <typename Flight> class Follower {
 
     // Evaluates x at the first level from one on whose nodes resolve it coarsely, which is returned.
     Index begin_resolved(const double *x, Index level) {
-        level = std::max(level, has_rows ? rules.cheap_level : settings.first_level);
+        level = std::max(level, has_rows ? exchange.cheap_level : settings.first_level);
         begin(level, x);
         while (!(program.unresolved(*search.now) < settings.coarsely_resolved) && level + 1 < settings.levels) {
             ++level;
@@ -259,9 +259,9 @@ template <typename Flight> class Follower {
         looked_level = program.level;
         Minima &minima = problem.minima;
         program.look(*search.now, minima);
-        const auto enough = [this](Index row) { return rules.inside_enough * room_inside(row); };
+        const auto enough = [this](Index row) { return exchange.inside_enough * room_inside(row); };
         for (Index found = 0; found < minima.found; ++found)
-            if (minima.least[found] < enough(minima.row[found])) return;
+            if (minima.value[found] < enough(minima.row[found])) return;
         program.look_closer(*search.now, minima, enough);
     }
 
@@ -277,23 +277,23 @@ template <typename Flight> class Follower {
         Index news = 0;
         left_between = 0;
         for (Index found = 0; found < minima.found; ++found) {
-            const double s = minima.s[found], value = minima.least[found];
-            if (!(s > rules.near_end && s < 1 - rules.near_end)) continue;
+            const double s = minima.s[found], value = minima.value[found];
+            if (!(s > exchange.near_end && s < 1 - exchange.near_end)) continue;
             const double room = room_inside(minima.row[found]);
-            if (value < rules.inside_enough * room) holds = false;
-            left_between = larger(left_between, rules.inside_enough * room - value);
-            if (value < rules.watched && news < rules.most_instants) watched[news++] = s;
+            if (value < exchange.inside_enough * room) holds = false;
+            left_between = larger(left_between, exchange.inside_enough * room - value);
+            if (value < exchange.watched && news < exchange.most_instants) watched[news++] = s;
         }
         const Index all = news;
         for (Index k = 0; k < extra_count && all; ++k) {
             bool near = false;
-            for (Index j = 0; j < all; ++j) near |= std::fabs(extra[k] - watched[j]) < rules.beside;
-            if (near && news < 2 * rules.most_instants) watched[news++] = extra[k];
+            for (Index j = 0; j < all; ++j) near |= std::fabs(extra[k] - watched[j]) < exchange.beside;
+            if (near && news < 2 * exchange.most_instants) watched[news++] = extra[k];
         }
         std::sort(watched, watched + news);
         extra_count = 0;
         for (Index k = 0; k < news; ++k)
-            if ((k == 0 || watched[k] - watched[k - 1] > rules.same_instant) && extra_count < rules.most_instants)
+            if ((k == 0 || watched[k] - watched[k - 1] > exchange.same_instant) && extra_count < exchange.most_instants)
                 extra[extra_count++] = watched[k];
         return holds;
     }
@@ -313,8 +313,8 @@ template <typename Flight> class Follower {
         const double at_instants = larger(missed, now.worst - program.back_off);
         // Between the instants nothing is looked at that is no candidate already. The work of a start must not hang on the
         // others: a look counts alike, whether it is taken or not.
-        const bool is_candidate = !(at_instants > smaller(worth, larger(problem.violation, rules.near_miss)));
-        const double work = program.work + rules.evaluation + problem.minima.instants * problem.bodies;
+        const bool is_candidate = !(at_instants > smaller(worth, larger(problem.violation, exchange.near_miss)));
+        const double work = program.work + exchange.evaluation + problem.minima.instants * problem.bodies;
         if (is_candidate) look();
         program.work = work;
         is_best = false;
@@ -357,7 +357,7 @@ template <typename Flight> class Follower {
         double violation = missed <= settings.tolerance ? 0 : missed;
         const Minima &minima = problem.minima;
         for (Index minimum = 0; minimum < minima.found; ++minimum) {
-            const double value = minima.least[minimum];
+            const double value = minima.value[minimum];
             if (value < -problem.tolerance[minima.row[minimum]]) violation = larger(violation, -value);
         }
         return violation;
@@ -367,6 +367,6 @@ template <typename Flight> class Follower {
         if (violation < problem.violation || !(problem.violation < HUGE_VAL)) return true;
         if (violation != problem.violation) return false;
         const double dearer = cost - objective;
-        return dearer < 0 || (status == optimal && dearer <= rules.same * std::fabs(objective));
+        return dearer < 0 || (status == optimal && dearer <= exchange.same * std::fabs(objective));
     }
 };

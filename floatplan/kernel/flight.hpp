@@ -46,7 +46,7 @@ template <typename Filter> class FlightUpdate {
             for (Index e = 0; e < columns * n; ++e) motion[2 + order * columns * n + e] *= scale;
     }
 
-    // Joints and base at the time of a measurement, were they on their reference; how well the orientation is known.
+    // Joints and base at the time of a measurement, were they on their reference; how far the measured ones are from there.
     void expect() {
         const Index nodes = f.options.gap_nodes, here = nodes, measured = 2 * nodes + 1;
         Motion &look = filter.motion();
@@ -63,15 +63,19 @@ template <typename Filter> class FlightUpdate {
         filter.turn_before(f.measured - f.began);
         for (Index i = 0; i < n; ++i) {
             f.positions[i] = look.position[i * look.stride + here];
-            f.velocities[i] = look.speed[i * look.stride + here];
+            f.joints_off[i] = std::fabs(f.measured_positions[i] - f.positions[i]);
+            f.joints_off[n + i] = std::fabs(f.measured_velocities[i] - look.speed[i * look.stride + here]);
         }
         filter.expect(here);
         filter.momentum_rows(f.expected_rate, here, row);
         find_growth(f.measured - f.began);
         for (Index a = 0; a < e; ++a) {
-            f.variance[a] = f.covariance[a * state_size + a];
+            double variance = f.covariance[a * state_size + a];
             for (Index s = 0; s < state_size; ++s)
-                f.variance[a] += grown(a, s) * (2 * f.covariance[a * state_size + s] + gain[a * state_size + s]);
+                variance += grown(a, s) * (2 * f.covariance[a * state_size + s] + gain[a * state_size + s]);
+            const double of_angles = f.options.outlier_noise * f.options.outlier_noise * f.noise[a];
+            f.allowed[a] = f.options.believable * std::sqrt(larger(0, variance) + of_angles);
+            f.rate_off[a] = std::fabs(f.measured_rate[a] - f.expected_rate[a]);
         }
     }
 

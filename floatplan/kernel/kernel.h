@@ -99,7 +99,7 @@ typedef struct {
     const double *obstacles;                         // (obstacles, 7 or 10): place, end or normal, velocity, radius
     const Index *kind, *first, *second;       // (rows): capsule or sum; obstacle, capsule, or sum (-1: none)
     const Index *opposite;                    // (rows): an earlier row of opposite derivatives, or -1
-    const double *least, *per_scale;                 // (rows) of distances
+    const double *margin, *per_scale;                // (rows) of distances
     const double *sums;  // (sums, 2 + 2 joints + links): constant, of theta0', velocities, accelerations, moments
 } Constraints;
 
@@ -129,7 +129,7 @@ typedef struct {
     const double *grid, *low, *high;  // (instants), (rows), (rows)
     Index found, looked;  // looked: at so many instants beside the grid
     Index *row;  // (found), of instants times rows
-    double *s, *least;  // (found), the same
+    double *s, *value;  // (found), the same
 } Minima;
 
 // One row for each plan; coefficients (joints, columns) in powers of seconds; centre and amplitude (joints), rad.
@@ -272,7 +272,7 @@ typedef struct {
 typedef struct {
     Index gap_nodes, memory, most_rows, evaluations_near, evaluations_far, most_surprises;
     double far, weighed, settled, shorter, kept, taken_back, scales[2];
-    double angle_noise, rate_noise, largest_error, surprising;
+    double angle_noise, rate_noise, largest_error, surprising, believable, outlier_noise;
 } CorrectionOptions;
 
 // A tree of bodies in space; body 0 is a free base, body j + 1 is moved by joint j, which turns about an axis or slides.
@@ -407,10 +407,11 @@ typedef struct {
     double began, measured, now, landing;
     double *measured_orientation, *measured_rate;    // angle or (3, 3), (e)
     double *measured_positions, *measured_velocities;  // (n)
-    double *positions, *velocities, *map;            // (n), (n), (n + 1)
+    double *positions, *map;                         // (n): where the joints are to be; (n + 1)
+    double *joints_off, *rate_off, *allowed;         // (2, n), (e), (e): of what is measured, see Expected in Python
     double *asked, *torques;                         // (3, n): a state of the joints; (n + motors), N m
     double *turn_before, *turn_after;                // angle or (3, 3)
-    double *expected_rate, *aside, *variance, *noise;  // (e)
+    double *expected_rate, *aside, *noise;           // (e)
     Index evaluations, is_warm;
     double *warm_start, *coefficients, *planned, *worst;  // (width, n), twice (columns, n), (blocks)
     double *row_values, *torque_peak;                // (rows, K), (motors)
@@ -485,22 +486,22 @@ Index floatplan_quadratic(Quadratic *qp, Index instructions);
 
 // Follows starts of so many problems, one after the other; returns 0, or 1 where there was no memory.
 Index floatplan_attempt(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                        const Nodes *levels, const Settings *settings, const Exchange *rules, const Powers *powers,
+                        const Nodes *levels, const Settings *settings, const Exchange *exchange, const Powers *powers,
                         SearchProblem *problems, SamplingOptions *sampling, Index count, Index instructions);
 
 // A program at one x; returns 0, or 1 where there was no memory for it.
 Index floatplan_evaluate(const Robot *robot, const Constraints *constraints, const Motions *motions,
-                         const Nodes *levels, const Settings *settings, const Exchange *rules, SearchProblem *problem,
+                         const Nodes *levels, const Settings *settings, const Exchange *exchange, SearchProblem *problem,
                          Evaluation *at, Index instructions);
 
 // The same two of flights in space.
 Index floatplan_attempt_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints,
                                  const Motions *motions, const Nodes *levels, const Settings *settings,
-                                 const Exchange *rules, const Powers *powers, SearchProblem *problems,
+                                 const Exchange *exchange, const Powers *powers, SearchProblem *problems,
                                  SamplingOptions *sampling, Index count, Index instructions);
 Index floatplan_evaluate_in_space(const SpatialBody *body, const Cells *cells, const Constraints *constraints,
                                   const Motions *motions, const Nodes *levels, const Settings *settings,
-                                  const Exchange *rules, SearchProblem *problem, Evaluation *at, Index instructions);
+                                  const Exchange *exchange, SearchProblem *problem, Evaluation *at, Index instructions);
 
 // A lifted motion of one; returns 0, 1 where that cannot be integrated, or 2 where there was no memory for it.
 Index floatplan_lift(const SpatialBody *body, const Cells *cells, const Motions *motions, const Nodes *nodes,

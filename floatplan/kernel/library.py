@@ -46,6 +46,6 @@ def kernel() -> Kernel:
 
 
 def description() -> str:
-    """Say in a few words what makes plans without inequalities."""
+    """Say in a few words what makes plans, and with which instructions."""
     instructions = ("baseline instructions", "AVX2", "AVX-512")[kernel().instructions]
     return f"compiled kernel ({instructions})"

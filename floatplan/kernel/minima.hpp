@@ -135,7 +135,7 @@ template <typename Rows> struct MinimaWorkspace {
     static constexpr int together = 8, around = 16;  // minima at once; instants about each, as many on both sides
     typename Rows::At whole{}, close{};
     double *values, *grid, *between;  // (rows, stride), (stride), (stride) and 8 on both sides
-    double *piece, *s, *least;        // of a closer look: instants (stride), minima (rows, stride)
+    double *piece, *s, *value;        // of a closer look: instants (stride), minima (rows, stride)
     Index *row;
 
     void lay_out(Arena &arena, const Rows &rows, Index instants) {
@@ -146,7 +146,7 @@ template <typename Rows> struct MinimaWorkspace {
         arena.take(grid, stride);
         arena.take(between, stride + 16);
         arena.take(piece, stride);
-        for (double **array : {&s, &least}) arena.take(*array, rows.count() * stride);
+        for (double **array : {&s, &value}) arena.take(*array, rows.count() * stride);
         arena.take(row, rows.count() * stride);
     }
 };
@@ -175,7 +175,7 @@ static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, 
     rows.follow(s, count * around, close);
     Narrowing narrowing[together];
     for (Index number = 0; number < count; ++number) {
-        double &where = minima.s[first + number], &least = minima.least[first + number];
+        double &where = minima.s[first + number], &least = minima.value[first + number];
         const double middle = where, before = (middle - low[number]) / half, after = (high[number] - middle) / half;
         for (Index k = number * around; k < (number + 1) * around; ++k) {
             const double value = value_at(number, k);
@@ -207,7 +207,7 @@ static inline void narrow_minima(const Rows &rows, Minima &minima, Index first, 
     }
     for (Index number = 0; number < count; ++number) {
         minima.s[first + number] = narrowing[number].x;
-        minima.least[first + number] = narrowing[number].fx;
+        minima.value[first + number] = narrowing[number].fx;
     }
 }
 
@@ -245,7 +245,7 @@ static inline void find_minima(const Rows &of, Minima &minima, MinimaWorkspace<R
             if (!(here < HUGE_VAL)) continue;
             minima.row[minima.found] = row;
             minima.s[minima.found] = minima.grid[k];
-            minima.least[minima.found++] = here;
+            minima.value[minima.found++] = here;
         }
     const Index together = MinimaWorkspace<Rows>::together;
     for (Index first = 0; first < minima.found; first += together) {
@@ -267,7 +267,7 @@ static inline void add_closer_minima(const Rows &rows, Minima &minima, Index clo
     piece.grid = room.piece;
     piece.row = room.row;
     piece.s = room.s;
-    piece.least = room.least;
+    piece.value = room.value;
     for (Index first = 0; first < intervals; first += intervals_of_piece) {
         const Index last = std::min(first + intervals_of_piece, intervals);
         piece.instants = 0;
@@ -279,10 +279,10 @@ static inline void add_closer_minima(const Rows &rows, Minima &minima, Index clo
         room.piece[piece.instants++] = minima.grid[last];
         find_minima(rows, piece, room);
         for (Index k = 0; k < piece.found && minima.found < most_found; ++k) {
-            if (!(piece.least[k] < enough(piece.row[k]))) continue;
+            if (!(piece.value[k] < enough(piece.row[k]))) continue;
             minima.row[minima.found] = piece.row[k];
             minima.s[minima.found] = piece.s[k];
-            minima.least[minima.found++] = piece.least[k];
+            minima.value[minima.found++] = piece.value[k];
         }
     }
 }

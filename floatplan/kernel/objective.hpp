@@ -106,12 +106,12 @@ template <typename Flight> void Program<Flight>::guess_hessian(At &at, double *h
     differentiate(at);
     zero(hessian, size * size);
     if (!problem.objective_sums && !motions.map) {
-        for (Index a = 0; a < size; ++a) hessian[a * size + a] = a < free ? 1 : rules.momentum_curvature;
+        for (Index a = 0; a < size; ++a) hessian[a * size + a] = a < free ? 1 : exchange.momentum_curvature;
         return;
     }
     add_gauss_newton(at, hessian);
     double most = 0;
     for (Index a = 0; a < size; ++a) most = larger(most, hessian[a * size + a]);
-    const double lowest_curvature = problem.objective_sums ? rules.least_curvature * larger(most, rules.least_curvature) : 0;
+    const double lowest_curvature = problem.objective_sums ? exchange.least_curvature * larger(most, exchange.least_curvature) : 0;
     for (Index a = 0; a < size; ++a) hessian[a * size + a] += motions.map ? a >= free : lowest_curvature;
 }

@@ -99,7 +99,7 @@ class Measured {
         const Series whole{columns, N + 1, peaks.duration[row], momentum, series, rates, rates, turned, centre, amplitude};
         if (find_minima(PlanarRowValues{robot, constraints, &whole}, minima)) return false;
         peaks.clearance[row] = HUGE_VAL;
-        for (Index k = 0; k < minima.found; ++k) peaks.clearance[row] = smaller(peaks.clearance[row], minima.least[k]);
+        for (Index k = 0; k < minima.found; ++k) peaks.clearance[row] = smaller(peaks.clearance[row], minima.value[k]);
         return true;
     }
 

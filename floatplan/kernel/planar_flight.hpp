@@ -252,7 +252,7 @@ class PlanarFlightEvaluator {
                 const double s = minima.grid[k], t = s * duration, before = k ? minima.grid[k - 1] : s;
                 const Place com{all(path[0] + path[2] * t), all(path[1] + path[3] * t - path[4] / 2 * t * t)};
                 const double distance = to_obstacle(kind, obstacle, all(t), com, com).distance[0] - obstacle[6];
-                const double room = distance - constraints.least[row] + problem.reach;
+                const double room = distance - constraints.margin[row] + problem.reach;
                 if (s >= problem.low[row] && s <= problem.high[row]) found.path_holds &= !(room < 0);
                 found.path_is_clear &= room >= way * (s - before);
             }

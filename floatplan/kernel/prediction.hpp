@@ -101,7 +101,7 @@ template <typename Remaining> class RestOfFlight {
     Remaining remaining;
     double *pack = nullptr;  // (size, 8)
 
-    // Values of all rows, those of distances infinite outside of their windows and where links have no places.
+    // Values of all rows, and by how much they are below their aims.
     void evaluate_rows(At &a) const {
         const Motion &m = Remaining::motion_of(a.state);
         a.square = 0;
@@ -110,19 +110,34 @@ template <typename Remaining> class RestOfFlight {
             for (Index r = f.block_first[block]; r < f.block_first[block + 1]; ++r) {
                 double *value = a.value + r * K, *violation = a.violation + r * K;
                 row_values<typename Remaining::Point>(remaining.terms(), constraints, m, r, 0, K, value);
-                for (Index k = 0; constraints.kind[r] > share_row && k < K; ++k) {
-                    const double *window = f.row_window + 2 * r;
-                    const bool applies = m.time[k] >= window[0] && m.time[k] <= window[1];
-                    if (k < remaining.first_placed() || !applies) value[k] = HUGE_VAL;
-                }
-                for (Index k = 0; k < K; ++k) {
-                    violation[k] = 0;
-                    if (value[k] < a.worst[block] || std::isnan(value[k])) a.worst[block] = value[k];
-                    if (value[k] >= f.aim[block]) continue;
-                    violation[k] = (f.aim[block] - value[k]) / f.softness[block];
-                    a.square += violation[k] * violation[k];
-                }
+                if (constraints.kind[r] > share_row) leave_out(m, r, value);
+                const double least = find_violations(value, f.aim[block], f.softness[block], violation);
+                if (least < a.worst[block] || std::isnan(least)) a.worst[block] = least;
+                if (least >= f.aim[block]) continue;
+                for (Index k = 0; k < K; ++k) a.square += violation[k] * violation[k];
             }
         }
+    }
+
+    // Values of distances are infinite outside of their windows and where links have no places.
+    void leave_out(const Motion &m, Index row, double *value) const {
+        const double begin = f.row_window[2 * row], end = f.row_window[2 * row + 1];
+        for (Index k = 0; k < remaining.first_placed(); ++k) value[k] = HUGE_VAL;
+        for (Index k = remaining.first_placed(); k < K; ++k)
+            if (!(m.time[k] >= begin && m.time[k] <= end)) value[k] = HUGE_VAL;
+    }
+
+    // By how much values (K) are below an aim, 0 where they are not; returns the least of them, NaN where one is.
+    double find_violations(const double *value, double aim, double softness, double *violation) const {
+        Vector least = all(HUGE_VAL);
+        for (Index k = 0; k < K; k += LANES) {
+            const Vector own = load(value + k);
+            store(violation + k, select(own >= all(aim), all(0), (all(aim) - own) / all(softness)));
+            least = select((own < least) | (own != own), own, least);
+        }
+        double found = HUGE_VAL;
+        for (Index lane = 0; lane < LANES; ++lane)
+            if (least[lane] < found || std::isnan(least[lane])) found = least[lane];
+        return found;
     }
 };

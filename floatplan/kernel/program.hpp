@@ -71,14 +71,14 @@ template <typename Flight> class Program {
     Flight flight;
 
     Program(const typename Flight::Body &body, const Constraints &constraints, const Motions &motions,
-            const Nodes *levels, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
-        : size(motions.size), rows(problem.rows), back_off(rules.back_off),
+            const Nodes *levels, const Settings &settings, const Exchange &exchange, const SearchProblem &problem)
+        : size(motions.size), rows(problem.rows), back_off(exchange.back_off),
           uses_adjoint(Flight::has_adjoint && !problem.rows && !problem.objective_sums),
           flight(body, constraints, motions, levels, settings), constraints(constraints), motions(motions),
-          levels(levels), rules(rules), problem(problem), n(flight.joints), free(motions.first[n]) {}
+          levels(levels), exchange(exchange), problem(problem), n(flight.joints), free(motions.first[n]) {}
 
     void lay_out(Arena &arena, Index most_nodes) {
-        const Index most = (most_nodes + rules.most_instants + 7) / 8 * 8, e = Flight::most_equalities;
+        const Index most = (most_nodes + exchange.most_instants + 7) / 8 * 8, e = Flight::most_equalities;
         for (At *each : {&two[0], &two[1]}) {
             flight.lay_out(arena, each->motion, each->state, most);
             for (double **some : {&each->x, &each->gradient}) arena.take(*some, size);
@@ -154,7 +154,7 @@ template <typename Flight> class Program {
         move(at);
         at.differentiated = false;
         ++evaluations;
-        work += rules.evaluation + count * problem.bodies;
+        work += exchange.evaluation + count * problem.bodies;
         if (!is_known(at)) return nothing_known(at);
         flight.move_links(at.motion, at.state, watches, problem.objective_sums);
         if (watches) evaluate_rows(at);
@@ -199,7 +199,7 @@ template <typename Flight> class Program {
         at.packs = 0;
         if (!watches || !rows) return;
         for (Index number = 0; number < rows * stride / 8; ++number) at.place[number] = -1;
-        work += rules.differentiation + rules.entry * count * size * problem.entries;
+        work += exchange.differentiation + exchange.entry * count * size * problem.entries;
     }
 
     // Rows that are below so much.
@@ -286,7 +286,7 @@ template <typename Flight> class Program {
         if (!rows || !is_known(at)) return;
         Series whole = series_of(at);
         find_minima(flight.rows_between(at.motion, at.state, whole), minima, between);
-        work += rules.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * problem.bodies;
+        work += exchange.evaluation * (1 + minima.found) + (minima.instants + minima.looked) * problem.bodies;
     }
 
     // Minima lower than `enough(row)` that a look as close as the nodes adds, where these are closer than the instants of
@@ -319,7 +319,7 @@ template <typename Flight> class Program {
     const Constraints &constraints;
     const Motions &motions;
     const Nodes *levels;
-    const Exchange &rules;
+    const Exchange &exchange;
     const SearchProblem &problem;
     Index n, free, count = 0;
     bool has_basis = false;
@@ -412,7 +412,7 @@ template <typename Flight> class Program {
             for (Index k = 0; k < stride; k += LANES) {
                 const Vector at = load(s + k);
                 Bits applies = (at >= all(problem.low[row])) & (at <= all(problem.high[row]));
-                if (!problem.at_ends[row]) applies &= (at > all(rules.near_end)) & (at < all(1 - rules.near_end));
+                if (!problem.at_ends[row]) applies &= (at > all(exchange.near_end)) & (at < all(1 - exchange.near_end));
                 store(outside + row * stride + k, select(applies, all(0), all(HUGE_VAL)));
             }
         for (Index row = 0; row < rows; ++row)

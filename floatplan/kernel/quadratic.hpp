@@ -18,17 +18,20 @@ static inline bool eliminate(double *matrix, double *right, Index n, Index colum
             for (Index c = 0; c < columns; ++c) std::swap(right[k * columns + c], right[pivot * columns + c]);
         }
         const double *above = matrix + k * n, per_pivot = 1 / above[k];
+        // In whole vectors to the end of the row: what they change on the left of the next pivot is not read any more.
+        const Index padded = n - (n - k - 1 + LANES - 1) / LANES * LANES, begin = padded < 0 ? k + 1 : padded;
         for (Index i = k + 1; i < n; ++i) {
             const double factor = matrix[i * n + k] * per_pivot;
             if (factor == 0) continue;
-            add(-factor, above + k + 1, n - k - 1, matrix + i * n + k + 1);
+            add(-factor, above + begin, n - begin, matrix + i * n + begin);
             add(-factor, right + k * columns, columns, right + i * columns);
         }
     }
     for (Index i = n; i-- > 0;) {
         const double *row = matrix + i * n;
         double *of = right + i * columns;
-        for (Index j = i + 1; j < n; ++j) add(-row[j], right + j * columns, columns, of);
+        if (columns == 1) of[0] = -dot(row + i + 1, right + i + 1, n - i - 1, -of[0]);
+        else for (Index j = i + 1; j < n; ++j) add(-row[j], right + j * columns, columns, of);
         for (Index c = 0; c < columns; ++c) of[c] /= row[i];
     }
     return true;

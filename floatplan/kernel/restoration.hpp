@@ -11,19 +11,19 @@ template <typename Flight> double Sqp<Flight>::reduce_violations() {
     constexpr double less_damping = 5, more_damping = 4;  // [-] factors after a step that gains, and after one that does not
     program.metric_matrix(metric);
     for (Index k = 0; k < size; ++k) metric[k * size + k] += 1;
-    double damping = rules.initial_damping, squared = squares(*now);
+    double damping = exchange.initial_damping, squared = squares(*now);
     Progress progress;
     is_stuck = false;
-    for (Index iteration = 0; iteration < rules.iterations; ++iteration) {
-        const bool stalled = progress.stalls(squared, rules.stall_iterations, rules.stalled);
-        if (squared < rules.feasible * rules.feasible || stalled || is_exhausted()) break;
-        if (!program.is_known(*now) || damping > rules.largest_damping) break;
+    for (Index iteration = 0; iteration < exchange.iterations; ++iteration) {
+        const bool stalled = progress.stalls(squared, exchange.stall_iterations, exchange.stalled);
+        if (squared < exchange.feasible * exchange.feasible || stalled || is_exhausted()) break;
+        if (!program.is_known(*now) || damping > exchange.largest_damping) break;
         program.differentiate(*now);
-        program.differentiate_rows(*now, rules.reach);
-        while (damping <= rules.largest_damping) {
+        program.differentiate_rows(*now, exchange.reach);
+        while (damping <= exchange.largest_damping) {
             find_damped_step(damping);
-            const bool is_gain_due = squared > rules.far && damping <= rules.initial_damping;
-            if (is_gain_due && squares_left > (1 - rules.least_gain) * squared) {
+            const bool is_gain_due = squared > exchange.far && damping <= exchange.initial_damping;
+            if (is_gain_due && squares_left > (1 - exchange.least_gain) * squared) {
                 is_stuck = true;
                 return squared;
             }
@@ -33,7 +33,7 @@ template <typename Flight> double Sqp<Flight>::reduce_violations() {
             if (squares(*trial) < squared) {
                 swap();
                 squared = squares(*now);
-                damping = larger(damping / less_damping, rules.smallest_damping);
+                damping = larger(damping / less_damping, exchange.smallest_damping);
                 break;
             }
             damping *= more_damping;
@@ -53,7 +53,7 @@ template <typename Flight> void Sqp<Flight>::find_damped_step(double damping) {
     for (Index e = 0; e < near(); ++e) taken[e] = 0;
     squares_left = 0;
     bool moved = false;
-    for (Index pass = 0; pass < rules.passes; ++pass) {
+    for (Index pass = 0; pass < exchange.passes; ++pass) {
         bool more = false;
         follow(direction, slope);
         Vector squares = all(0);

@@ -214,9 +214,9 @@ template <typename P>
 static inline void row_values(Terms terms, const Constraints &constraints, const Motion &m, Index row, Index from, Index to,
                               double *value) {
     const Index kind = constraints.kind[row];
-    const Vector least = all(constraints.least[row]), per_scale = all(constraints.per_scale[row]);
+    const Vector margin = all(constraints.margin[row]), per_scale = all(constraints.per_scale[row]);
     for (Index k = from; kind > share_row && k < to; k += LANES)
-        store(value + k - from, (nearest<P>(constraints, m, row, k).distance - least) * per_scale);
+        store(value + k - from, (nearest<P>(constraints, m, row, k).distance - margin) * per_scale);
     if (kind <= share_row) limit_values(terms, constraints, m, row, from, to, value);
 }
 

@@ -28,8 +28,8 @@ template <typename Flight> class Sqp {
     using At = Evaluated<Flight>;
     Index iterations = 0;
 
-    Sqp(Program<Flight> &program, const Settings &settings, const Exchange &rules, const SearchProblem &problem)
-        : now(program.two), trial(program.two + 1), program(program), settings(settings), rules(rules), problem(problem),
+    Sqp(Program<Flight> &program, const Settings &settings, const Exchange &exchange, const SearchProblem &problem)
+        : now(program.two), trial(program.two + 1), program(program), settings(settings), exchange(exchange), problem(problem),
           size(program.size) {}
 
     void lay_out(Arena &arena, Index most_rows) {
@@ -82,10 +82,10 @@ template <typename Flight> class Sqp {
                 copy(initial, hessian, size * size);
                 find_step();
             }
-            while (reaches_more(longest_step)) find_step(rules.begins_with_active && !elastic);
+            while (reaches_more(longest_step)) find_step(exchange.begins_with_active && !elastic);
             if (!elastic) {
                 of_elastic.known = 0;
-            } else if (of_elastic.stalls(now->violation, rules.stall_iterations, rules.elastic_stalled) &&
+            } else if (of_elastic.stalls(now->violation, exchange.stall_iterations, exchange.elastic_stalled) &&
                        now->worst > settings.hopeless) {
                 break;
             }
@@ -161,7 +161,7 @@ template <typename Flight> class Sqp {
 
     Program<Flight> &program;
     const Settings &settings;
-    const Exchange &rules;
+    const Exchange &exchange;
     const SearchProblem &problem;
     Index size;
     DualMethod qp;
@@ -211,19 +211,19 @@ template <typename Flight> class Sqp {
     }
 
     Quadratic quadratic(const double *by, const double *gradient, const double *equality) {
-        return {size, program.equalities, near(), rules.qp_changes, rules.qp_tolerance, by, gradient, equality,
+        return {size, program.equalities, near(), exchange.qp_changes, exchange.qp_tolerance, by, gradient, equality,
                 now->row, gathered, now->slopes, 0, nullptr, nullptr};
     }
 
     // Operations of the dual method: its factors, and what each change of the active rows takes.
     void count_solving() {
         const double factors = static_cast<double>(size) * size * size;
-        program.work += rules.solving * (factors + static_cast<double>(qp.changes) * size * (near() + 3 * size));
+        program.work += exchange.solving * (factors + static_cast<double>(qp.changes) * size * (near() + 3 * size));
     }
 
     // From the step found last where that is so, and rows have joined since.
     void find_step(bool resumes = false) {
-        program.differentiate_rows(*now, rules.looked_ahead);
+        program.differentiate_rows(*now, exchange.looked_ahead);
         gather(*now);
         violation_left = 0;
         const Quadratic of_step = quadratic(hessian, now->gradient, now->equality);
@@ -248,7 +248,7 @@ template <typename Flight> class Sqp {
     // Writes which of the differentiated rows are those that were active in the last step, each at the nearest instant.
     Index count_likely() {
         Index found = 0;
-        for (Index k = 0; k < last_count && rules.begins_with_active; ++k) {
+        for (Index k = 0; k < last_count && exchange.begins_with_active; ++k) {
             Index nearest = 0;
             for (Index other = 1; other < program.instants(); ++other)
                 if (std::fabs(program.instant(other) - likely_instant[k]) <
@@ -334,7 +334,7 @@ template <typename Flight> class Sqp {
             is_tried = true;
             for (Index e = 0; is_tried && e < program.rows * program.stride; e += LANES)
                 is_tried = now->place[e / 8] >= 0 ||
-                           !any(load(trial->values + e) < all(rules.value_kept) * load(now->values + e));
+                           !any(load(trial->values + e) < all(exchange.value_kept) * load(now->values + e));
             if (is_tried) return false;
         }
         const double share = 1e-6 / larger(1.0, std::sqrt(dot(direction, direction, size)));

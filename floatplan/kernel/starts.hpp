@@ -4,9 +4,9 @@
 
 template <typename Flight> class NumberedStarts {
   public:
-    NumberedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings, const Exchange &rules,
+    NumberedStarts(Program<Flight> &program, BranchedMotions &motions, const Settings &settings, const Exchange &exchange,
                    double bodies, SamplingOptions &sampling, Index joints)
-        : program(program), motions(motions), ranked(program, motions, settings, sampling, joints), rules(rules),
+        : program(program), motions(motions), ranked(program, motions, settings, sampling, joints), exchange(exchange),
           bodies(bodies), sampling(sampling), n(joints), free(motions.at.first[joints]), size(motions.at.size) {}
 
     void lay_out(Arena &arena) {
@@ -41,7 +41,7 @@ template <typename Flight> class NumberedStarts {
     Program<Flight> &program;
     BranchedMotions &motions;
     RankedStarts<Flight> ranked;
-    const Exchange &rules;
+    const Exchange &exchange;
     const double bodies;
     SamplingOptions &sampling;
     Index n, free, size;
@@ -86,7 +86,7 @@ template <typename Flight> class NumberedStarts {
             copy(x, at.x, size);
         }
         const double instants = sampling.random * program.nodes();
-        program.work += rules.evaluation + instants * bodies;  // all of them together
+        program.work += exchange.evaluation + instants * bodies;  // all of them together
     }
 };
 
@@ -99,12 +99,12 @@ template <typename Flight> class NumberedStarts {
 template <typename Flight> class FollowedStarts {
   public:
     FollowedStarts(const typename Flight::Body &body, const Constraints &constraints, const Motions &plain,
-                   const Nodes *levels, const Settings &settings, const Exchange &rules, const Powers *powers,
+                   const Nodes *levels, const Settings &settings, const Exchange &exchange, const Powers *powers,
                    SearchProblem &problem, SamplingOptions &sampling)
         : joints(body.joints), columns(plain.columns), size(plain.size), motions(plain, sampling.offset_map, body.joints),
-          follower(body, constraints, motions.at, levels, settings, rules, problem),
-          starts(follower.program, motions, settings, rules, problem.bodies, sampling, body.joints), levels(levels),
-          settings(settings), rules(rules), powers(powers), problem(problem), sampling(sampling) {}
+          follower(body, constraints, motions.at, levels, settings, exchange, problem),
+          starts(follower.program, motions, settings, exchange, problem.bodies, sampling, body.joints), levels(levels),
+          settings(settings), exchange(exchange), powers(powers), problem(problem), sampling(sampling) {}
 
     void lay_out(Arena &arena) {
         motions.lay_out(arena);
@@ -119,7 +119,7 @@ template <typename Flight> class FollowedStarts {
         starts.begin(problem.x);
         problem.started = problem.solved = problem.ends_hold = problem.path_is_clear = 0;
         starts.place(0, x);
-        learn_from_plain(follower.program, levels, settings, rules, problem);
+        learn_from_plain(follower.program, levels, settings, exchange, problem);
         const bool at_once = problem.at_once;
         if (problem.reach > 0 && problem.first == 0 && !follower.may_hold(x)) {
             follower.finish(x, problem.level, infeasible);
@@ -141,7 +141,7 @@ template <typename Flight> class FollowedStarts {
     NumberedStarts<Flight> starts;
     const Nodes *levels;
     const Settings &settings;
-    const Exchange &rules;
+    const Exchange &exchange;
     const Powers *powers;
     SearchProblem &problem;
     SamplingOptions &sampling;
@@ -158,7 +158,7 @@ template <typename Flight> class FollowedStarts {
         for (Index number = problem.first; number < problem.first + problem.count; ++number) {
             const SearchProblem before = problem;
             problem.at_once = starts.place(number, x) && (number || at_once);
-            if (problem.started) follower.worth = larger(least, rules.near_miss);
+            if (problem.started) follower.worth = larger(least, exchange.near_miss);
             if (number) follower.leave_hopeless();
             follower.follow(x);
             if (problem.started && follower.program.work > problem.most_work) {
@@ -172,7 +172,7 @@ template <typename Flight> class FollowedStarts {
             is_best = compare(holds);
             ++problem.started;
             if (is_best) keep();
-            if (problem.wanted ? are_enough(number) : least <= 0 || follower.program.work > rules.enough_work) break;
+            if (problem.wanted ? are_enough(number) : least <= 0 || follower.program.work > exchange.enough_work) break;
         }
     }
 
@@ -222,11 +222,11 @@ template <typename Flight> class FollowedStarts {
 // So many problems of one robot, degrees and kinds of rows, each with starts of its own; what flies is told by row.
 template <typename Flight, typename BodyOf>
 static inline Index follow_each(BodyOf body_of, const Constraints *constraints, const Motions *motions,
-                                const Nodes *levels, const Settings &settings, const Exchange &rules,
+                                const Nodes *levels, const Settings &settings, const Exchange &exchange,
                                 const Powers *powers, SearchProblem *problems, SamplingOptions *sampling, Index count) {
     for (Index row = 0; row < count; ++row) {
         const typename Flight::Body body = body_of(row);
-        FollowedStarts<Flight> starts(body, constraints[row], motions[row], levels, settings, rules, powers,
+        FollowedStarts<Flight> starts(body, constraints[row], motions[row], levels, settings, exchange, powers,
                                       problems[row], sampling[row]);
         Workspace room;
         if (!room.make([&](Arena &arena) { starts.lay_out(arena); })) return 1;
@@ -236,18 +236,18 @@ static inline Index follow_each(BodyOf body_of, const Constraints *constraints, 
 }
 
 Index follow_rows(const Robot &robot, const Constraints *constraints, const Motions *motions,
-                  const Nodes *levels, const Settings &settings, const Exchange &rules,
+                  const Nodes *levels, const Settings &settings, const Exchange &exchange,
                   const Powers *powers, SearchProblem *problems, SamplingOptions *sampling, Index count) {
     const auto body_of = [&](Index) { return robot; };
-    return follow_each<PlanarFlightEvaluator>(body_of, constraints, motions, levels, settings, rules, powers, problems, sampling,
+    return follow_each<PlanarFlightEvaluator>(body_of, constraints, motions, levels, settings, exchange, powers, problems, sampling,
                                      count);
 }
 
 // The same of flights in space.
 Index follow_in_space(const SpatialBody *bodies, const Cells *cells, const Constraints *constraints, const Motions *motions,
-                      const Nodes *levels, const Settings &settings, const Exchange &rules, const Powers *powers,
+                      const Nodes *levels, const Settings &settings, const Exchange &exchange, const Powers *powers,
                       SearchProblem *problems, SamplingOptions *sampling, Index count) {
     const auto body_of = [&](Index row) { return SpatialFlightEvaluator::Body{bodies[row], cells, bodies[row].joints}; };
-    return follow_each<SpatialFlightEvaluator>(body_of, constraints, motions, levels, settings, rules, powers, problems, sampling,
+    return follow_each<SpatialFlightEvaluator>(body_of, constraints, motions, levels, settings, exchange, powers, problems, sampling,
                                       count);
 }

@@ -7,6 +7,7 @@ What depends on the problem, or is a number of another room, is 0 here and fille
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 
@@ -163,6 +164,8 @@ class CorrectionOptions:
     rate_noise: float = 0.04  # [rad/s] of measured rates, also by when they are measured: up to half a step later
     largest_error: float = 0.3  # [-] of masses and inertias that is believed
     surprising: float = 3.0  # [-] deviations of a momentum from what is expected
+    believable: float = 5.0  # [-] deviations of an orientation from what is expected, at most
+    outlier_noise: float = math.radians(1.0)  # [rad] of angles that are no outliers yet
 
 
 WORK_IN_SPACE = 0.25  # [-] of an instant in the kernel, relative to one of a lifted motion, by which work is counted

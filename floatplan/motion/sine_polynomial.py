@@ -117,6 +117,19 @@ class JointMotion:
         sine_rate = self.sine * self.p_rate
         return np.asarray(self.per_second**2 * (self.cosine * self.p_curvature - sine_rate * self.p_rate))
 
+    @property
+    def slopes(self) -> Array:
+        """Derivatives (3, 3, N, n) of positions, velocities and accelerations by p, ``p_rate`` and ``p_curvature``."""
+        per_second = self.per_second
+        slopes = np.zeros((3, 3, *self.positions.shape))
+        slopes[0, 0] = self.cosine
+        slopes[1, 0] = -per_second * self.sine * self.p_rate
+        slopes[1, 1] = per_second * self.cosine
+        slopes[2, 0] = -(per_second**2) * (self.sine * self.p_curvature + self.cosine * self.p_rate**2)
+        slopes[2, 1] = 2 * per_second * slopes[1, 0]
+        slopes[2, 2] = per_second**2 * self.cosine
+        return slopes
+
 
 @dataclass(frozen=True, eq=False)
 class SinePolynomials:

@@ -297,7 +297,7 @@ def follow_batch(spec: FlightSpec, numbers: Numbers, most_work: float) -> Batch:
             thickness[row] = min(thickness[row], obstacle.thickness)
     minima = StructArray([template.minima_struct], count)
     number, s, least = batch.minima
-    minima.give(row=number, s=s, least=least)
+    minima.give(row=number, s=s, value=least)
     batch.searches.give(
         count=1,
         most_work=most_work,
@@ -317,10 +317,10 @@ def _of_constraints(spec: FlightSpec, numbers: Numbers, count: int) -> dict[str,
         margins = np.empty((count, len(numbers.obstacles[0])))
         for margins_of_one, obstacles in zip(margins, numbers.obstacles, strict=True):
             margins_of_one[:] = [obstacle.margin for obstacle in obstacles]
-        least = np.tile(rows.least, (count, 1))
+        margin = np.tile(rows.margin, (count, 1))
         of_obstacles = np.diff(rows.block_first)[: margins.shape[1]]
-        least[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
-        members = {"obstacles": doubles(numbers.obstacle_numbers()), "least": least}
+        margin[:, : of_obstacles.sum()] = np.repeat(margins, of_obstacles, axis=1)
+        members = {"obstacles": doubles(numbers.obstacle_numbers()), "margin": margin}
     if numbers.limits and numbers.limits is not numbers.like:
         sums = [np.empty((count, 0, rows.sums.terms))]
         for shares in shares_of_limits(numbers.limits):

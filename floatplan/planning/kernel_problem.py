@@ -97,7 +97,7 @@ class KernelProblem:
             high=doubles(table.high),
             row=minima[0],
             s=minima[1],
-            least=minima[2],
+            value=minima[2],
         )
         # Where nothing is constrained, other h are not tried first.
         fractions = MOMENTUM_FRACTIONS if spec.constraints else ()

@@ -12,12 +12,14 @@ from floatplan.robot.robot import Robot
 from floatplan.tables import LEAST, Range
 
 Standing: TypeAlias = Literal["standing"] | Mapping[str, float]
+Ending: TypeAlias = Literal["standing", "periodic"] | Mapping[str, float]
 Groups: TypeAlias = Sequence[tuple[str, ...]]
 Durations: TypeAlias = Sequence[Sequence[float]]
 
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 STEEPEST = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # [-] on each side of the flight
+MOST_FLIGHTS = 20  # [-] of a sequence: its program grows with each
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
 
@@ -55,10 +57,14 @@ class JumpSide(Keyed):
         and those on the side to which it turns; after landing: those of takeoff, in reverse.
     durations : sequence of pairs, s, optional
         Of each phase: least and largest.
+    height : float, m, optional
+        In a plane: of the ground there, from any level; 0 if left out. Where both sides differ, ``jump.edge`` says
+        where one ends.
     """
 
     contacts: Annotated[Groups | None, Key()] = None
     durations: Annotated[Durations | None, Key(unit="s", numbers="duration")] = None
+    height: Annotated[float | None, Key(unit="m", numbers=Range(-10.0, 10.0, "m"))] = None
     outer: ClassVar[int] = 0
     wrong: ClassVar[str] = "come to the ground before takeoff"  # of a frame that does not stand then
 
@@ -92,7 +98,7 @@ class JumpTakeoff(JumpSide):
 
     Parameters
     ----------
-    contacts, durations : as of :class:`JumpSide`
+    contacts, durations, height : as of :class:`JumpSide`
     from_ : "standing", or mapping of joints to rad; in files it is ``from``
         Posture it stands in, the base level: by joint, those left out being where the reference posture has them, or
         "standing", the nearest to that which is static; knees that would be straight, where feet that are points stand
@@ -108,15 +114,16 @@ class JumpLanding(JumpSide):
 
     Parameters
     ----------
-    contacts, durations : as of :class:`JumpSide`
-    to : "standing", or mapping of joints to rad
-        Posture it comes to, by joint, or "standing": the one that it stood in before.
+    contacts, durations, height : as of :class:`JumpSide`
+    to : "standing", "periodic", or mapping of joints to rad
+        Posture it comes to, by joint, or "standing": the one that it stood in before. "periodic": it never stands, and
+        comes to the motion in which it begins, further on and with whole turns more, so that it may go on for ever.
     displacement : (float, float), m, optional
         In space: how far its centre of mass has come, along x and y of the world, from standing to standing; where it
         lands is free if left out.
     """
 
-    to: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
+    to: Annotated[Ending, Key(unit=ANGLE, numbers="positions")] = "standing"
     displacement: Annotated[
         tuple[float, float] | None,
         Key(
@@ -127,6 +134,30 @@ class JumpLanding(JumpSide):
     ] = None
     outer: ClassVar[int] = -1
     wrong: ClassVar[str] = "leave the ground after it has landed"
+
+
+@dataclass(frozen=True)
+class JumpFlight(Keyed):
+    """A flight of a sequence: what it lands on takes off again, without standing still between.
+
+    Parameters
+    ----------
+    turns : int, optional
+        Whole turns of the base; those from the problem's start to its goal if left out.
+    repeat : int
+        So many equal flights.
+    duration : (float, float), s, optional
+        Least and largest.
+    """
+
+    turns: Annotated[int | None, Key(numbers=Range(-10.0, 10.0, ""))] = None
+    repeat: Annotated[int, Key(numbers=Range(1.0, MOST_FLIGHTS, ""))] = 1
+    duration: Annotated[tuple[float, float] | None, Key(unit="s", numbers="duration")] = None
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """Durations of which none is allowed."""
+        if self.duration is not None and self.duration[0] > self.duration[1]:
+            yield "duration", f"low {self.duration[0]} s is above high {self.duration[1]} s"
 
 
 @dataclass(frozen=True)
@@ -158,6 +189,11 @@ class JumpRequest(Keyed):
     pitch_error : float, rad
         By how much the robot may be turned about its feet, either way, where it touches down, and for 60 ms after, with
         nothing but its feet on the ground; 0.07 rad, 4 degrees, if left out.
+    flights : sequence of JumpFlight, optional
+        In a plane: all flights, in order of time, where there are several; the first is the problem's own.
+    edge : float, m, optional
+        In a plane: where the higher ground ends, horizontally from where the frame that takes off is at takeoff; for
+        grounds of different heights.
 
     Raises
     ------
@@ -176,6 +212,34 @@ class JumpRequest(Keyed):
     objective: Annotated[Literal["torque", "limits"], Key()] = "torque"
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, 0.5, "rad"))] = 0.07
+    flights: Annotated[Sequence[JumpFlight] | None, Key()] = None
+    edge: Annotated[float | None, Key(unit="m", numbers=Range(-10.0, 10.0, "m"))] = None
+
+    @property
+    def rise(self) -> float:
+        """Height of the ground on which it lands over that which it leaves, m."""
+        return (self.landing.height or 0.0) - (self.takeoff.height or 0.0)
+
+    @property
+    def is_periodic(self) -> bool:
+        """Whether it ends as it begins, moving."""
+        return self.landing.to == "periodic"
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """What sequences and steps of the ground exclude."""
+        count = sum(flight.repeat for flight in self.flights or ())
+        if count > MOST_FLIGHTS:
+            yield "flights", f"{count} flights are too many; {MOST_FLIGHTS} at most"
+        several = count > 1 or self.is_periodic
+        of_one = sorted(set(self.fixed) - {"duration"})
+        if several and of_one:
+            yield "fixed", f"{of_one[0]!r} is of one flight; leave it out where several follow one another"
+        if several and self.rise:
+            yield "landing.height", "several flights are on one ground; leave it out"
+        if self.rise and self.edge is None:
+            yield "edge", "the grounds differ in height; say where the higher one ends"
+        if self.edge is not None and not self.rise:
+            yield "edge", "the grounds are equally high; leave it out"
 
 
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
@@ -185,6 +249,16 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     if is_planar and jump.landing.displacement is not None:
         advice = "leave it out: where a jump in a plane lands is free"
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
+    in_a_plane = {
+        "takeoff.height": jump.takeoff.height,
+        "landing.height": jump.landing.height,
+        "landing.to": "periodic" if jump.is_periodic else None,
+        "flights": jump.flights or None,
+        "edge": jump.edge,
+    }
+    for key, value in {} if is_planar else in_a_plane.items():
+        if value is not None:
+            yield InputError("is for jumps in a plane", element=f"jump.{key}", advice="leave it out")
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
         for index, group in enumerate(side.contacts or ()):
             for frame in group:

@@ -7,19 +7,20 @@ nothing is corrected.
   plan file states, its torques by inverse dynamics, and how it takes off.
 - `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints.
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
-  model for MuJoCo, on a planar base or on a free joint; `contact_model.py`: the same with feet, links and the ground.
+  model for MuJoCo, on a planar base or on a free joint; `contact`: the same with feet, links and the
+  ground, and a motion as controllers track it there, a jump or a recorded one.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
   `free_flight.py`: a plan in a plane with its base free in space.
 - `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,
-  `jump_flight.py` and `jump_replay.py` whole jumps; `results.py`: how such flights landed, `simulated_jump.py`: the
-  motion that a robot made of a jump.
+  `jump_flight.py` motions on the ground, of which `jump_replay.py` takes jumps; `results.py`: how such flights landed,
+  `simulated_jump.py`: the motion that a robot made of a jump.
 
 To add what goes wrong:
 
 - in `perturbation.py` its row in `KINDS`, its name in `MEASURED`, `OF_TAKEOFF` or `OF_JUMPS` where it is one of these,
   a field of `Perturbation` and one of `Sample`, and its factors at the end of `sampled`, so that others stay the same;
 - what feels it: `Sample.perturbed` and with it `PinocchioRobot` of `engines.py`; `MujocoSpec` of `mujoco_model.py`;
-  `ContactRobot` of `contact_model.py`; at takeoff `perturbed_takeoff`, in measurements `Sensors` of `control_loop.py`;
+  `ContactRobot` of `contact/model.py`; at takeoff `perturbed_takeoff`, in measurements `Sensors` of `control_loop.py`;
 - in `closed_loop.py`, where it changes when the robot lands: the centre of mass is then measured;
 - its words in `cli/motions.py`, `docs/in_flight.md` and, of jumps, `docs/howto/flip_in_mujoco.md`.
 

@@ -16,8 +16,8 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.inflight.replanner import Replanner
 from floatplan.motion.dynamics import PlacedShapes
 from floatplan.motion.flight import LinkShapes
-from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import shapes_in_space
+from floatplan.motion.spatial.kinematics import poses_about
 from floatplan.plans.plan import Plan, as_plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.pool import one_thread
@@ -225,7 +225,7 @@ class _Loop:
         if attitudes.ndim > 1:
             data = self.reduced.model.createData()
             com = np.array([pin.centerOfMass(self.reduced.model, data, row) for row in positions])
-            return shapes_in_space(robot, plan.problem.ground).place(BodyPoses.of(robot, attitudes, planned, com))
+            return shapes_in_space(robot, plan.problem.ground).place(poses_about(robot, attitudes, planned, com))
         tree = robot.tree
         angles = tree.absolute_angles(attitudes, planned)
         base_weights = tree.point_weights(np.array([0]), np.array([0j]))[0]

@@ -11,8 +11,9 @@ from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.robot.planar.model import BASE_COORDINATES
+from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER
-from floatplan.simulation.contact_model import feet_spheres
+from floatplan.simulation.contact.shapes import feet_spheres
 from floatplan.tables import Range
 
 GAIN = number(Range(0.0, 1e12, ""))
@@ -95,35 +96,44 @@ def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:
         Of the fastest mode of all joints at once.
     """
     model = jump.problem.robot.model
-    takeoff, landing = jump.flight_span
-    postures = jump.at(np.linspace(takeoff, landing, 33)).positions
-    afloat = np.mean([_bandwidth_inertia(_joint_inverse(model, posture)) for posture in postures], axis=0)
+    inertias = [_bandwidth_inertia(_joint_inverse(model, posture)) for posture in _postures_in_flight(jump)]
+    afloat = np.mean(inertias, axis=0)
     in_air = critical_gains(bandwidth, afloat)
     enough = 1.5  # [-] of the stiffness with which it does not fall over slowly
     # What is 5 ms late needs a lead of as much, and damps with what is above. Much more rings where a foot touches the
     # ground but does not yet stand.
     lead = 7e-3  # [s] damping over stiffness
     feet = feet_spheres(jump)
+    tipping = _tipping_stiffness(jump.robot, _weight(jump), jump.before[0].ground, jump.at(0.0).positions[0])
     gains = []
     for phase in jump.phases:
         spots = [feet[name][:2] for name in phase.contacts]
         posture = jump.at((phase.begin + phase.end) / 2).positions[0]
         most = critical_gains(bandwidth, _bandwidth_inertia(_joint_inverse(model, posture, spots)))
-        needed = enough * _standing_stiffness(jump) if spots else 0.0
+        needed = enough * tipping if spots else 0.0
         stiffness = np.maximum(in_air[0], np.minimum(most[0], needed))
         damping = np.maximum(in_air[1], np.minimum(most[1], lead * stiffness))
         gains.append([stiffness, damping])
     return read_only(gains)
 
 
-def _standing_stiffness(jump: JumpMotion) -> float:
-    """The weight times its height where the robot stands, N m/rad: with less it falls over."""
-    robot = jump.problem.robot
-    com = pin.centerOfMass(robot.model, robot.model.createData(), jump.at(0.0).positions[0]) @ robot.up
-    return float(robot.mass * jump.problem.flight.gravity * (com - jump.ground))
+def _tipping_stiffness(robot: Robot, weight: float, ground: float, standing: Array) -> float:
+    """The weight, N, times its height over the ground in a posture (nq,), N m/rad: with less a robot falls over."""
+    com = pin.centerOfMass(robot.model, robot.model.createData(), standing) @ robot.up
+    return float(weight * (com - ground))
 
 
-def given_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
+def _weight(jump: JumpMotion) -> float:
+    return jump.robot.mass * jump.problem.flight.gravity
+
+
+def _postures_in_flight(jump: JumpMotion) -> Array:
+    """Postures (K, nq) of all its flights."""
+    spans = [np.linspace(flight.begin, flight.end, 33) for flight in jump.timed_flights]
+    return jump.at(np.concatenate(spans)).positions
+
+
+def requested_gains(joints: Sequence[str], requested: Gain | None, element: str, default: Array) -> Array:
     """Return gains (J,) as requested, else as they are by default; InputError where one is wrong."""
     if requested is None:
         return default
@@ -138,26 +148,42 @@ def given_gains(joints: Sequence[str], requested: Gain | None, element: str, def
 
 
 def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
+    """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints of a jump that move: :func:`usual_gains`."""
+    standing = jump.at(0.0).positions[0]
+    ground = jump.before[0].ground
+    return usual_gains(jump.robot, _weight(jump), ground, standing, _postures_in_flight(jump), requested)
+
+
+def usual_gains(
+    robot: Robot, weight: float, ground: float, standing: Array, in_flight: Array, requested: Gains = (None, None)
+) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as requested.
 
     What is left out is the same of all: a stiffness by which the lightest joint in flight has the bandwidth of late
     feedback, but at least the weight times its height where the robot stands, which it falls over without; and a
     damping that is nearly critical. The lightest bounds them all, for damping of more than its inertia over the delay
     rings. InputError where a requested one is wrong.
+
+    Parameters
+    ----------
+    robot : Robot
+    weight : N
+    ground : height of the ground, m
+    standing : (nq,), posture in which it stands, of ``robot.model``
+    in_flight : (K, nq)
+    requested : two floats or mappings, optional
     """
     late_bandwidth = 125.0  # [rad/s] of measurements that are 4 ms late, constant for 2 ms: 0.6 over the delay
     damping_time = 0.017  # [s] damping over stiffness: nearly critical
-    robot = jump.problem.robot
     model = robot.model
-    takeoff, landing = jump.flight_span
-    postures = jump.at(np.linspace(takeoff, landing, 33)).positions
-    lightest = float(np.mean([joint_inertia(model, posture).min() for posture in postures]))
-    stiffness = float(f"{max(late_bandwidth**2 * lightest, _standing_stiffness(jump)):.2g}")
+    tipping = _tipping_stiffness(robot, weight, ground, standing)
+    lightest = float(np.mean([joint_inertia(model, posture).min() for posture in in_flight]))
+    stiffness = float(f"{max(late_bandwidth**2 * lightest, tipping):.2g}")
     joints = robot.model_joints
     kp, kd = requested
     return np.stack(
         [
-            given_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
-            given_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
+            requested_gains(joints, kp, "kp", np.full(len(joints), stiffness)),
+            requested_gains(joints, kd, "kd", np.full(len(joints), damping_time * stiffness)),
         ]
     )

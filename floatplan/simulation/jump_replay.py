@@ -18,8 +18,9 @@ from floatplan.jumps.reading import load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.closed_loop import BUDGET, MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.contact.tracked_motion import PERIOD
 from floatplan.simulation.gains import FASTEST, Gains, fastest_bandwidth, first_gains, gains_by_phase, joint_inertia
-from floatplan.simulation.jump_flight import PERIOD, JumpControl
+from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
 from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedFlight
 from floatplan.simulation.simulated_jump import STANDING, SimulatedJump
@@ -53,7 +54,7 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
         of_multiple = []
         for rotors, mass, correct in itertools.product((0.0, heaviest), (0.95, 1.05), (False, True)):
             fixed: dict[str, Any] = {"armature": rotors, "mass": mass * bodies, "inertia": mass * bodies}
-            landing = control.fly(late, friction, seed, 0, correct, **fixed).landing
+            landing = control.fly_jump(late, friction, seed, 0, correct, **fixed).landing
             on_feet = landing["stands"] and not landing["touched"]
             of_multiple.append((on_feet, -(min(landing["tilt"], fallen) ** 2)))
         scores.append(np.sum(of_multiple, axis=0))
@@ -132,9 +133,9 @@ def replay_jump(
     for flight in range(flights):
         if budget is not None and flight and clock.perf_counter() - start_time > budget:
             break
-        uncorrected.append(control.fly(perturbation, friction, seed, flight, correct=False, record=not flight))
+        uncorrected.append(control.fly_jump(perturbation, friction, seed, flight, correct=False, record=not flight))
         if replan is not None:
-            corrected.append(control.fly(perturbation, friction, seed, flight, correct=True, record=not flight))
+            corrected.append(control.fly_jump(perturbation, friction, seed, flight, correct=True, record=not flight))
         if progress is not None:
             progress("flight", flight + 1, flights)
     return JumpReplay(
@@ -189,6 +190,9 @@ def _jump_to_fly(jump: Jump | str | Path) -> Jump:
     """The jump, or that of a file; an error where its check does not hold, or where it lasts too long."""
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
     jump.refuse_unless_ok("fly")
+    if jump.request.is_periodic:
+        reason = "a periodic jump begins in motion, where no robot can be put"
+        raise InputError(reason, element="jump.landing.to", advice="fly as many flights from standing to standing")
     if jump.duration + STANDING > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     return jump

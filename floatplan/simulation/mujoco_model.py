@@ -1,6 +1,6 @@
 """The robot for MuJoCo, on slides and a hinge in its plane or on a free joint, from its reduced model in Pinocchio.
 
-Nothing is in it but inertia, gravity, rotors and joints; :mod:`floatplan.simulation.contact_model` adds the ground.
+Nothing is in it but inertia, gravity, rotors and joints; :mod:`floatplan.simulation.contact.model` adds the ground.
 """
 
 from collections.abc import Mapping

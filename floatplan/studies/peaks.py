@@ -126,7 +126,7 @@ def _distances(of: Sequence[Problem] | Numbers | None) -> tuple[PlanarRows | Non
         high=None,
         row=np.empty(most, np.int64),
         s=np.empty(most),
-        least=np.empty(most),
+        value=np.empty(most),
     )
     obstacles = numbers.obstacle_numbers()
     return constraints, {

@@ -130,7 +130,7 @@ class PlanTask:
         jump = fp.jump(self.problem, progress=say, near=self.near if isinstance(self.near, Jump) else None)
         if jump.flight is None:
             return ShownPlan.of(self._searched(0.3), True, jump)  # [s] for a flight to look at instead
-        jump = jump.with_certificate(fp.certify(jump.flight))
+        jump = jump.with_certificate(*map(fp.certify, jump.flights))
         assert jump.flight is not None
         return ShownPlan.of(jump.flight, True, jump)
 

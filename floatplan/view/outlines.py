@@ -15,6 +15,7 @@ import numpy as np
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.spatial.bodies import BodyPoses
+from floatplan.motion.spatial.kinematics import poses_about, posture_about
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
@@ -172,12 +173,12 @@ def bodies(plan: Trajectory, times: Array) -> BodyPoses:
         poses: BodyPoses = whole.bodies(times)
         return poses
     state = plan.state(times)
-    return BodyPoses.of(plan.robot, of_quaternions(state.orientation), state.positions, state.com_position)
+    return poses_about(plan.robot, of_quaternions(state.orientation), state.positions, state.com_position)
 
 
 def posed(plan: Trajectory, state: JointState, time: float) -> BodyPoses:
     """Poses of the bodies of a robot in space in a posture, its centre of mass where the motion has it at a time, s."""
-    return BodyPoses.posed(plan.robot, state, com_positions(plan, np.array([time]))[0])
+    return posture_about(plan.robot, state, com_positions(plan, np.array([time]))[0])
 
 
 def seen_robot(

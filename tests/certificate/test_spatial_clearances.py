@@ -18,7 +18,7 @@ from floatplan.plans.reading import checked, recorded_robot
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.urdf.tree import urdf_path
 
-MUTATIONS = 24  # scripts/mutations.py makes more
+MUTATIONS = 12  # scripts/mutations.py makes more
 SHARP = 3e-6  # [m] to which least distances are enclosed, and found by the judge
 SHORT = {"pairs": 2e-3, "heights": 2e-3, "faces": 2e-2}  # [m] to which bounds over a 32nd of a cell are sharp
 LITTLE = 1e-6  # [m] that a violation is refuted by
@@ -216,14 +216,15 @@ class TestWhatIsNotKnown:
     def test_an_attitude_without_a_bound(self, plans):
         wild = np.array(plans[0].coefficients)
         wild[:, 1] += 60.0
-        record = replace(plans[0], coefficients=wild)
+        problem = {**plans[0].problem, "obstacles": plans[0].problem["obstacles"][:1], "self_clearance": []}
+        record = replace(plans[0], coefficients=wild, problem=problem)
         robot = recorded_robot(record.robot)
         path = urdf_path(record.robot.file)
         shapes = (capsules_of(robot), solids_of(robot))
         certificate = prove(checked(record), path, shapes, (), 26)
         assert certificate.attitude_bound == np.inf
         verdicts = [each.verdict for each in certificate.findings if each.kind == "obstacle"]
-        assert verdicts == ["undecided", "undecided"]
+        assert verdicts == ["undecided"]
         assert certificate.clearance_min < -0.5  # links are no farther in than their radius, wherever they are
 
     def test_meshes_whose_hash_is_not_recorded(self, plans):

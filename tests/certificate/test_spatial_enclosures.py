@@ -75,7 +75,7 @@ class Compared:
             self.outside.append((what, float(off), float(radius)))
 
 
-@pytest.mark.parametrize("name", cases(["go2", "diver", "chain"], {"diver"}))
+@pytest.mark.parametrize("name", cases(["go2", "diver", "chain"], {"go2", "diver"}))
 def test_nothing_lies_outside_its_enclosure(name, tmp_path):
     record = drawn(name, tmp_path)
     compared = enclosed(record, INSTANTS, np.random.default_rng(1))

@@ -12,7 +12,7 @@ import floatplan as fp
 from floatplan.jumps import launch as launching
 from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
-from floatplan.jumps.launch import Launch
+from floatplan.jumps.launches.result import Launch
 
 
 @pytest.fixture
@@ -85,6 +85,7 @@ def test_show_draws_a_jump(floatplan, tmp_path):
     wrong = tmp_path / "wrong.json"
     wrong.write_text(json.dumps(content))
     run = floatplan("show", wrong, "-o", "nowhere")
+    assert run.stderr.startswith("warning: this jump does not hold: ")
     assert (run.code, "not within limits" in Path("nowhere/report.html").read_text()) == (0, True)
     path.write_text(path.read_text().replace("floatplan.jump/1", "floatplan.jump/9"))
     assert floatplan("show", path).code == 2

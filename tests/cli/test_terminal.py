@@ -73,6 +73,7 @@ class TestBar:
         assert "midpoint" in output
         assert seen == ""
 
+    @pytest.mark.long
     def test_quiet_has_none(self, long_search, tmp_path):
         asked = ("plan", long_search, "--no-figures", "-q", "--budget", "500")
         assert in_terminal(*asked, cwd=tmp_path, **AT_ONCE) == ("", "")

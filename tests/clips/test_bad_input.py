@@ -15,9 +15,11 @@ from typing import Any
 import clip_samples as samples
 import numpy as np
 import pytest
+from once import made_once
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
+from floatplan.clips.formats import LARGEST_CLIP
 
 FPS = 50.0
 
@@ -83,13 +85,20 @@ class Runs:
         return os.system, ("touch was_run",)
 
 
-def bomb() -> bytes:
-    """A small archive whose array is a gigabyte of zeros."""
+def zeros() -> bytes:
+    """A small archive whose array is half a gigabyte of zeros."""
     stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive, archive.open("fps.npy", "w") as member:
-        for _ in range(1000):
+    packed = zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=1)
+    with packed, packed.open("fps.npy", "w") as member:
+        for _ in range(LARGEST_CLIP // 1_000_000 + 1):
             member.write(bytes(1_000_000))
     return stream.getvalue()
+
+
+def bomb(folder: Path) -> Path:
+    """Write that archive."""
+    (folder / "clip.npz").write_bytes(made_once("archive of zeros", zeros))
+    return folder / "clip.npz"
 
 
 FRAMES = samples.hops(FPS).frames
@@ -122,7 +131,7 @@ WRONG = {
     "a pickle that runs": (pickled(root_pos=Runs()), r"clip\.pkl.*system.*not plain data"),
     "a pickle that is cut off": (content("clip.pkl", pickle.dumps({"fps": 1})[:-3]), r"clip\.pkl.*pickle"),
     "an archive that is cut off": (content("clip.npz", b"PK\x03\x04 and no more"), r"clip\.npz.*NumPy archive"),
-    "a zip bomb": (content("clip.npz", bomb()), r"clip\.npz.*more than \d+ MB"),
+    "a zip bomb": (bomb, r"clip\.npz.*more than \d+ MB"),
     "another ending": (content("clip.bvh", b"HIERARCHY"), r"clip\.bvh.*\.csv, \.npz or \.pkl"),
 }
 

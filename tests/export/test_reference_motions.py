@@ -157,18 +157,22 @@ def test_quaternions_do_not_jump_and_velocities_are_derivatives(plan, tmp_path):
     near(turning, content["body_angular_velocities"][1:-1], 5e-4)
 
 
-@pytest.mark.usefixtures("little_work")
-def test_a_base_that_tumbles(root, tmp_path):
-    """A flight in space, whatever its end: velocities in the world and in the body are no longer the same."""
+@pytest.fixture
+def motion(root, little_work):
+    """A base that tumbles: a flight in space, whatever its end."""
     robot = fp.Robot.from_urdf(root / "urdf" / "space_arm.urdf", base="free-flyer")
     start = fp.Posture(fp.Attitude(quaternion_xyzw=[0.1, 0.2, 0.3, 0.9]), 0.1)
     goal = fp.Posture(fp.Attitude(angles=[1.1, 0.5, 3.2], axes="yxz"), 0.4)
-    asked = fp.Problem(robot, start, goal, fp.Flight(4.0, angular_momentum=[5.0, -9.0, 30.0]))
-    motion = fp.plan(asked, starts=1)
+    return fp.plan(fp.Problem(robot, start, goal, fp.Flight(4.0, angular_momentum=[5.0, -9.0, 30.0])), starts=1)
+
+
+def test_a_base_that_tumbles(motion, tmp_path):
+    """Velocities in the world and in the body are no longer the same."""
     content = read(export(motion, "isaac-amp", tmp_path / "amp", rate=RATE))
     check_joints(motion, content)
     check_bodies(motion, content, np.eye(3), every=20)
-    rows, model = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE)), in_mujoco(robot)
+    rows = read(export(motion, "loco-mujoco", tmp_path / "loco", rate=RATE))
+    model = in_mujoco(motion.robot)
     spin = np.array([state_in_mujoco(model, motion, np.eye(3), k / RATE).qvel[:6] for k in range(0, 240, 20)])
     near(rows["qvel"][:240:20, :6], spin)
     assert abs(spin[:, 3:] - content["body_angular_velocities"][:240:20, 0]).max() > 0.1
@@ -562,13 +566,8 @@ def test_a_jump_has_its_contacts_in_every_file_or_next_to_it(tmp_path):
         np.testing.assert_array_equal(again.contacts, amp["contacts"])
 
 
-@pytest.mark.usefixtures("little_work")
-def test_a_flight_in_space_is_read_by_numbers_too(root, tmp_path):
-    robot = fp.Robot.from_urdf(root / "urdf" / "space_arm.urdf", base="free-flyer")
-    start = fp.Posture(fp.Attitude(quaternion_xyzw=[0.1, 0.2, 0.3, 0.9]), 0.1)
-    goal = fp.Posture(fp.Attitude(angles=[1.1, 0.5, 3.2], axes="yxz"), 0.4)
-    motion = fp.plan(fp.Problem(robot, start, goal, fp.Flight(4.0, angular_momentum=[5.0, -9.0, 30.0])), starts=1)
-    model = in_mujoco(robot)
+def test_a_flight_in_space_is_read_by_numbers_too(motion, tmp_path):
+    model = in_mujoco(motion.robot)
     check_by_numbers(by_mjlab(export(motion, "mjlab-npz", tmp_path / "file", rate=RATE), model), model, every=40)
     for form in ("gmr", "mimickit", "mjlab-npz"):
         check_read_back(motion, form, tmp_path)

@@ -139,9 +139,3 @@ def _words(values: np.ndarray) -> str:
 
 
 GYMNAST = (URDF_FOLDER / "gymnast.urdf").read_text()
-
-
-def mounted(text, origin):
-    """The gymnast with a new, massless root link that body 0 is fixed to."""
-    ends = '<parent link="top"/><child link="body0"/>'
-    return text.replace("</robot>", f'<link name="top"/><joint name="turn" type="fixed">{ends}{origin}</joint></robot>')

@@ -112,7 +112,7 @@ def test_an_obstacle_that_is_there_for_a_moment_is_not_flown_through(plan, when,
             least = math.inf
             for until in times.tolist():
                 ends, orientations, positions = alone.fly(replanner, until, 40)
-                shapes = replanner.views.flight.link_shapes.place(
+                shapes = replanner.views.flying.flight.link_shapes.place(
                     plan.ballistics.positions(ends[-1:]).view(complex)[:, 0],
                     plan.robot.tree.absolute_angles(orientations[-1:], positions[-1:]),
                 )

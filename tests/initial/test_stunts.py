@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from jumps import GO2
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -19,19 +20,20 @@ A1 = "example-robot-data:a1_description/urdf/a1.urdf"
 Command = Callable[..., Any]
 
 
-@pytest.mark.parametrize(
-    ("source", "stunt", "file"),
-    [
-        (GO2, "roll", "go2_roll"),
-        (GO2, "half-twist", "go2_half_flip_half_twist"),
-        (A1, "turn", "a1_quarter_turn"),
-        (A1, "half-turn", "a1_half_turn"),
-        (A1, "side", "a1_side"),
-        (GO2, "diagonal", "go2_diagonal"),
-    ],
-)
-def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, source: str, stunt: str, file: str) -> None:
+WRITTEN = [
+    (GO2, "roll", "go2_roll"),
+    (A1, "side", "a1_side"),
+    (GO2, "half-twist", "go2_half_flip_half_twist"),
+    (A1, "turn", "a1_quarter_turn"),
+    (A1, "half-turn", "a1_half_turn"),
+    (GO2, "diagonal", "go2_diagonal"),
+]
+
+
+@pytest.mark.parametrize("written_as", cases(WRITTEN, WRITTEN[2:]), ids=lambda case: case[-1])
+def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, written_as: tuple[str, str, str]) -> None:
     """The same goal, contacts and limits; the posture to within some degrees, the displacement to a tenth."""
+    source, stunt, file = written_as
     path = tmp_path / "jump.toml"
     path.write_text(stunt_file_text(source, stunt, {}, path))
     written = fp.load_problem(path)

@@ -9,9 +9,11 @@ import pinocchio as pin
 import pytest
 
 import floatplan as fp
+from floatplan.jumps.launches import in_space
 from floatplan.jumps.setup import NodeMargins
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess
+from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import spatial_setup
 
 
@@ -88,10 +90,40 @@ def test_it_is_handed_on(roll, tmp_path):
 
 
 def test_what_is_for_jumps_in_a_plane_says_so(roll):
-    with pytest.raises(fp.InputError, match="searched for only with it"):
-        fp.launch(roll.flight)
     with pytest.raises(fp.InputError, match="near: is for jumps in a plane"):
         fp.jump(roll.problem, near=roll)
+
+
+def test_a_takeoff_with_rates_beyond_the_limits_is_shown_to_be_impossible(roll, monkeypatch):
+    """Rates follow from the velocity, the momentum and the still feet: nothing is searched for."""
+    monkeypatch.setattr(in_space, "planned_stance", lambda *_, **__: pytest.fail("a search for what there is not"))
+    flight = roll.flight
+    slow = replace(flight, problem=replace(flight.problem, limits=fp.Limits(velocity=3.0)))
+    result = fp.launch(slow)
+    assert result.impossible
+    assert not result.ok
+    largest = np.abs(flight.at(0.0).velocities).max() / 3.0
+    assert 1.0 < result.ratio <= largest * (1 + 1e-6)
+    assert f"{result.joint}'s rate is at least {result.ratio:.2f} of its limit, whatever came" in result.sentences[0]
+
+
+def test_feet_of_a_takeoff_that_are_not_level_are_named(roll):
+    """A roll leaves from its right legs, its left ones are in the air then."""
+    contacts = [("FL_foot", "FR_foot", "RL_foot", "RR_foot")]
+    request = replace(roll.request, takeoff=replace(roll.request.takeoff, contacts=contacts))
+    result = fp.launch(roll.flight, request)
+    assert result.impossible
+    assert "mm higher than" in result.sentences[0]
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("end", ["takeoff", "landing"])
+def test_the_stances_of_its_flight_are_found_again(roll, end):
+    result = fp.launch(roll.flight, end=end, starts=1)
+    assert result.ok, result.sentences
+    assert result.ratio <= 0.97  # where its own takes 0.88
+    assert result.sentences[0].startswith(f"{end.capitalize()}: reachable, with ")
+    assert result.figures["residual"] < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -117,14 +149,18 @@ def test_without_tilt_all_feet_stand(root, name):
     assert [len(phase.feet) for phase in phases] == [4, 0, 4]
 
 
-def test_feet_are_held_where_they_stand(problem):
+@pytest.mark.parametrize(
+    ("name", "stances"), [("go2_quarter_turn", 2), pytest.param("go2_roll", 3, marks=pytest.mark.long)]
+)
+def test_feet_are_held_where_they_stand(root, name, stances):
     """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
-    program = spatial_setup(problem, problem.jump).program(planner.MARGINS)
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    program = spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
     raw = guess(program)
     parameters = np.zeros(program.size + 1)
     of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])
     stiffness = 625.0 / 9.81  # [1/m] over g
-    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2)):
+    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2))[:stances]:
         moved = raw.copy()
         moved[program.begins[node]] += 0.01
         change = np.subtract(*(np.array(program.assembly.evaluate(x, parameters)).ravel() for x in (moved, raw)))
@@ -153,6 +189,39 @@ def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     assert jump.ok, jump.check.sentences[0]
     assert jump.check.figures["velocity"] <= 0.7
     assert len(jumps) == 1 + sum("with more nodes" in message for message in messages)
+
+
+@pytest.mark.parametrize(
+    ("name", "number", "intervals", "tilt"),
+    [
+        ("go2_half_flip_half_twist", 0, 12, 65.0),
+        ("go2_half_flip_half_twist", 1, 12, 65.0),
+        ("a1_backflip_half_twist", 0, 22, 45.0),
+        ("a1_backflip_half_twist", 1, 31, 35.0),
+        ("a1_backflip_half_twist", 2, 31, 35.0),
+    ],
+)
+def test_starts_of_combined_rotations_tilt_less_with_more_nodes(root, monkeypatch, name, number, intervals, tilt):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+    guesses = []
+
+    def unsolved(program, raw, is_near=False):
+        guesses.append(raw)
+        return SpatialSolution(raw, *np.zeros((3, 1, 1)), [], np.zeros(1), (1.0, ""), 0, converged=False)
+
+    monkeypatch.setattr(SpatialProgram, "solve", unsolved)
+    setup = spatial_setup(problem, problem.jump)
+    start = planner.solved_start(setup, 0, number)
+    assert start.program.phases[start.program.flight].intervals == intervals
+    assert np.rad2deg(start.program.bounds.tilt) == pytest.approx(tilt)
+    is_generic = number == 0 or (setup.is_combined and number == 1)
+    assert np.array_equal(guesses[0], guess(start.program)) == is_generic
+
+
+@pytest.mark.long
+def test_an_a1_flips_with_half_a_twist_within_three_starts(root):
+    found = fp.jump(root / "problems" / "jumps" / "space" / "a1_backflip_half_twist.toml", starts=3)
+    assert found.ok, found.explanation
 
 
 ALL = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")

@@ -59,10 +59,10 @@ def test_coefficients_are_rounded_as_exact_arithmetic_does(kernel, degree):
 @pytest.fixture
 def checkout(tmp_path):
     """The package alone, without a library."""
-    shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+    shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("*.so"))
     for name in ("hatch_build.py", "pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tmp_path / name)
-    for name in ("urdf", "problems"):
+    for name in ("urdf", "problems", "motions"):
         (tmp_path / name).symlink_to(ROOT / name)
     return tmp_path
 
@@ -128,7 +128,10 @@ def test_that_compiler_is_used_where_there_is_no_other(monkeypatch, tmp_path):
     assert build.command()[:4] == [sys.executable, "-m", "json", "c++"]
 
 
-@pytest.mark.parametrize(("content", "reason"), [(None, "not compiled"), (b"\0" * 100, "cannot be loaded")])
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [(None, "not compiled"), pytest.param(b"\0" * 100, "cannot be loaded", marks=pytest.mark.long)],
+)
 def test_an_installation_that_is_not_complete_says_so(checkout, content, reason):
     library_file = checkout / "floatplan" / "kernel" / build.LIBRARY
     if content:

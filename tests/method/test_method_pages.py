@@ -13,7 +13,11 @@ import floatplan as fp
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "theory" / "method.md"
 MODULES = sorted((ROOT / "floatplan" / "method").glob("*.py"))
-MOST_LINES = 466  # that are not blank, with docstrings
+MOST_LINES = 450  # with docstrings and blank ones
+
+
+def module_of(path: Path) -> str:
+    return "floatplan.method" if path.stem == "__init__" else f"floatplan.method.{path.stem}"
 
 
 def test_the_theory_page_quotes_what_is_there() -> None:
@@ -23,14 +27,14 @@ def test_the_theory_page_quotes_what_is_there() -> None:
     for source, name in quoted:
         path = (PAGE.parent / source).resolve()
         assert path in MODULES
-        assert callable(reduce(getattr, name.split("."), import_module(f"floatplan.method.{path.stem}"))), name
+        assert callable(reduce(getattr, name.split("."), import_module(module_of(path)))), name
 
 
 def test_every_function_of_the_table_is_there() -> None:
     rows = re.findall(r"^\| (?:[^|]*\(\S+\)[^|]*) \| (.+) \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     names = [name for row in rows for name in re.findall(r"`([\w.]+)`", row)]
     assert len(names) > 8
-    modules = [import_module(f"floatplan.method.{path.stem}") for path in MODULES if path.stem != "__init__"]
+    modules = [import_module(module_of(path)) for path in MODULES]
     for name in names:
         first, *_ = name.split(".")
         (home,) = (
@@ -40,8 +44,7 @@ def test_every_function_of_the_table_is_there() -> None:
 
 
 def test_it_stays_short() -> None:
-    lines = [line for path in MODULES for line in path.read_text(encoding="utf-8").splitlines()]
-    assert sum(bool(line.strip()) for line in lines) <= MOST_LINES
+    assert sum(len(path.read_text(encoding="utf-8").splitlines()) for path in MODULES) <= MOST_LINES
 
 
 def test_it_is_public() -> None:

@@ -224,7 +224,12 @@ class TestNumbersInReasons:
 
 @pytest.mark.usefixtures("little_work")
 @pytest.mark.parametrize(
-    ("kind", "short"), [("torque", (2e-5, 1e-5)), ("velocity", (3e-6, 4e-5)), ("acceleration", (0.0, 2e-5))]
+    ("kind", "short"),
+    [
+        ("torque", (2e-5, 1e-5)),
+        pytest.param("velocity", (3e-6, 4e-5), marks=pytest.mark.long),
+        pytest.param("acceleration", (0.0, 2e-5), marks=pytest.mark.long),
+    ],
 )
 def test_what_would_make_a_plan_names_every_limit_that_is_exceeded(kind, short):
     """Next to no other motion reaches the goal; with what is said added to the limits, it exceeds none of them."""

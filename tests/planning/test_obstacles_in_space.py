@@ -131,6 +131,7 @@ class TestPlans:
         assert {warning.subject for warning in overlaps} == {"FR_calf RR_calf", "FL_calf RL_calf"}
         assert all("[[self_clearance]] keeps them apart" in warning.message for warning in overlaps)
 
+    @pytest.mark.long
     def test_drawn_problems_are_solved_and_clear(self):
         problems = list(obstructed(4))
         plans = [fp.plan(problem) for problem in problems]

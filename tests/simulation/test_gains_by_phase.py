@@ -9,7 +9,7 @@ from jumps import backflip, roll
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.simulation.contact_model import feet_spheres
+from floatplan.simulation.contact.shapes import feet_spheres
 from floatplan.simulation.gains import _bandwidth_inertia, _joint_inverse, fastest_bandwidth, gains_by_phase
 from floatplan.simulation.jump_flight import PERIOD
 

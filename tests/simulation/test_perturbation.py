@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import floatplan as fp
@@ -26,6 +27,15 @@ def test_are_read(text: str, value: dict[str, float]) -> None:
     expected = fp.Perturbation(**value)
     for name in fp.Perturbation.checks:
         assert getattr(read, name) == pytest.approx(getattr(expected, name)), name
+
+
+def test_a_sample_is_that_of_its_seed_and_number() -> None:
+    perturbation = fp.Perturbation(h=0.1, inertia=0.1, torque=0.1, armature=0.1)
+    samples = [perturbation.sampled(*numbers, 4, 5) for numbers in ((5, 0), (5, 0), (6, 0), (5, 1))]
+    first, again, other_seed, other_number = [np.hstack([it.mass, it.inertia, it.armature]) for it in samples]
+    np.testing.assert_array_equal(again, first)
+    assert (other_seed != first).any()
+    assert (other_number != first).any()
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import floatplan as fp
 from floatplan.plans.reading import load_record
 
 PERTURBED = ("mass=2%", "inertia=2%", "h=1%,torque=1%,rise=5%")
-EVERY_OTHER = {("handstand", "mass=2%"), ("branched", "inertia=2%"), ("branched", PERTURBED[2])}
+EVERY_OTHER = {("handstand", "mass=2%"), ("handstand", PERTURBED[2]), *(("branched", one) for one in PERTURBED[1:])}
 PROBLEMS = Path(__file__).parents[2] / "problems"
 NAMES = sorted(path.stem for path in PROBLEMS.glob("*.toml"))
 GALLERY = sorted(f"gallery/{path.stem}" for path in (PROBLEMS / "gallery").glob("*.toml"))
@@ -216,14 +216,13 @@ class TestInSpace:
         assert set(landing.held) == {"left_hip", "left_knee", "right_hip", "right_knee"}
 
     def test_one_heavier_on_a_side_does_by_its_leak(self, sides):
-        """Twice the difference, twice the roll and yaw; which way, the mirror image says."""
+        """Twice the difference, twice the roll and yaw; on the other side, the other way."""
         turns = []
-        for mass in (0.6006, 0.6012, 0.5994):
+        for mass in (0.6006, 0.5988):
             landing = fp.replay(sides(mass), engine="mujoco").spatial
             turns.append(np.array([landing.roll, landing.yaw]))
         assert np.abs(turns[0]).max() > 1e-5
-        assert turns[1] == pytest.approx(2 * turns[0], rel=0.02)
-        assert turns[2] == pytest.approx(-turns[0], rel=0.02)
+        assert turns[1] == pytest.approx(-2 * turns[0], rel=0.02)
 
     def test_it_is_pinocchio_s_free_flyer(self, sides):
         """The same torques and gains on Pinocchio's model of the file, integrated by SciPy."""

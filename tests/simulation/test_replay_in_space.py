@@ -29,7 +29,7 @@ def test_mujoco_agrees_with_the_plan(diver):
     assert flown.spatial is None
 
 
-@pytest.mark.parametrize("perturb", cases(["h=2%,torque=1%", "mass=3%", "inertia=5%"], {"mass=3%"}))
+@pytest.mark.parametrize("perturb", cases(["h=2%,torque=1%", "mass=3%", "inertia=5%"], {"mass=3%", "inertia=5%"}))
 def test_both_engines_fly_the_same_perturbed_robot(diver, perturb):
     engines = [fp.replay(diver, engine=engine, perturb=perturb, seed=3) for engine in ("pinocchio", "mujoco")]
     errors = [[each.orientation_error, *each.position_error, each.com_error] for each in engines]
@@ -63,6 +63,8 @@ def test_corrected_flights(diver, floatplan, monkeypatch):
     """By forward dynamics: within half a degree, where without corrections they miss by many."""
     monkeypatch.setattr(authority_module, "LARGEST", 0.01)
     monkeypatch.setattr(authority_module, "SHARES", (0.0,))
+    found = fp.authority(diver)
+    monkeypatch.setattr(fp, "authority", lambda _: found)
     path = diver.save("plan.json")
     options = ("--flights", 1, "--perturb", "h=2%,noise=0.05deg,delay=5ms", "--seed", 2)
     run = floatplan("replay", path, "--replan", 100, *options, "--authority", "--json", "-o", "out")
@@ -79,7 +81,7 @@ def test_corrected_flights(diver, floatplan, monkeypatch):
 
 def test_a_go2_lands_with_another_momentum(planned):
     plan = planned("space/go2_barrel_roll")
-    flown = fp.closed_loop(plan, perturb="h=10%", flights=2, seed=1)
+    flown = fp.closed_loop(plan, perturb="h=10%", flights=1, seed=1)
     assert flown.perturbation.h == 0.1
     assert (flown.corrected.orientation < np.radians(0.5)).all()
     assert (flown.uncorrected.orientation > np.radians(20)).all()
@@ -87,6 +89,7 @@ def test_a_go2_lands_with_another_momentum(planned):
     assert flown.corrected.joints.max() < np.radians(0.5)
 
 
+@pytest.mark.long
 def test_mujoco_flies_the_same_corrected_robot(diver):
     flown = [
         fp.closed_loop(diver, perturb="h=2%", flights=1, seed=1, engine=engine) for engine in ("pinocchio", "mujoco")

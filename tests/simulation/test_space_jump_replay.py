@@ -13,8 +13,10 @@ from jumps import roll
 import floatplan as fp
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
-from floatplan.simulation.contact_model import ContactRobot
-from floatplan.simulation.jump_flight import PERIOD, JumpControl
+from floatplan.simulation.contact.model import ContactRobot
+from floatplan.simulation.contact.shapes import shapes_of_jump
+from floatplan.simulation.contact.tracked_motion import PERIOD
+from floatplan.simulation.jump_flight import JumpControl
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.view.report.flights import jump_rows, write_jump_pages
 
@@ -24,8 +26,8 @@ PERTURBED = "mass=5%,armature=0.005,noise=0.1deg,delay=4ms"
 
 @pytest.fixture(scope="module")
 def flown() -> fp.JumpReplay:
-    """Perturbed robots, late, with corrections in flight and without."""
-    return fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=2, gains=SOFT, budget=None)
+    """A perturbed robot, late, with corrections in flight and without."""
+    return fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=1, gains=SOFT, budget=None)
 
 
 def test_it_lands_on_its_feet(flown: fp.JumpReplay) -> None:
@@ -64,7 +66,7 @@ def test_the_simulated_base_is_the_planned_one() -> None:
     jump = roll()
     control = JumpControl(jump, np.ones((2, 12)), None)
     sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
-    robot = ContactRobot(jump, control.reduced, 0.6, sample)
+    robot = ContactRobot(control.tracked, 0.6, sample)
     time = jump.takeoff_time + 0.1
     planned = jump.at(time)
     robot.begin(jump.q(np.array([time]))[0, [0, 1, 2, 6, 3, 4, 5]], planned.positions[0])
@@ -85,7 +87,7 @@ def test_feet_and_links_stand_where_the_jump_has_them() -> None:
     jump = roll()
     control = JumpControl(jump, np.ones((2, 12)), None)
     sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
-    robot = ContactRobot(jump, control.reduced, 0.6, sample)
+    robot = ContactRobot(control.tracked, 0.6, sample)
     for row in (0, -1):
         positions = control.planned.positions[row]
         robot.begin(positions[[0, 1, 2, 6, 3, 4, 5]], positions)
@@ -110,7 +112,8 @@ def test_each_point_of_a_sole_touches_the_ground(monkeypatch: pytest.MonkeyPatch
         sole.append(replace(foot, suffix=suffix, local=local, depth=0.0))
     feet = [*jump.contacts, *sole]
     monkeypatch.setattr(JumpMotion, "contacts", feet)
-    robot = ContactRobot(jump, control.reduced, 0.6, Perturbation().sampled(0, 0, 12, jump.robot.model.njoints))
+    tracked = replace(control.tracked, shapes=shapes_of_jump(jump))
+    robot = ContactRobot(tracked, 0.6, Perturbation().sampled(0, 0, 12, jump.robot.model.njoints))
     first = control.planned.positions[0]
     robot.begin(first[[0, 1, 2, 6, 3, 4, 5]], first)
     assert robot.feet == tuple(dict.fromkeys(point.name for point in feet))
@@ -127,7 +130,7 @@ def test_without_a_turn_it_does_not_stand() -> None:
     jump = roll()
     control = JumpControl(jump, np.ones((2, 12)), None)
     sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
-    robot = ContactRobot(jump, control.reduced, 0.6, sample)
+    robot = ContactRobot(control.tracked, 0.6, sample)
     first = control.planned.positions[0]
     last = control.planned.positions[-1]
     robot.begin(first[[0, 1, 2, 6, 3, 4, 5]], first)

@@ -150,6 +150,7 @@ class TestSchema:
         assert json.loads(floatplan("schema", "study").stdout) == study_schema()
 
 
+@pytest.mark.long
 def test_the_versions_are_of_the_code_itself(tmp_path):
     shutil.copytree(ROOT / "floatplan", tmp_path / "floatplan", ignore=shutil.ignore_patterns("__pycache__"))
     code = "from floatplan.studies.file import versions; print(versions())"

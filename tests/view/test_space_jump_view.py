@@ -147,7 +147,9 @@ def test_it_is_drawn_filmed_and_shown(view: SpatialJump, tmp_path: Path, monkeyp
 def test_the_scene_has_arrows_and_cones(view: SpatialJump, tmp_path: Path) -> None:
     from floatplan.view.scene.scene import write_scene
 
-    assert write_scene(view, tmp_path / "scene.html").stat().st_size > 100_000
+    page = write_scene(view, tmp_path / "scene.html")
+    assert page.stat().st_size > 100_000
+    assert f"<title>floatplan: {view.problem.name}</title>" in page.read_text(encoding="utf-8")
 
 
 def test_the_page_plays_in_a_browser(browser: Browser, view: SpatialJump, tmp_path: Path) -> None:

@@ -17,10 +17,7 @@ from floatplan.view.figures.figures import figures
 from floatplan.view.report.data import motion_data
 from floatplan.view.report.report import write_report
 from floatplan.view.sampled import SampledPlan
-from floatplan.view.scene.scene import scene
 from floatplan.view.solids import AZIMUTH, CAMERA, ELEVATION, rendered_solids
-
-SPACE = Path(__file__).parents[2] / "problems" / "space"
 
 
 @pytest.fixture(scope="module")
@@ -141,17 +138,13 @@ def test_it_is_turned_by_mouse_by_touch_and_from_the_keyboard(diver: fp.Plan, br
     assert browser.complaints() == []
 
 
-def test_the_scene_holds_solids_trails_and_momentum(diver: fp.Plan) -> None:
-    assert "<title>floatplan: diver_half_twist</title>" in scene(diver)
-
-
-def test_obstacles_are_drawn_where_they_are() -> None:
+def test_obstacles_are_drawn_where_they_are(planned: Callable[[str], fp.Plan]) -> None:
     """In pictures, in the page with their faces, and in the scene; a half-space is a grid."""
-    problem = fp.load_problem(SPACE / "diver_past_a_bar.toml")
+    past_a_bar = planned("space/diver_past_a_bar")
+    problem = past_a_bar.problem
     wall = fp.HalfSpace(point=(0, 0, 4.9), normal=(0, 0.1, -1))
     box = fp.Box(center=(2, 0, 0.4), size=(0.6, 1, 0.8), margin=0.1)
-    plan = fp.plan(replace(problem, obstacles=(*problem.obstacles, box, wall)))
-    assert plan.ok
+    plan = replace(past_a_bar, problem=replace(problem, obstacles=(*problem.obstacles, box, wall)))
     (ball,) = (one for one in plan.problem.obstacles if isinstance(one, fp.Sphere))
     (outline,) = outlines.obstacle_outlines(ball, 0.5, 0.1)
     middle = CAMERA(np.array(ball.center) + 0.5 * np.array(ball.velocity))

@@ -12,7 +12,7 @@ from floatplan.certificate.planar.flight import FlightEnclosure
 from floatplan.certificate.planar.inertia import PlanarRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind
-from floatplan.tables import FRAME_POSITION, FRAME_SPEED, ORIENTATION
+from floatplan.tables import CLEARANCE, FRAME_SPEED, ORIENTATION
 
 
 def orientation_findings(record: PlanRecord, flight: FlightEnclosure) -> tuple[list[Finding], Balls]:
@@ -44,8 +44,8 @@ def flight_findings(
     left, left_at = _frame_motion(robot, record, flight, states[0], requested["takeoff"]["frame"], 0)
     landed, landed_at = _frame_motion(robot, record, flight, states[1], requested["landing"]["frame"], 1)
     findings = [
-        near("takeoff", ("position",), left, requested["takeoff"]["position"], FRAME_POSITION, 0.0),
-        near("landing", ("height",), landed[1:], [requested["landing"]["height"]], FRAME_POSITION, record.duration),
+        near("takeoff", ("position",), left, requested["takeoff"]["position"], CLEARANCE, 0.0),
+        near("landing", ("height",), landed[1:], [requested["landing"]["height"]], CLEARANCE, record.duration),
         same("stated", ("com", "gravity"), com["gravity"], requested["gravity"], None),
         same("stated", ("com", "velocity0"), com["velocity0"][0], requested["horizontal_velocity"], 0.0),
     ]

@@ -25,7 +25,7 @@ from floatplan.certificate.spatial.flight import MOST_CELLS_UNKNOWN, SpatialEncl
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tables import A_TURN_OFF, FRAME_POSITION, ORIENTATION, STEEPEST
+from floatplan.tables import A_TURN_OFF, CLEARANCE, ORIENTATION, STEEPEST
 
 SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
 TILT = 1e-2  # [rad] by which the tilt may pass its limit between the instants at which the search sees it
@@ -194,8 +194,8 @@ def flight_findings(
         )
     across = asked["horizontal_velocity"]
     findings = [
-        near("takeoff", ("position",), left, asked["takeoff"]["position"], FRAME_POSITION, 0.0),
-        near("landing", ("height",), landed[2:], [asked["landing"]["height"]], FRAME_POSITION, duration),
+        near("takeoff", ("position",), left, asked["takeoff"]["position"], CLEARANCE, 0.0),
+        near("landing", ("height",), landed[2:], [asked["landing"]["height"]], CLEARANCE, duration),
         same("stated", ("com", "gravity"), com["gravity"], asked["gravity"], None),
         _same_vector(("com", "velocity0"), com["velocity0"][:2], _vector(across, 2), "stated"),
     ]

@@ -14,6 +14,7 @@ from scipy.optimize import nnls
 from floatplan.arrays import Array
 from floatplan.jumps.conflicts import KINDS, allowed, kind_of
 from floatplan.jumps.spatial.model import BASE
+from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.problem.problem import Problem
 
@@ -33,6 +34,15 @@ class BindingLimit(NamedTuple):
     kind: str
     bound: float
     weight: float
+
+
+def shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem) -> str:
+    """Return what is farthest from what is required at the last iterate, and the limits that bind there."""
+    sentence = f"In the nearest this is farthest from what is required: {nearest.worst[1]}."
+    binding = binding_limits(program, nearest.raw)
+    if binding:
+        sentence += f" In the way: {'; '.join(binding_sentence(limit, problem) for limit in binding)}."
+    return sentence
 
 
 def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:

@@ -12,6 +12,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.jumps.spatial.model import BASE, skew
 from floatplan.jumps.spatial.standing import Foot
+from floatplan.motion.spatial.rotations import unwrapped_angles
 from floatplan.robot.robot import Robot
 
 
@@ -73,6 +74,12 @@ def _rate_map(axes: str, angles: Array) -> Array:
     return np.stack(columns, axis=2)
 
 
+def best_axes(attitudes: Array) -> str:
+    """Return the order of angles about axes whose middle one stays smallest in attitudes (K, 3, 3)."""
+    orders = ("zyx", "yxz", "xyz", "yzx", "xzy", "zxy")
+    return min(orders, key=lambda axes: float(np.abs(unwrapped_angles(axes, attitudes)[:, 1]).max()))
+
+
 class Mechanics:
     """A robot's places, velocities and forces at single instants, by Pinocchio, with gravity.
 
@@ -124,6 +131,22 @@ class Mechanics:
         v = np.hstack((linear, angular, joints[1]))
         a = np.hstack((linear_change, angular_change, joints[2]))
         return q, v, a
+
+    def from_coordinates(self, q: Array, v: Array, a: Array, near: Array) -> Array:
+        """The motion (3, 6+n, N) of Pinocchio's q (N, nq), v and a (N, nv); its angles are next to ``near`` (3, N)."""
+        rotation = np.array([pin.Quaternion(*one[[6, 3, 4, 5]]).matrix() for one in q])
+        linear, angular = v[:, :3], v[:, 3:BASE]
+        base_velocity = np.einsum("nij,nj->ni", rotation, linear)
+        base_acceleration = np.einsum("nij,nj->ni", rotation, a[:, :3] + np.cross(angular, linear))
+        rate = np.einsum("nij,nj->ni", rotation, angular)
+        rate_change = np.einsum("nij,nj->ni", rotation, a[:, 3:BASE])
+        joints = np.linalg.pinv(self.robot.selection[BASE:])
+        motion = np.empty((3, BASE + len(joints), len(q)))
+        motion[:, :3] = np.stack((q[:, :3], base_velocity, base_acceleration)).transpose(0, 2, 1)
+        motion[:, 3:BASE] = angles_of(self.axes, rotation, rate, rate_change, near)
+        positions = q[:, BASE + 1 :] - self.robot.reference[BASE + 1 :]
+        motion[:, BASE:] = np.stack([joints @ order.T for order in (positions, v[:, BASE:], a[:, BASE:])])
+        return motion
 
     def wrench(self, motion: Array) -> Array:
         """Forces (N, nv) on all coordinates that a motion takes, by RNEA, gravity's included."""

@@ -4,7 +4,8 @@ The program's base and joints are taken as they are, but next to the flight, whe
 are made those of free fall with feet that do not move; legs that stand follow from where their feet are. Three feet and
 more bear any motion of the base. On two the moment about the line through them takes no force: the whole robot is
 turned about that line by an angle that follows from this moment, an inverted pendulum, from the flight's end on. What a
-phase ends with goes into the next by a quintic that vanishes at its other end.
+phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the phase
+in which most feet stand.
 """
 
 from collections.abc import Callable
@@ -17,9 +18,10 @@ from floatplan.errors import FloatplanError
 from floatplan.jumps.motion import quintic, refined
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
+from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.pendulum import Line, balanced
 from floatplan.jumps.spatial.phases import SpatialPhase
-from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
+from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
 
 
@@ -144,37 +146,134 @@ def _affine_root(function: Callable[[Array], tuple[Array, Array]], start: Array)
     return motion
 
 
+def stance_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> Array:
+    """Return the motion (3, 6+n, 2) at a solution's first and last node, with feet that stand there still.
+
+    Where the robot stands still, it does so to more than the program's tolerance.
+    """
+    ends = []
+    for end, phase in ((0, program.phases[0]), (-1, program.phases[-1])):
+        motion = np.stack((solution.y, solution.v, solution.a))[:, :, [end]]
+        fixed = program.ends.fixed(end)
+        for order, values in ((1, program.ends.v), (2, program.ends.a)):
+            if order < fixed:
+                motion[order, :, 0] = values[end]
+        places = _standing_places(program, solution, phase)
+        ends.append(mechanics.close(mechanics.from_centre(motion), places))
+    return np.concatenate(ends, axis=2)
+
+
+def met_by_flight(
+    mechanics: Mechanics, motion: Array, places: dict[str, Array], com_velocity: Array, momentum: Array
+) -> Array:
+    """Return the motion (3, 6+n) next to one at hand with which feet that are still leave for a flight, or end one.
+
+    Base and joints are as they are, but for legs whose feet stand at ``places``, (3,) m; the centre of mass has a
+    velocity (3,), m/s, and the robot an angular momentum about it (3,), kg m^2/s. Nothing bears it; of accelerations
+    that do this the motors have those with the least squared shares of their limits, next to the ones at hand.
+
+    Raises
+    ------
+    NoExactStanceError
+        The joints cannot hold the feet still there.
+    """
+    still = 1e-6  # [m, m/s; m/s^2 over g] of the feet
+    standing = mechanics.close(motion[:, :, None], places)
+    try:
+        moving = _moving(mechanics, standing, places, com_velocity, momentum)
+        moving[2, :, 0] = _gentle_fall(mechanics, moving, list(places))
+    except np.linalg.LinAlgError:
+        raise NoExactStanceError("its joints do not hold the feet still where the flight is met") from None
+    feet, _ = mechanics.feet(moving, list(places))
+    feet[0] -= np.array(list(places.values()))
+    feet[2] /= mechanics.gravity
+    if not np.abs(feet).max() < still:
+        raise NoExactStanceError("its joints do not hold the feet still where the flight is met")
+    return moving[:, :, 0]
+
+
+def _gentle_fall(mechanics: Mechanics, motion: Array, frames: list[str]) -> Array:
+    """Accelerations (6+n,) of a motion (3, 6+n, 1) in which nothing bears the robot, and feet do not accelerate."""
+    robot = mechanics.robot
+    nearness = 1e-3  # [s^2] share of a motor's limit that an acceleration of 1 rad/s^2 off the one at hand is worth
+    limits = np.where(np.isfinite(robot.motor_torque_limits), robot.motor_torque_limits, robot.mass * mechanics.gravity)
+
+    def effects(accelerations: Array) -> tuple[Array, Array]:
+        """What has to vanish, and the motors' shares, of accelerations (6+n, N)."""
+        varied = np.repeat(motion, accelerations.shape[1], axis=2)
+        varied[2] = accelerations
+        wrench = mechanics.wrench(varied)
+        feet, _ = mechanics.feet(varied, frames)
+        vanishing = np.hstack((wrench[:, :BASE] / robot.mass, feet[2].reshape(len(wrench), -1)))
+        return vanishing.T, (wrench @ robot.transmission / limits).T
+
+    near = motion[2, :, 0]
+    steps = np.eye(len(near))
+    vanishing, shares = effects(np.column_stack((near, near[:, None] + steps)))
+    equations = vanishing[:, 1:] - vanishing[:, [0]]
+    costs = shares[:, 1:] - shares[:, [0]]
+    u, sizes, v = np.linalg.svd(equations)
+    rank = int((sizes > 1e-9 * sizes[0]).sum())  # three points of a sole are nine rows of a pose's six
+    change = -v[:rank].T @ ((u[:, :rank].T @ vanishing[:, 0]) / sizes[:rank])
+    free = v[rank:].T
+    if free.shape[1]:
+        rows = np.vstack((costs @ free, nearness * free))
+        target = -np.concatenate((shares[:, 0] + costs @ change, nearness * change))
+        change = change + free @ np.linalg.lstsq(rows, target, rcond=None)[0]
+    return np.asarray(near + change)
+
+
 def exact_stances(
-    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds, side: str
+    program: SpatialProgram,
+    solution: SpatialSolution,
+    mechanics: Mechanics,
+    side: str,
+    ends: Array,
+    begin: float = 0.0,
 ) -> list[SpatialStance]:
-    """Return the stances of a side of the flight, in order of time."""
-    outwards = -1 if side == "takeoff" else 1
+    """Return the stances of a side of the flight, or those of a single stance, in order of time.
+
+    The phase with most feet, which bear any motion, takes up what is left when the phases before and after it have
+    taken over what they begin and end with.
+
+    Parameters
+    ----------
+    side : "takeoff", "landing" or "step"
+    ends : (3, 6+n, 2) motion with which they begin and end
+    begin : s, of the first node
+
+    Raises
+    ------
+    NoExactStanceError
+        Nothing but two feet ever stands, or legs do not reach the ground.
+    """
     indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
-    junction = ends.motion[:, :, [0 if side == "takeoff" else 1]]
-    stances = []
-    for position, index in enumerate(indices[::outwards]):
+    middle = max(indices, key=lambda index: len(program.phases[index].feet))
+    motions: dict[int, SpatialGrid] = {}
+    seams = [ends[:, :, 0], ends[:, :, 1]]  # between what is done, and the middle
+    inwards = [*range(indices[0], middle), *range(indices[-1], middle, -1), middle]
+    for index in inwards:
+        near = 0 if index < middle else -1
         phase = program.phases[index]
         times, motion, shares = _fine_motion(program, solution, mechanics, index)
+        for end in (0, -1) if index == middle else (near,):
+            motion = motion + _vanishing(times, seams[end] - motion[:, :, end], end)
         places = _standing_places(program, solution, phase)
-        near = 0 if side == "landing" else -1
-        change = junction[:, :, 0] - motion[:, :, near]
-        motion = motion + _vanishing(times, change, near)
-        if position == len(indices) - 1:  # there it stands still, to more than the program's tolerance
-            far = -1 - near if near == 0 else 0
-            at_rest = np.zeros((3, program.model.size, 1))
-            at_rest[0, :, 0] = solution.y[:, 0 if side == "takeoff" else -1]
-            still = mechanics.from_centre(at_rest)[:, :, 0]
-            motion = motion + _vanishing(times, still - motion[:, :, far], far)
         motion = mechanics.close(motion, places)
         if len(places) == 2:
-            beyond = _standing_places(program, solution, program.phases[indices[::outwards][position + 1]])
+            if index == middle:
+                raise NoExactStanceError("on no more than two feet it cannot begin and end as it has to")
+            beyond = _standing_places(program, solution, program.phases[index + (1 if near == 0 else -1)])
             motion = _on_two_feet(mechanics, times, motion, places, beyond, near)
-        junction = motion[:, :, [-1 - near]] if near == 0 else motion[:, :, [0]]
-        grid = SpatialGrid(times, motion[0], motion[1], motion[2], shares)
-        model = program.model
-        stance = SpatialStance(model.robot, model.gravity, mechanics.axes, phase.feet, program.friction, grid)
-        stances.append(stance)
-    return stances[::outwards]
+        seams[near] = motion[:, :, -1 - near]
+        motions[index] = SpatialGrid(times + begin, motion[0], motion[1], motion[2], shares)
+    model = program.model
+    return [
+        SpatialStance(
+            model.robot, model.gravity, mechanics.axes, program.phases[index].feet, program.friction, motions[index]
+        )
+        for index in indices
+    ]
 
 
 def _on_two_feet(

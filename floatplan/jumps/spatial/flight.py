@@ -9,7 +9,8 @@ from floatplan.jumps.flight import obstacles_in
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.exact import FlightEnds
 from floatplan.jumps.spatial.model import BASE
-from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
+from floatplan.jumps.spatial.nodes import SpatialSolution
+from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import Flight, Landing, Posture, Takeoff
@@ -45,7 +46,7 @@ def flight_problem(
             gravity=mechanics.gravity,
         ),
         obstacles=(
-            *obstacles_in(problem, ends.duration, float(solution.origin[2])),
+            *obstacles_in(problem.obstacles, ends.duration, float(solution.origin[2])),
             *_grounds(program, solution, mechanics, ends),
         ),
         ground=False,

@@ -10,6 +10,7 @@ from floatplan.jumps.spatial.standing import Foot, feet_links
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, pair_distances_in_space, shapes_in_space
+from floatplan.motion.spatial.kinematics import poses_about
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.robot.robot import Robot
 
@@ -33,7 +34,7 @@ class SpatialGeometry:
 
     def locate(self, state: FlightState) -> BodyPoses:
         """Where the bodies are at the N instants of a state."""
-        return BodyPoses.of(self.robot, of_quaternions(state.orientation), state.positions, state.com_position)
+        return poses_about(self.robot, of_quaternions(state.orientation), state.positions, state.com_position)
 
     def lowest(self, located: BodyPoses) -> Iterator[tuple[str, Array]]:
         """Links with the heights (N,) of their lowest points, m, by their solids."""

@@ -1,26 +1,49 @@
 """From a problem in space to a jump: one program over all phases, its flight planned, its stances exact and checked."""
 
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.jumps.flight import planned_flight
 from floatplan.jumps.setup import CORRECTIONS, NodeMargins
-from floatplan.jumps.spatial.conflicts import binding_limits, binding_sentence
-from floatplan.jumps.spatial.coordinates import Mechanics
-from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends
+from floatplan.jumps.spatial.conflicts import shortfall
+from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.jumps.spatial.model import BASE
-from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
+from floatplan.jumps.spatial.nodes import SpatialSolution
+from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
 MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85)  # of the first program; then as its check demands
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """Where a start's programs end.
+
+    Attributes
+    ----------
+    setup : SpatialSetup
+    margins : of the program
+    program : with these
+    solution : of the program, or the last iterate of its search
+    """
+
+    setup: SpatialSetup
+    margins: NodeMargins
+    program: SpatialProgram
+    solution: SpatialSolution
+
+
+def _silent(_: str) -> None:
+    """Report nothing."""
 
 
 def jump_in_space(
@@ -35,18 +58,17 @@ def jump_in_space(
     if near is not None:
         raise InputError("is for jumps in a plane, so far", element="near", advice="leave it out")
     setup = spatial_setup(problem, request)
-    program = setup.program(MARGINS)
     failed: SpatialJump | None = None
-    nearest: SpatialSolution | None = None
-    for start in range(starts):
-        say(f"start {start + 1} of {starts}")
-        rng = np.random.default_rng((seed, start)) if start else None
-        solution = program.solve(guess(program, rng))
-        if not solution.converged:
-            if nearest is None or solution.worst < nearest.worst:
-                nearest = solution
+    nearest: Start | None = None
+    start: Start | None = None
+    for number in range(starts):
+        say(f"start {number + 1} of {starts}")
+        start = solved_start(setup, seed, number, start)
+        if not start.solution.converged:
+            if nearest is None or start.solution.worst < nearest.solution.worst:
+                nearest = start
             continue
-        failed = _corrected(setup, program, solution, seed, say)
+        failed = checked_jump(start, seed, say)
         if failed.ok:
             return failed
     if failed is not None:
@@ -55,41 +77,53 @@ def jump_in_space(
     explanation = f"No jump was found in {counted}."
     if nearest is not None:
         say("what stands in the way")
-        explanation += f" {_shortfall(program, nearest, problem)}"
+        explanation += f" {shortfall(nearest.program, nearest.solution, problem)}"
     return SpatialJump(problem, request, explanation=explanation)
 
 
-def _shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem) -> str:
-    """What is farthest from what is required at the last iterate, and the limits that bind there."""
-    sentence = f"In the nearest this is farthest from what is required: {nearest.worst[1]}."
-    binding = binding_limits(program, nearest.raw)
-    if binding:
-        sentence += f" In the way: {'; '.join(binding_sentence(limit, problem) for limit in binding)}."
-    return sentence
+def solved_start(setup: SpatialSetup, seed: int, number: int, previous: Start | None = None) -> Start:
+    """Return where the search of a start, by its number, ends.
 
-
-def _corrected(
-    setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int, say: Callable[[str], None]
-) -> SpatialJump:
-    """The jump of a program's solution; where its check fails, of one with more nodes, and wider margins."""
-    programs = 1 + CORRECTIONS
+    The first one has the generic guess, others random ones. Where rotations are combined the second one has the generic
+    guess too; from it on the program has more nodes, and the base tilts less: flights nearer to where its angles are no
+    coordinates may have no plan. The program of the ``previous`` start serves again where it has the same margins.
+    """
     margins = MARGINS
+    generic = 1  # starts from the generic guess
+    if setup.is_combined:
+        generic = 2
+        if number:
+            margins = replace(MARGINS, refinement=1.4, tilt=math.radians(35.0))
+    rng = np.random.default_rng((seed, number)) if number >= generic else None
+    program = previous.program if previous is not None and previous.margins == margins else setup.program(margins)
+    return Start(setup, margins, program, program.solve(guess(program, rng)))
+
+
+def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:
+    """Return the jump of a start's solution; where its check fails, of one with more nodes, and wider margins.
+
+    Parameters
+    ----------
+    start : whose program has a solution
+    seed : of the flight's plan
+    say : called with a few words on what is being done
+    """
+    programs = 1 + CORRECTIONS
     for number in range(1, programs + 1):
         say(f"program {number} of {programs} at most: flight, stances, check")
-        jump = completed(setup, program, solution, seed)
+        jump = completed(start.setup, start.program, start.solution, seed)
         if jump.ok or number == programs:
             break
         if jump.flight is not None:
-            margins = margins.tightened(setup.request, jump.check.figures)
+            margins = start.margins.tightened(start.setup.request, jump.check.figures)
         else:
-            margins = replace(margins, refinement=1.4 * margins.refinement)
+            margins = replace(start.margins, refinement=1.4 * start.margins.refinement)
         say(f"program {number + 1} of {programs} at most, with more nodes")
-        finer = setup.program(margins)
-        refined = finer.solve(finer.resampled(solution, program), is_near=True)
-        if not refined.converged:
+        program = start.setup.program(margins)
+        solution = program.solve(program.resampled(start.solution, start.program), is_near=True)
+        if not solution.converged:
             break
-        program = finer
-        solution = refined
+        start = Start(start.setup, margins, program, solution)
     return jump
 
 
@@ -98,7 +132,7 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
     problem = setup.problem
     request = setup.request
     solution = solution.moved(setup.origin)
-    mechanics = Mechanics(problem.robot, setup.axes, program.model.gravity, setup.feet)
+    mechanics = setup.mechanics
     try:
         ends = flight_ends(program, solution, mechanics)
         joints = np.stack((solution.y, solution.v))[:, BASE:, program.flight_nodes]
@@ -106,8 +140,11 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
         if not plan.ok:
             explanation = f"No flight between the stances was found: {plan.explanation}"
             return SpatialJump(problem, request, explanation=explanation)
-        before = exact_stances(program, solution, mechanics, ends, "takeoff")
-        after = exact_stances(program, solution, mechanics, ends, "landing")
+        outer = stance_ends(program, solution, mechanics)
+        first, last = np.split(outer, 2, axis=2)
+        takeoff, landing = np.split(ends.motion, 2, axis=2)
+        before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
+        after = exact_stances(program, solution, mechanics, "landing", np.concatenate((landing, last), axis=2))
     except InputError as error:
         explanation = f"The flight between the stances cannot be planned: {error}"
         return SpatialJump(problem, request, explanation=explanation)

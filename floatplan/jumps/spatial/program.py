@@ -10,7 +10,7 @@ nodes, are minimised.
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -19,109 +19,13 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.jumps.model import casadi
 from floatplan.jumps.spatial.model import BASE, SpatialModel
+from floatplan.jumps.spatial.nodes import NodeKind, SpatialBounds, SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
-
-
-@dataclass(frozen=True, eq=False)
-class SpatialBounds:
-    """Limits of a program.
-
-    Attributes
-    ----------
-    torque : (m,) N m, of motors
-    stall, slope : (m,) N m and N m s/rad of motors' torque-speed curves
-    velocity : (n,) rad/s
-    position : (n, 2) rad
-    friction : [-]
-    clearance : m, of what is no foot from the ground
-    lift : m, of feet in the middle of the flight
-    dip : m, by which corners of feet may be below the ground, on which the feet's points stand
-    tilt : rad, of the middle one of the base's angles
-    """
-
-    torque: Array
-    stall: Array
-    slope: Array
-    velocity: Array
-    position: Array
-    friction: float
-    clearance: float
-    lift: float
-    dip: float
-    tilt: float
-
-
-@dataclass(frozen=True)
-class NodeKind:
-    """What holds at a node.
-
-    Attributes
-    ----------
-    side : of the flight, whose places feet have
-    tracking : feet that stand, leave or touch down
-    bearing : feet with forces
-    is_end : whether the robot stands still there, in a fixed posture
-    """
-
-    side: str
-    tracking: tuple[Foot, ...]
-    bearing: tuple[Foot, ...]
-    is_end: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class SpatialSolution:
-    """Values at the K+1 nodes of a jump.
-
-    Attributes
-    ----------
-    raw : (size,) variables
-    y, v, a : (6+n, K+1)
-    forces : of each node, frame -> (3,) N
-    durations : (phases,) s
-    worst : largest violation of a row, scaled; and which it is
-    iterations : int
-    converged : whether every row holds
-    origin : (3,) m, of the program in the world of y
-    """
-
-    raw: Array
-    y: Array
-    v: Array
-    a: Array
-    forces: list[dict[str, Array]]
-    durations: Array
-    worst: tuple[float, str]
-    iterations: int
-    converged: bool
-    origin: Array = field(default_factory=lambda: np.zeros(3))
-
-    def moved(self, origin: Array) -> "SpatialSolution":
-        """The same where the program's origin is elsewhere in the world, (3,) m."""
-        y = self.y.copy()
-        y[:3] += (origin - self.origin)[:, None]
-        return replace(self, y=y, origin=origin)
-
-
-@dataclass(frozen=True, eq=False)
-class SpatialEnds:
-    """Where the robot stands before and after.
-
-    Attributes
-    ----------
-    y : (2, 6+n) centre of mass, angles and joints; the landing's centre is above the origin, its position is free
-    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's position
-    displacement : (2,) m of the centre of mass, where it is fixed; else None
-    """
-
-    y: Array
-    places: dict[str, dict[str, Array]]
-    displacement: Array | None = None
 
 
 @dataclass(eq=False)
@@ -131,12 +35,13 @@ class SpatialProgram:
     Attributes
     ----------
     model : SpatialModel
-    phases : in order of time, the flight among them
+    phases : in order of time, a flight among them, or those of a single stance
     ends : SpatialEnds
     points : that stay above the ground
     corners : of the feet's shapes, which nearly do
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
+    reference : (6+n, K+1) of a motion y to which it is to be near; None for none
     """
 
     model: SpatialModel
@@ -146,13 +51,15 @@ class SpatialProgram:
     corners: Sequence[ClearancePoint]
     bounds: SpatialBounds
     friction: float
+    reference: Array | None = None
     kinds: list[NodeKind] = field(init=False)
     phase_of: IntArray = field(init=False)
 
     def __post_init__(self) -> None:
         """Lay out nodes and variables."""
         model = self.model
-        self.flight = next(index for index, phase in enumerate(self.phases) if phase.side == "flight")
+        flights = [index for index, phase in enumerate(self.phases) if phase.side == "flight"]
+        self.flight = flights[0] if flights else -1
         self.borders = np.cumsum([0, *(phase.intervals for phase in self.phases)])
         self.nodes = int(self.borders[-1]) + 1
         self.phase_of = np.minimum(
@@ -170,17 +77,39 @@ class SpatialProgram:
         """What holds at a node."""
         border = np.flatnonzero(self.borders == node)
         if node in (0, self.nodes - 1):
-            phase = self.phases[0 if node == 0 else -1]
-            return NodeKind(phase.side, (), phase.feet, is_end=True)
+            end = 0 if node == 0 else -1
+            phase = self.phases[end]
+            fixed = self.ends.fixed(end)
+            bearing = () if self.ends.flies[end] else phase.feet
+            tracking = phase.feet if fixed < 3 else ()
+            return NodeKind(phase.side, tracking, bearing, self._drift(node, tracking), fixed)
         if not len(border):
             phase = self.phases[self.phase_of[node]]
-            return NodeKind(phase.side, phase.feet, phase.feet)
+            return NodeKind(phase.side, phase.feet, phase.feet, self._drift(node, phase.feet))
         before = self.phases[int(border[0]) - 1]
         after = self.phases[int(border[0])]
         bearing = tuple(foot for foot in before.feet if foot in after.feet)
-        if after.side == "landing":
-            return NodeKind("landing", after.feet, bearing)
-        return NodeKind("takeoff", before.feet, bearing)
+        arrives = after.side == "landing" or set(before.feet) < set(after.feet)
+        phase = after if arrives else before
+        return NodeKind(phase.side, phase.feet, bearing, self._drift(node, phase.feet))
+
+    def _drift(self, node: int, feet: Sequence[Foot]) -> tuple[int, ...]:
+        """What brings back the drift of each foot at a node; see :class:`NodeKind`.
+
+        Where a foot stands from the first node on, its motion is fixed there, and drift decays with time; where it
+        stands until the last one, backwards in time. From the first until the last, half of the nodes do the one, half
+        the other, and two in the middle, which have no such rows, join them.
+        """
+        middle = self.nodes // 2
+        towards_end = node > middle
+        drift = []
+        for foot in feet:
+            stands = [foot in phase.feet for phase in self.phases]
+            if all(stands):
+                drift.append(0 if node in (middle, middle - 1) else (-1 if towards_end else 1))
+            else:
+                drift.append(-1 if stands[-1] and all(stands[self.phase_of[node] :]) else 1)
+        return tuple(drift)
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -188,7 +117,10 @@ class SpatialProgram:
         nodes_of: dict[NodeKind, list[int]] = {}
         for node, kind in enumerate(self.kinds):
             nodes_of.setdefault(kind, []).append(node)
-        pieces = [self._node_piece(kind, nodes) for kind, nodes in nodes_of.items()]
+        pieces = []
+        for kind, nodes in nodes_of.items():
+            if kind.bearing or kind.fixed < 3:  # where all of the motion is fixed, and flies, nothing is open
+                pieces.append(self._node_piece(kind, nodes))
         pieces += [self._interval_piece(index) for index in range(len(self.phases))]
         return Assembly(pieces, self._weights())
 
@@ -212,12 +144,11 @@ class SpatialProgram:
         shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
         forces = {frame: weight * share for frame, share in shares.items()}
         displacement = ca.SX.sym("d", 2)
-        parameters = ca.SX.sym("p", 0)
+        values = np.zeros((0, len(nodes))) if self.reference is None else self.reference[:, nodes]
+        parameters = ca.SX.sym("p", len(values))
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
         stiffness = 625.0  # [1/s^2] and
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        if kind.side == "landing":  # it ends where everything is fixed: drift decays backwards in time
-            damping = -damping
         sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
@@ -225,7 +156,9 @@ class SpatialProgram:
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
         uses_displacement = kind.side == "landing" and bool(kind.tracking)
-        for foot in kind.tracking:
+        for foot, drift in zip(kind.tracking, kind.drift, strict=True):
+            if not drift:
+                continue
             _, (position, velocity, acceleration) = model.foot(foot.name)
             stands = ca.SX(self.ends.places[kind.side][foot.name])
             if kind.side == "landing":
@@ -235,7 +168,7 @@ class SpatialProgram:
             for direction in self._directions(kind.side, foot):
                 along = ca.DM(direction).T
                 off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
-                pulled = change + damping * speed + stiffness * off
+                pulled = change + drift * damping * speed + stiffness * off
                 rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
             share = shares[foot.name]
@@ -246,12 +179,16 @@ class SpatialProgram:
                 rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
         motor_rows, cost = self._motor_rows(forces)
         height_rows: list[tuple[Any, float, float, str]] = []
-        if not kind.is_end:
+        if kind.fixed < 3:
             rows += motor_rows
+        if not kind.fixed:
             rows += self._leverage_rows(kind)
             rows += self._distance_rows(kind)
             height_rows = self._height_rows(kind)
         cost += 1e-5 * ca.sumsqr(model.a) + 1e-2 * sum((ca.sumsqr(share) for share in shares.values()), ca.SX(0))
+        if self.reference is not None:
+            nearness = 10.0  # [1/rad^2] a joint that is 0.1 rad off costs as much as a motor with a third of its torque
+            cost += nearness * ca.sumsqr((model.y - parameters)[3:])
         low = np.array([row[1] for row in rows])[:, None] * np.ones(len(nodes))
         high = np.array([row[2] for row in rows])[:, None] * np.ones(len(nodes))
         if height_rows:
@@ -272,7 +209,7 @@ class SpatialProgram:
             rows=ca.vertcat(*(row[0] for row in everything)),
             cost=cost,
             indices=indices,
-            values=np.zeros((0, len(nodes))),
+            values=values,
             low=low,
             high=high,
             labels=tuple(f"{row[3]} ({where})" for row in everything),
@@ -327,7 +264,7 @@ class SpatialProgram:
         for foot in kind.tracking:
             leverage = self.model.leverage(foot.name)
             if leverage is not None:
-                standing = float(ca.Function("leverage", [self.model.y], [leverage])(self.ends.y[0]))
+                standing = float(ca.Function("leverage", [self.model.y], [leverage])(self.ends.standing))
                 rows.append((leverage / standing - least, 0.0, np.inf, f"leverage of {foot.name}"))
         return rows
 
@@ -367,7 +304,9 @@ class SpatialProgram:
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
         """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
         air_lift = 0.003  # [m] of feet in the air in stance
-        share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
+        share = 0.0
+        if self.flight >= 0:
+            share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
         in_flight = 0.0 < share < 1.0
         arc = 16 * (share * (1 - share)) ** 2 if in_flight else 0.0
         lift = self.bounds.lift * min(1.0, arc) if in_flight else air_lift
@@ -417,10 +356,11 @@ class SpatialProgram:
         high = np.full(self.size, np.inf)
         for node, kind in enumerate(self.kinds):
             begin = self.begins[node]
-            if kind.is_end:
-                low[begin : begin + 3 * n] = high[begin : begin + 3 * n] = 0.0
-                y = self.ends.y[0 if node == 0 else 1]
-                low[begin : begin + n] = high[begin : begin + n] = y
+            if kind.fixed:
+                end = 0 if node == 0 else 1
+                for order, values in enumerate((self.ends.y, self.ends.v, self.ends.a)[: kind.fixed]):
+                    at = begin + order * n
+                    low[at : at + n] = high[at : at + n] = values[end]
                 if node and self.ends.displacement is not None:
                     low[begin : begin + 2] = high[begin : begin + 2] = self.ends.displacement
                 elif node:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -11,9 +12,11 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.phases import Side
 from floatplan.jumps.setup import NodeMargins, duration_bounds
+from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
+from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
 from floatplan.jumps.spatial.phases import SpatialPhase, side_phases, usual_groups
-from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialBounds, SpatialEnds, SpatialProgram
+from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
 from floatplan.jumps.spatial.standing import (
     Foot,
     Kinematics,
@@ -24,8 +27,9 @@ from floatplan.jumps.spatial.standing import (
     not_standing,
     standing_joints,
 )
+from floatplan.motion.planar.contact_rates import End
 from floatplan.problem.attitude import Attitude, required
-from floatplan.problem.jump import JumpRequest, Standing
+from floatplan.problem.jump import Ending, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
@@ -60,6 +64,11 @@ class SpatialSetup:
         """All feet."""
         return list({foot.name: foot for phase in self.phases for foot in phase.feet}.values())
 
+    @cached_property
+    def mechanics(self) -> Mechanics:
+        """The robot with these feet."""
+        return Mechanics(self.problem.robot, self.axes, float(self.problem.flight.gravity), self.feet)
+
     def program(self, margins: NodeMargins) -> SpatialProgram:
         """Return the program with some margins."""
         problem = self.problem
@@ -84,7 +93,7 @@ class SpatialSetup:
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
             lift=margins.lift,
             dip=margins.dip,
-            tilt=self._largest_tilt,
+            tilt=min(self._largest_tilt, margins.tilt),
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
@@ -93,22 +102,26 @@ class SpatialSetup:
         return SpatialProgram(model, phases, self.ends, points, corners, bounds, request.friction)
 
     @property
+    def is_combined(self) -> bool:
+        """Whether flip and twist are more than a whole rotation."""
+        rotation = float(np.abs(np.diff(self.ends.y[:, 3:BASE], axis=0)).sum())
+        return rotation > 2 * math.pi + 0.1
+
+    @property
     def _largest_tilt(self) -> float:
         """Of the base's middle angle, rad: a little less than what the flight's plan may tilt.
 
-        Where flip and twist are more than a whole rotation, it is much less: with the middle angle near 90 degrees they
-        become half the flip, and the twist in the other direction about another axis.
+        Where rotations are combined, it is much less: with the middle angle near 90 degrees they become half the flip,
+        and the twist in the other direction about another axis.
         """
-        rotation = float(np.abs(np.diff(self.ends.y[:, 3:BASE], axis=0)).sum())
-        is_combined = rotation > 2 * math.pi + 0.1
-        return math.radians(45.0) if is_combined else STEEPEST - math.radians(5.0)
+        return math.radians(45.0) if self.is_combined else STEEPEST - math.radians(5.0)
 
     @property
     def _lowest(self) -> float:
-        """Height of the lowest clearance point where the robot stands before, m."""
+        """Height of the lowest clearance point where the robot stands, m."""
         kinematics = Kinematics(self.problem.robot)
-        attitude = required(self.problem.initial.attitude)
-        kinematics.pose(np.zeros(3), attitude.matrix, self.ends.y[0, 6:])
+        standing = self.ends.standing
+        kinematics.pose(np.zeros(3), rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:])
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
         points = clearance_points(self.problem.robot, self.feet)
@@ -126,9 +139,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
         request asks for what only jumps in a plane have.
     """
     robot = problem.robot
-    robot.check_shapes()
-    if not problem.flight.gravity > 0:
-        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    _check_robot_stands(problem, request)
     _refuse_what_is_planar(problem, request)
     start = required(problem.initial.attitude)
     goal = required(problem.final.attitude)
@@ -137,16 +148,16 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     _refuse_tilted_ends(start, goal)
     before = _target(robot, request.takeoff.from_)
     after = before if request.landing.to == "standing" else _target(robot, request.landing.to)
-    feet = _named_feet(problem, request, start, before)
+    feet = _named_feet(robot, request, start, before)
     joints = np.empty((2, len(robot.joints)))
     heights = np.empty(2)
     for index, (target, attitude, side) in enumerate(((before, start, "takeoff"), (after, goal, "landing"))):
         joints[index], heights[index] = _standing(problem, request, feet, attitude, target, side)
     takeoff, landing = usual_groups(robot, feet, start, goal, joints[0])
     if request.takeoff.contacts:
-        takeoff = _groups(request.takeoff.contacts, feet)
+        takeoff = phase_feet(request.takeoff.contacts, feet)
     if request.landing.contacts:
-        landing = _groups(request.landing.contacts, feet)
+        landing = phase_feet(request.landing.contacts, feet)
     for side, groups in (("takeoff", takeoff), ("landing", landing)):
         for group in groups:
             if len(group) < 2:
@@ -166,13 +177,38 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     return SpatialSetup(problem, request, axes, phases, ends, origin)
 
 
+def standing_feet(problem: Problem, request: JumpRequest, side: End) -> tuple[list[Foot], Array, float]:
+    """Return the feet on which a robot stands at a side of a jump, its joints (n,) there, and the height of its base.
+
+    Raises
+    ------
+    InputError
+        As of :func:`spatial_setup`.
+    """
+    robot = problem.robot
+    _check_robot_stands(problem, request)
+    level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
+    target = _target(robot, request.takeoff.from_)
+    feet = _named_feet(robot, request, level, target)
+    if side == "landing" and request.landing.to != "standing":
+        target = _target(robot, request.landing.to)
+    return feet, *_standing(problem, request, feet, level, target, side)
+
+
+def _check_robot_stands(problem: Problem, request: JumpRequest) -> None:
+    """Refuse a robot without shapes, a world without gravity, and feet that are to roll."""
+    problem.robot.check_shapes()
+    if not problem.flight.gravity > 0:
+        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    if request.feet == "rolling":
+        advice = "leave it out: feet rotate about their frames' origins"
+        raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
+
+
 def _refuse_what_is_planar(problem: Problem, request: JumpRequest) -> None:
     """Refuse what jumps in space have not yet."""
     if request.objective != "torque":
         raise InputError(f"{request.objective!r} {IN_PLANE}", element="jump.objective", advice='leave it out: "torque"')
-    if request.feet == "rolling":
-        advice = "leave it out: feet rotate about their frames' origins"
-        raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
     for name in request.fixed:
         if name != "duration":
             raise InputError(f"{name!r} {IN_PLANE}", element="jump.fixed", advice="leave it out")
@@ -216,7 +252,7 @@ def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
             raise InputError(reason, element=f"{key}.orientation", advice=advice)
 
 
-def _target(robot: Robot, requested: Standing) -> Array:
+def _target(robot: Robot, requested: Ending) -> Array:
     """Joints (n,) rad that are requested, others being in the reference posture."""
     by_joint = requested if isinstance(requested, Mapping) else {}
     return np.array(
@@ -224,9 +260,8 @@ def _target(robot: Robot, requested: Standing) -> Array:
     )
 
 
-def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints: Array) -> list[Foot]:
+def _named_feet(robot: Robot, request: JumpRequest, start: Attitude, joints: Array) -> list[Foot]:
     """All feet: those of the outer phases, or else the limbs' ends that are as low as the takeoff's frame."""
-    robot = problem.robot
     key = "jump.takeoff.contacts"
     if request.takeoff.contacts:
         names = list(request.takeoff.contacts[0])
@@ -234,7 +269,7 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
         names = list(request.landing.contacts[-1])
         key = "jump.landing.contacts"
     else:
-        names = _lowest_frames(problem, start, joints)
+        names = _lowest_frames(robot, start, joints)
     feet: list[Foot] = []
     for name in names:
         body, _ = frame_position(robot.model, robot.joint_tree, name)
@@ -262,9 +297,8 @@ def _named_feet(problem: Problem, request: JumpRequest, start: Attitude, joints:
     return feet
 
 
-def _lowest_frames(problem: Problem, start: Attitude, joints: Array) -> list[str]:
+def _lowest_frames(robot: Robot, start: Attitude, joints: Array) -> list[str]:
     """Links at the ends of limbs that reach as low as that of the takeoff's frame."""
-    robot = problem.robot
     within = 0.02  # [m] of the takeoff frame's link
     kinematics = Kinematics(robot)
     kinematics.pose(np.zeros(3), start.matrix, joints)
@@ -313,8 +347,8 @@ def _standing(
     return joints, height
 
 
-def _groups(contacts: Sequence[Sequence[str]], feet: Sequence[Foot]) -> list[tuple[Foot, ...]]:
-    """Feet of phases, from their names."""
+def phase_feet(contacts: Sequence[Sequence[str]], feet: Sequence[Foot]) -> list[tuple[Foot, ...]]:
+    """Return the feet of phases, from their names."""
     return [tuple(foot for name in group for foot in feet if foot.frame == name) for group in contacts]
 
 

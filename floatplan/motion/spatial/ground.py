@@ -6,8 +6,8 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.dynamics import spatial_dynamics
+from floatplan.motion.spatial.kinematics import poses_about
 from floatplan.motion.spatial.rotations import exponential
 from floatplan.problem.attitude import required
 from floatplan.problem.parts import JointState
@@ -47,7 +47,7 @@ def _slowest_contact(
     ahead: Array = np.array([0.0, sign * SOON])
     positions = state.positions + ahead[:, None] * state.velocities
     attitudes = attitude @ exponential(ahead[:, None] * rates)
-    poses = BodyPoses.of(robot, attitudes, positions, problem.path.positions(instant + ahead))
+    poses = poses_about(robot, attitudes, positions, problem.path.positions(instant + ahead))
     slowest = ("", np.inf)
     for solid in robot.solids:
         heights = poses.lowest(solid) - problem.ground_plane.point[-1]

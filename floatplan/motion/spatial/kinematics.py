@@ -16,7 +16,9 @@ from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
 from floatplan.kernel.structs import Struct, doubles, integers, layout
 from floatplan.motion.spatial.bodies import BodyPoses
-from floatplan.motion.spatial.dynamics import SpatialDynamics
+from floatplan.motion.spatial.dynamics import SpatialDynamics, spatial_dynamics
+from floatplan.problem.attitude import required
+from floatplan.problem.parts import JointState
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
@@ -59,6 +61,20 @@ def body_poses(robot: Robot, base_positions: Array, attitudes: Array, positions:
         ),
     )
     return BodyPoses(places, rotations)
+
+
+def poses_about(robot: Robot, attitudes: Array, positions: Array, com: Array) -> BodyPoses:
+    """Return where bodies are with attitudes (K, 3, 3), planned joints (K, n), rad, centres of mass at (K, 3), m."""
+    dynamics = spatial_dynamics(robot)
+    joints = dynamics.reference + positions @ dynamics.selection.T
+    at_origin = body_poses(robot, np.zeros((len(positions), 3)), attitudes, joints)
+    moved = com - centre_of_mass(robot, at_origin)
+    return BodyPoses(at_origin.places + moved[:, None], at_origin.rotations)
+
+
+def posture_about(robot: Robot, state: JointState, com: Array) -> BodyPoses:
+    """Return the same of a posture, K = 1, with its centre of mass at (3,), m."""
+    return poses_about(robot, required(state.attitude).matrix[None], state.positions[None], com[None])
 
 
 def _run(function: str, *structs: Struct) -> None:

@@ -29,6 +29,7 @@ from floatplan.motion.spatial.attitude import (
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, shapes_in_space
 from floatplan.motion.spatial.dynamics import spatial_dynamics
+from floatplan.motion.spatial.kinematics import poses_about, posture_about
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions, quaternions_of, unwrapped_angles
 from floatplan.pool import one_thread
 from floatplan.problem.attitude import required
@@ -99,7 +100,8 @@ class SpatialMotion:
         forces = self.dynamics.torques(positions, velocities, accelerations, rates)
         com = self.path.positions(instants)
         momentum = np.einsum("kab,kb->ka", attitudes, np.einsum("kab,kb->ka", inertia, rates) + relative)
-        of_com = np.einsum("kab,kb->ka", attitudes, self._com(positions))
+        poses = poses_about(robot, attitudes, positions, com)
+        base = 1  # of the bodies, after the world
         return FlightState(
             times=read_only(instants),
             orientation=read_only(self.quaternions(attitudes, instants)),
@@ -111,19 +113,13 @@ class SpatialMotion:
             motor_torques=read_only(forces @ robot.transmission[FREE_FLYER:]),
             com_position=read_only(com),
             com_velocity=read_only(self.path.velocities(instants)),
-            base_position=read_only(com - of_com),
+            base_position=read_only(poses.places[:, base]),
             angular_momentum=read_only(momentum),
         )
 
     def attitudes(self, instants: Array) -> Array:
         """Attitudes (N, 3, 3) at times (N,) s."""
         return self.turning.at(np.clip(instants / self.problem.flight.duration, 0.0, 1.0))
-
-    def _com(self, positions: Array) -> Array:
-        """Centre of mass (N, 3) in the base's axes, m."""
-        model = self.dynamics.model
-        data = self.dynamics.data
-        return np.array([pin.centerOfMass(model, data, q) for q in self.dynamics.configurations(positions)])
 
     def full_motion(self, state: FlightState) -> FullMotion:
         """Motion of every joint of the robot's file, and of the base, at the N instants of a state."""
@@ -138,7 +134,7 @@ class SpatialMotion:
         """Where the bodies are at times (N,) s."""
         joints = self.joints.at(instants)[0]
         com = self.path.positions(instants)
-        return BodyPoses.of(self.problem.robot, self.attitudes(instants), joints, com)
+        return poses_about(self.problem.robot, self.attitudes(instants), joints, com)
 
     def segments(self, instants: Array, hulls: bool = False) -> SpatialSegments:
         """The links' capsules at times (N,) s."""
@@ -146,7 +142,7 @@ class SpatialMotion:
 
     def posture(self, state: JointState, time: float) -> BodyPoses:
         """Where they are in a posture, the centre of mass where it is at a time, s."""
-        return BodyPoses.posed(self.problem.robot, state, self.path.positions(np.array([time]))[0])
+        return posture_about(self.problem.robot, state, self.path.positions(np.array([time]))[0])
 
     def orientation(self, times: Array) -> Array:
         """Refused: the orientation is no number."""

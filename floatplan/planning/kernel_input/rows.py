@@ -181,7 +181,7 @@ class KernelRows:
         self.differentiated = [opposite[begin:end].count(-1) for begin, end in pairwise(self.block_first)]
         needs_moments = bool(all_sums[:, sums.of_moments].any())
         self.needs_rates = needs_moments or bool(all_sums[:, 1].any())
-        self.least = doubles(least)
+        self.margin = doubles(least)
         self.struct = Struct(
             "Constraints",
             rows=self.rows,
@@ -191,7 +191,7 @@ class KernelRows:
             first=integers(first),
             second=integers(second_of),
             opposite=integers(opposite),
-            least=self.least,
+            margin=self.margin,
             per_scale=doubles(per_scale),
             sums=doubles(all_sums),
             obstacles=doubles(obstacles),

@@ -4,12 +4,13 @@ The page moves the robot as :class:`~floatplan.robot.planar.tree.PlanarTree` doe
 a few numbers per instant move any robot. Columns are in SI units and radians. Tables are text.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 from matplotlib.colors import to_hex
+from numpy.typing import ArrayLike
 
 from floatplan.arguments import short
 from floatplan.arrays import Array
@@ -71,10 +72,7 @@ def motion_in_space(plan: Trajectory, sampled: SampledPlan) -> dict[str, Any]:
     final = problem.final
     centre, radius = outlines.ball(plan)
     goal = outlines.posed(plan, final, plan.duration)
-    columns = {}
-    for name, values in sampled.columns.items():
-        if not name.startswith("accelerations."):
-            columns[name] = rounded(values)
+    shown = {name: values for name, values in sampled.columns.items() if not name.startswith("accelerations.")}
     frames = []
     for (name, role), colour in zip(_roles(problem).items(), PALETTE.trails[1:], strict=False):
         body, position = frame_position(robot.model, robot.joint_tree, name)
@@ -90,23 +88,59 @@ def motion_in_space(plan: Trajectory, sampled: SampledPlan) -> dict[str, Any]:
         of_flight["scale"] = f"angular momentum, {size_of_h:.4g} kg m²/s"
         if h.any():  # half as long as the robot, whatever h is
             of_flight["vector"] = rounded(0.5 * outlines.robot_size(plan) * h / size_of_h)
-    return {
-        "duration": plan.duration,
-        "columns": columns,
-        "robot": robot_in_space(robot),
-        "frames": frames,
-        "trail": PALETTE.trails[0],
-        "obstacles": obstacles,
-        "ground": [],
-        "floor": list(map(rounded, outlines.grids(plan))),
-        "ghosts": rounded(outlines.snapshot_times(plan)),
-        "goal": {
-            "base": rounded([*goal.places[0, 1], *required(final.attitude).quaternion]),
-            "positions": final.positions.tolist(),
-            "com": rounded(outlines.com_positions(plan, np.array([plan.duration]))[0]),
+    moving = moving_robot(
+        robot,
+        shown,
+        duration=plan.duration,
+        ball=(centre, radius),
+        floor=outlines.grids(plan),
+        goal={
+            "base": [*goal.places[0, 1], *required(final.attitude).quaternion],
+            "positions": final.positions,
+            "com": outlines.com_positions(plan, np.array([plan.duration]))[0],
         },
+    )
+    ghosts = rounded(outlines.snapshot_times(plan))
+    return {**moving, "frames": frames, "obstacles": obstacles, "ghosts": ghosts, **of_flight}
+
+
+def moving_robot(
+    robot: Robot,
+    columns: Mapping[str, Array],
+    *,
+    duration: float,
+    ball: tuple[Array, float],
+    floor: Sequence[Array],
+    goal: Mapping[str, ArrayLike],
+) -> dict[str, Any]:
+    """Return what the page needs to move a robot in space, with nothing around it but a floor.
+
+    Parameters
+    ----------
+    robot : Robot
+    columns : of (K,) samples each, by their names, at equal steps of time
+    duration : float, s
+    ball : centre (3,) and radius, m
+        Of what contains the motion.
+    floor : of (., 3)
+        Lines on the ground.
+    goal : Mapping
+        At the end: ``base``, position and quaternion (x, y, z, w) (7,), ``positions`` of the joints (n,), ``com`` (3,).
+    """
+    centre, radius = ball
+    return {
+        "duration": duration,
+        "columns": {name: rounded(values) for name, values in columns.items()},
+        "robot": robot_in_space(robot),
+        "frames": [],
+        "trail": PALETTE.trails[0],
+        "obstacles": [],
+        "ground": [],
+        "floor": [rounded(line) for line in floor],
+        "ghosts": [],
+        "goal": {name: rounded(values) for name, values in goal.items()},
         "ball": {"centre": rounded(centre), "radius": radius},
-        **of_flight,
+        "vector": None,
     }
 
 

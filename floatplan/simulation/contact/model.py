@@ -1,33 +1,27 @@
-"""A robot on a free base in MuJoCo, with the ground: its links' hulls, of jumps in a plane as prisms; feet as spheres.
+"""A robot on a free base in MuJoCo, with the ground: its feet, and its other links' hulls.
 
 Every joint of the file moves, those that plans lock too, between its stops, and has its armature, damping and friction.
 Links touch the ground, not one another.
 """
 
-from collections.abc import Iterator
 from math import atan2, pi, remainder
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.jumps.check import LIGHT
-from floatplan.jumps.contacts import links_of
-from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.motion import point_in_joint
-from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
-from floatplan.jumps.spatial.standing import feet_links
+from floatplan.jumps.contacts import GroundStep
 from floatplan.robot.mjcf.compiled import import_mujoco
-from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import evenly
+from floatplan.robot.planar.choice import Plane
 from floatplan.simulation.base_states import base_states
+from floatplan.simulation.contact.tracked_motion import TrackedMotion
 from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
-from floatplan.simulation.reduced_model import ReducedModel
 
+SOLE = "sole "  # before the name of a foot's hull; a number is after it
 LINK = "link "  # before the name of its shape, since a foot may be called as its link; a number is after it
-SMALLEST = 5e-3  # [m] radius of a foot's sphere
 STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
 
 
@@ -43,28 +37,36 @@ class ContactRobot:
     slips : (C,) m/s, of those that press on the ground
     """
 
-    def __init__(self, jump: JumpMotion, reduced: ReducedModel, friction: float, sample: Sample) -> None:
-        self.robot = jump.problem.robot
-        self.mujoco_robot = MujocoRobot(contact_spec(jump, reduced, friction, sample))
+    def __init__(self, tracked: TrackedMotion, friction: float, sample: Sample) -> None:
+        self.robot = tracked.robot
+        reduced = tracked.reduced
+        self.mujoco_robot = MujocoRobot(contact_spec(tracked, friction, sample))
         self.model = self.mujoco_robot.model
         self.data = self.mujoco_robot.data
         self.axes = reduced.axes
-        self.light = LIGHT * self.robot.mass * jump.problem.flight.gravity
-        self.feet = tuple(feet_spheres(jump))
+        self.light = LIGHT * self.robot.mass * tracked.gravity
+        soles = [f"{SOLE}{link} {count}" for count, (link, _, _) in enumerate(tracked.shapes.soles)]
+        self.feet = (*tracked.shapes.balls, *soles)
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
         self.forces = np.zeros((0, 3))
         self.points = np.zeros((0, 3))
         self.slips = np.zeros(0)
-        self.is_spatial = isinstance(jump, SpatialJumpMotion)
+        self.is_spatial = reduced.model.nq != reduced.model.nv
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
-        self.ground = jump.ground
+        self.end_ground = tracked.end_ground
+        self.on_ground = _ground_geoms(self.model)
 
-    def begin(self, base: Array, positions: Array) -> None:
-        """Stand with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``."""
+    def begin(self, base: Array, positions: Array, velocities: Array | None = None) -> None:
+        """Begin with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``.
+
+        It is at rest, unless a robot in space has velocities, as of ``robot.model`` too.
+        """
         self.data.qpos[:7] = base
         self.data.qpos[self.mujoco_robot.positions] = positions[self.base.size :]
+        if velocities is not None:
+            self.data.qvel[:] = self.mujoco_robot.own_state(positions, velocities)[1]
         self.orientation = self.base.orientation(positions[None])
         self.mujoco_robot.mujoco.mj_forward(self.model, self.data)
 
@@ -101,22 +103,31 @@ class ContactRobot:
         data.qfrc_applied[self.mujoco_robot.velocities] = torques
         for _ in range(round(duration / self.model.opt.timestep)):
             self.mujoco_robot.mujoco.mj_step(self.model, data)
-            self.touched.update(data.contact.geom[: data.ncon, 1].tolist())
+            self.touched.update(self._robot_geoms(data.contact.geom[: data.ncon])[0].tolist())
         count = len(self.feet)
         self.forces = np.zeros((count, 3))
         self.points = np.full((count, 3), np.nan)
         self.slips = np.zeros(count)
         contacts = data.contact
-        rows = zip(contacts.geom[:, 1].tolist(), contacts.efc_address.tolist(), strict=True)
-        for index, (geom, row) in enumerate(rows):
+        geoms, signs = self._robot_geoms(contacts.geom)
+        rows = zip(geoms.tolist(), signs.tolist(), contacts.efc_address.tolist(), strict=True)
+        for index, (geom, sign, row) in enumerate(rows):
             foot = self.foot_of.get(geom)
             if foot is not None and row >= 0:
                 force = data.efc_force[row : row + 3]
-                self.forces[foot] = force @ contacts.frame[index].reshape(3, 3)
+                self.forces[foot] += sign * (force @ contacts.frame[index].reshape(3, 3))
                 self.points[foot] = contacts.pos[index]
                 if force[0] > self.light:
                     self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
         return bool(np.isfinite(data.qpos).all())
+
+    def _robot_geoms(self, pairs: IntArray) -> tuple[IntArray, Array]:
+        """Of pairs of geoms (N, 2) in contact, those of the robot; and 1 where contact forces are on them, else -1.
+
+        MuJoCo orders the pairs by the kinds of their shapes.
+        """
+        is_second = np.isin(pairs[:, 0], self.on_ground)
+        return np.where(is_second, pairs[:, 1], pairs[:, 0]), np.where(is_second, 1.0, -1.0)
 
     def presses(self) -> bool:
         """Whether any foot presses on the ground."""
@@ -136,8 +147,8 @@ class ContactRobot:
         up = np.asarray(self.robot.up)
         up_now = pin.Quaternion(*self.data.qpos[3:7]).matrix().T @ up
         up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
-        height_now = self.data.qpos[:3] @ up - self.ground
-        height_planned = base[:3] @ up - self.ground
+        height_now = self.data.qpos[:3] @ up - self.end_ground
+        height_planned = base[:3] @ up - self.end_ground
         tipped = 0.5  # [rad] of the base: one that is further off does not stand
         has_turned = self.base.apart(self.orientation, orientation) < self.base.astray
         is_level = (up_now * up_planned).sum() > np.cos(tipped)
@@ -145,11 +156,8 @@ class ContactRobot:
         return bool(has_turned and is_level and is_high)
 
 
-def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sample: Sample) -> MujocoSpec:
-    """Return a jump's robot on its ground; of ``reduced`` nothing is rigid.
-
-    Feet are spheres about their frames, as large as these are high above the ground where they stand; each end of a
-    sole, in space its heel and each toe, is one of ``SMALLEST``.
+def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> MujocoSpec:
+    """Return the robot of a motion on its ground.
 
     Parameters
     ----------
@@ -158,7 +166,9 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
     """
     mujoco = import_mujoco()
     geoms = mujoco.mjtGeom
-    robot = jump.problem.robot
+    robot = tracked.robot
+    reduced = tracked.reduced
+    shapes = tracked.shapes
     up = np.asarray(robot.up, dtype=np.float64)
     mujoco_spec = MujocoSpec(robot, reduced, sample, free=True)
     spec = mujoco_spec.spec
@@ -182,87 +192,44 @@ def contact_spec(jump: JumpMotion, reduced: ReducedModel, friction: float, sampl
         name="floor",
         type=geoms.mjGEOM_PLANE,
         size=[0, 0, 1],
-        pos=jump.ground * up,
+        pos=shapes.ground * up,
         zaxis=up,
         solref=STIFF,
         contype=1,
         friction=[friction, 0, 0],
     )
+    if shapes.step is not None:
+        _add_step(spec, robot.plane, shapes.step, friction)
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
-    for name, (number, centre, radius) in feet_spheres(jump).items():
+    for name, (number, centre, radius) in shapes.balls.items():
         body = mujoco_spec.bodies[number]
         body.add_geom(name=name, type=geoms.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, **touching)
-    hulls = _solid_hulls(jump) if isinstance(jump, SpatialJumpMotion) else _prisms(jump)
-    for count, (link, number, corners) in enumerate(hulls):
-        shape = f"{LINK}{link} {count}"
-        spec.add_mesh(name=shape, uservert=corners.ravel())
-        mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
+    for prefix, hulls in ((SOLE, shapes.soles), (LINK, shapes.hulls)):
+        for count, (link, number, corners) in enumerate(hulls):
+            shape = f"{prefix}{link} {count}"
+            spec.add_mesh(name=shape, uservert=corners.ravel())
+            mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
     return mujoco_spec
 
 
-def feet_spheres(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
-    """Return the joint that carries each foot's sphere, its centre (3,) m in the joint's axes, and its radius, m."""
-    robot = jump.problem.robot
-    if isinstance(jump, SpatialJumpMotion):
-        return _feet_in_space(jump)
-    y = jump.before[0].grid.y[:, 0]
-    upwards = 1j * robot.tree.rotations(-robot.tree.absolute_angles(y[0], y[1:]))
-    feet: dict[str, tuple[int, Array, float]] = {}
-    for contact in jump.contacts:
-        radius = SMALLEST if contact.of_sole else max(contact.depth, SMALLEST)
-        for name, frame, spot in zip(contact.names, contact.frames, contact.spots, strict=True):
-            centre = spot.place + (radius - contact.depth) * upwards[spot.body]
-            feet[name] = (*point_in_joint(robot, frame, complex(centre)), radius)
-    return feet
+def _ground_geoms(model: Any) -> IntArray:
+    """Geoms on which the robot stands: those of the world, which is the first body."""
+    return np.flatnonzero(model.geom_bodyid == 0)
 
 
-def _feet_in_space(jump: JumpMotion) -> dict[str, tuple[int, Array, float]]:
-    """The same of a jump in space."""
-    model = jump.robot.model
-    data = model.createData()
-    pin.forwardKinematics(model, data, jump.at(0.0).positions[0])
-    feet: dict[str, tuple[int, Array, float]] = {}
-    for foot in jump.contacts:
-        radius = max(foot.depth, SMALLEST)
-        upwards = data.oMi[foot.body].rotation.T @ jump.robot.up
-        feet[foot.name] = (foot.body, foot.local + (radius - foot.depth) * upwards, radius)
-    return feet
-
-
-def _prisms(jump: JumpMotion) -> Iterator[tuple[str, int, Array]]:
-    """Links but those that stand, the joints that carry them, and corners (c, 3) m of prisms in these joints' axes."""
-    robot = jump.problem.robot
-    standing = links_of(robot, jump.contacts)
-    for link in robot.link_hulls:
-        prism = None if link in standing else _prism(robot, link)
-        if prism is not None:
-            yield link, *prism
-
-
-def _solid_hulls(jump: JumpMotion) -> Iterator[tuple[str, int, Array]]:
-    """The same in space: points on the solids of links."""
-    robot = jump.problem.robot
-    standing = feet_links(robot, jump.contacts)
-    directions = evenly(60)  # so many points make a round solid round to 3 % of its radius
-    for solid in robot.solids:
-        around = directions @ solid.axes.T if solid.axes.any() else np.zeros((1, 3))
-        points = (solid.points[:, None] + around).reshape(-1, 3)
-        thickness = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[-1]
-        if solid.link not in standing and thickness > 1e-4:  # m: what is flat has no hull
-            yield solid.link, solid.body, points
-
-
-def _prism(robot: Robot, link: str) -> tuple[int, Array] | None:
-    """The joint that carries a link, and its prism (2 c, 3) m in the joint's axes; None of what is no shape."""
-    corners = np.array([[side.start, side.end] for side in robot.link_hulls[link]]).ravel()
-    centred = corners - corners.mean()
-    if np.linalg.svd(np.stack((centred.real, centred.imag)), compute_uv=False)[-1] < 1e-4:  # m: a line
-        return None
-    in_joint = [point_in_joint(robot, link, complex(corner)) for corner in corners]
-    joint = in_joint[0][0]
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.reference.copy())
-    half_width = 0.02 / 2  # m
-    across = half_width * data.oMi[joint].rotation.T @ robot.plane.normal
-    middle = np.array([point for _, point in in_joint])
-    return joint, np.concatenate((middle - across, middle + across))
+def _add_step(spec: Any, plane: Plane, step: GroundStep, friction: float) -> None:
+    """Add the higher ground of a jump in a plane: a box on the floor, which is the lower one."""
+    half = np.array([2.0, (step.high - step.low) / 2, 2.0])  # [m] far along, as high as it is, far across
+    along = step.edge + step.inwards * half[0]
+    axes = np.stack((plane.horizontal, plane.vertical, np.cross(plane.horizontal, plane.vertical)), axis=1)
+    spec.worldbody.add_geom(
+        name="step",
+        type=import_mujoco().mjtGeom.mjGEOM_BOX,
+        size=half,
+        pos=axes @ [along, step.low + half[1], 0.0],
+        quat=pin.Quaternion(axes).coeffs()[[3, 0, 1, 2]],
+        solref=STIFF,
+        contype=1,
+        conaffinity=0,
+        friction=[friction, 0, 0],
+    )

@@ -1,0 +1,1 @@
+"""What a search for a stance that meets a plan comes to, and the search in space."""

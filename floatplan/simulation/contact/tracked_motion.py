@@ -1,0 +1,102 @@
+"""A motion that a controller tracks: what joints do at each of its periods. A jump is one, and a recorded motion is."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from floatplan.arrays import Array
+from floatplan.jumps.jump_motion import JumpMotion
+from floatplan.jumps.motion import JumpState
+from floatplan.robot.robot import Robot
+from floatplan.simulation.base_states import base_states
+from floatplan.simulation.contact.shapes import ContactShapes, shapes_of_jump
+from floatplan.simulation.control_loop import Motors
+from floatplan.simulation.reduced_model import ReducedModel, reduced_model
+from floatplan.simulation.simulated_jump import STANDING
+
+PERIOD = 2e-3  # [s] of the joints' control
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedMotion:
+    """A motion of a robot of J moving joints, at the K periods of control from its beginning until it has stood.
+
+    Attributes
+    ----------
+    robot : Robot
+    reduced : ReducedModel, of which nothing is rigid
+    gravity : m/s^2
+    shapes : ContactShapes
+    duration : of the motion, s; then it stays as in its end for ``STANDING``
+    flights : when each flight begins and ends, s
+    positions : (K, nq) of the reduced model; orientations go on from one to the next
+    velocities : (K, nv)
+    torques : (K, J) N m, which the motion takes without what the joints lose
+    goals : the base's orientation where each flight ends, as of ``BaseStates``
+    end_ground : height of the ground on which it stands at the end, m
+    base_ends : (2, 7), the base's position, m, and quaternion w, x, y, z, at its beginning and its end
+    motors : Motors
+    """
+
+    robot: Robot
+    reduced: ReducedModel
+    gravity: float
+    shapes: ContactShapes
+    duration: float
+    flights: tuple[tuple[float, float], ...]
+    positions: Array
+    velocities: Array
+    torques: Array
+    goals: tuple[Any, ...]
+    end_ground: float
+    base_ends: Array
+    motors: Motors
+
+    @property
+    def begin_velocities(self) -> Array | None:
+        """Velocities (nv,) with which it begins in space; None in a plane, where they are zero."""
+        is_planar = self.reduced.model.nq == self.reduced.model.nv
+        return None if is_planar else np.asarray(self.velocities[0])
+
+
+def control_times(duration: float) -> Array:
+    """Return the beginnings (K,), s, of the periods of a motion of a duration, s, at whose end the robot stands."""
+    return np.asarray(np.arange(int((duration + STANDING) / PERIOD) + 1) * PERIOD, dtype=np.float64)
+
+
+def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
+    """Return a jump that is to be tracked, and its states at the periods of control."""
+    assert jump.flight is not None
+    problem = jump.problem
+    robot = problem.robot
+    reduced = reduced_model(robot, problem.flight.gravity, rigid=())
+    base = base_states(reduced)
+    planned = jump.at(np.minimum(control_times(jump.duration), jump.duration))
+    planned = replace(planned, positions=base.continuous(planned.positions))
+    motors = Motors(
+        effort=np.array([robot.joint_tree.joint[name].effort for name in reduced.joints]),
+        stall=np.full(len(reduced.joints), np.inf),
+        slope=np.zeros(len(reduced.joints)),
+    )
+    of_motors = list(map(reduced.joints.index, robot.motors))
+    motors.effort[of_motors] = problem.motor_torque_limits
+    motors.stall[of_motors] = problem.motor_stall
+    motors.slope[of_motors] = problem.motor_slope
+    flights = jump.timed_flights
+    tracked = TrackedMotion(
+        robot=robot,
+        reduced=reduced,
+        gravity=problem.flight.gravity,
+        shapes=shapes_of_jump(jump),
+        duration=jump.duration,
+        flights=tuple((flight.begin, flight.end) for flight in flights),
+        positions=planned.positions,
+        velocities=planned.velocities,
+        torques=planned.torques[:, reduced.of_joints[1]],
+        goals=tuple(base.goal(flight.plan.problem) for flight in flights),
+        end_ground=jump.stances[-1].ground,
+        base_ends=np.asarray(jump.q([0.0, jump.duration])[:, [0, 1, 2, 6, 3, 4, 5]]),
+        motors=motors,
+    )
+    return tracked, planned

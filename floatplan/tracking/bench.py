@@ -1,0 +1,229 @@
+"""The bench: disturbed robots follow a motion by one fixed controller, and are counted where they land."""
+
+from __future__ import annotations
+
+import time as clock
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from floatplan.arguments import SEED, function, number, optional, whole
+from floatplan.arrays import Array, read_only
+from floatplan.clips.clip import Clip
+from floatplan.clips.loading import load_clip
+from floatplan.errors import InputError, naming
+from floatplan.files import json_value
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.reading import load_jump
+from floatplan.pool import one_thread
+from floatplan.robot.mjcf.compiled import import_mujoco
+from floatplan.robot.robot import Robot
+from floatplan.simulation.closed_loop import MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.contact.tracked_motion import PERIOD, TrackedMotion, tracked_jump
+from floatplan.simulation.gains import Gains, usual_gains
+from floatplan.simulation.jump_flight import MotionControl
+from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
+from floatplan.simulation.results import Flights, JumpLandings, SimulatedFlight
+from floatplan.simulation.simulated_jump import STANDING
+from floatplan.tables import Range
+from floatplan.tracking.tracked_clip import tracked_clip
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Bench(Flights):
+    """Result of :func:`floatplan.bench`: as ``Flights``.
+
+    Attributes
+    ----------
+    source : the file, or the name of the motion
+    robot : its name
+    torques : whence feed-forward torques are: "of the jump", or "inverse dynamics"
+    friction : of the ground, as far as it is not perturbed
+    kp, kd : (J,) N m/rad, N m s/rad
+    landings : JumpLandings
+        Its ``pitch`` is where a flight should end, of several the largest.
+    """
+
+    source: str
+    robot: str
+    torques: str
+    friction: float
+    kp: Array
+    kd: Array
+    landings: JumpLandings
+    shown: ClassVar[tuple[str, ...]] = ("source", "robot", "landed", "clean", "flights", "seconds")
+
+    @property
+    def landed(self) -> int:
+        """How many stand a second after the end, turned as planned."""
+        return int(self.landings.stands.sum())
+
+    @property
+    def clean(self) -> int:
+        """How many of them touched the ground with nothing but their feet."""
+        return int(self.landings.clean.sum())
+
+    @property
+    def ok(self) -> bool:
+        """Whether nine of ten land."""
+        enough = 0.9  # [-] of the flights
+        return self.landed >= enough * self.flights
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what ``floatplan bench --json`` prints of a motion."""
+        landings = self.landings
+        facts: dict[str, Any] = json_value(
+            {
+                "motion": self.source,
+                "robot": self.robot,
+                "flights": self.flights,
+                "landed": self.landed,
+                "on_feet_alone": self.clean,
+                "pitch_rms": landings.pitch_rms,
+                "torque_over_limits": int((landings.torque > 1.0).sum()),
+                "torque_worst": float(landings.torque.max()),
+                "slid_median": float(np.median(landings.slid)),
+                "links": dict(landings.links),
+                "seed": self.seed,
+                "friction": self.friction,
+                "perturbation": self.perturbation_facts,
+                "control": {
+                    "rate": 1 / PERIOD,
+                    "torques": self.torques,
+                    "joints": self.joints,
+                    "kp": self.kp,
+                    "kd": self.kd,
+                },
+                "seconds": self.seconds,
+            }
+        )
+        return facts
+
+
+@one_thread
+def bench(
+    motion: Jump | Clip | str | Path,
+    model: str | Path | Robot | None = None,
+    *,
+    flights: int = 50,
+    seed: int = 0,
+    perturb: str | Perturbation = "mass=5%,friction=20%,armature=0.005,noise=0.1deg,delay=4ms",
+    friction: float = 0.8,
+    gains: Gains = (None, None),
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,
+) -> Bench:
+    """Let disturbed robots follow a motion in MuJoCo with contact by one fixed controller, and count who lands.
+
+    Each motor gets the torque of the motion, a jump's own, of a recorded motion by inverse dynamics, and feedback of
+    its joint, 500 times a second; nothing balances the robot but these. It begins as the motion does, and is looked at
+    a second after its end.
+
+    Parameters
+    ----------
+    motion : Jump, Clip, or the file of one
+    model : path, or Robot with a free base
+        URDF or MJCF of a recorded motion's robot; a jump has its own.
+    flights : int
+    seed : int
+        The same seed, the same robots and the same noise.
+    perturb : str or Perturbation
+        What differs between the robots and the model: masses, the ground, rotors that the model has not, noise and
+        lateness of what they measure.
+    friction : float
+        Of the ground, before it is perturbed.
+    gains : two floats or mappings, optional
+        Stiffness and damping of all joints or of some by name; what is left out is by one rule for all robots,
+        :func:`floatplan.simulation.gains.usual_gains`.
+    progress : callable, optional
+        Called with how many flights are done, and of how many.
+    options : of :func:`floatplan.load_clip`
+
+    Raises
+    ------
+    InputError
+        There is no motion or no model, the motion does not fit a level floor, a number is wrong, or MuJoCo is not
+        installed.
+    """
+    start_time = clock.perf_counter()
+    flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
+    seed = SEED(seed, "seed")
+    friction = number(Range(0.0, 10.0, ""))(friction, "friction")
+    progress = optional(function)(progress, "progress")
+    perturbation = given_perturbation(perturb)
+    perturbation.refuse(OF_TAKEOFF, "is for plans: a takeoff is what the stance makes of it", "leave it out")
+    import_mujoco()
+    loaded = _loaded(motion, model, options)
+    source = motion if isinstance(motion, str | Path) else None
+    with naming(source if source is not None else _name(loaded)):
+        tracked = _tracked(loaded, friction)
+        control = MotionControl(tracked, _gains(tracked, gains))
+        results = []
+        for flight in range(flights):
+            landing = control.fly(perturbation, friction, seed, flight).landing
+            results.append(SimulatedFlight(landing, None, Counter()))
+            if progress is not None:
+                progress(flight + 1, flights)
+    return Bench(
+        flights=flights,
+        asked=flights,
+        seed=seed,
+        perturbation=perturbation,
+        joints=control.joints,
+        statuses={},
+        seconds=clock.perf_counter() - start_time,
+        source=str(source) if source is not None else _name(loaded),
+        robot=tracked.robot.name,
+        torques="of the jump" if isinstance(loaded, Jump) else "inverse dynamics",
+        friction=friction,
+        kp=read_only(control.gains[0]),
+        kd=read_only(control.gains[1]),
+        landings=JumpLandings.of(results),
+    )
+
+
+def _loaded(motion: Jump | Clip | str | Path, model: str | Path | Robot | None, options: dict[str, Any]) -> Jump | Clip:
+    """The motion, or that of a file."""
+    if isinstance(motion, str | Path):
+        if Path(motion).suffix.lower() != ".json":
+            if model is None:
+                raise InputError("is needed for a recorded motion", element="model", advice="give its URDF or MJCF")
+            return load_clip(motion, model=model, **options)
+        motion = load_jump(motion)
+    elif not isinstance(motion, Jump | Clip):
+        raise InputError("must be a jump, a clip, or a file of one", element="motion")
+    for name, value in {"model": model, **options}.items():
+        if value is not None:
+            raise InputError(
+                "is for files of recorded motions: this one has its own", element=name, advice="leave it out"
+            )
+    return motion
+
+
+def _name(motion: Jump | Clip) -> str:
+    return motion.problem.name if isinstance(motion, Jump) else motion.path.name
+
+
+def _tracked(motion: Jump | Clip, friction: float) -> TrackedMotion:
+    """The motion as it is tracked; InputError where that takes too long."""
+    if motion.duration + STANDING > MOST_PERIODS * PERIOD:
+        most = MOST_PERIODS * PERIOD - STANDING
+        raise InputError(f"lasts {motion.duration:.3g} s, more than {most:.3g}", advice="cut it")
+    if isinstance(motion, Clip):
+        return tracked_clip(motion, friction)
+    motion.refuse_unless_ok("follow")
+    tracked, _ = tracked_jump(motion)
+    return tracked
+
+
+def _gains(tracked: TrackedMotion, requested: Gains) -> Array:
+    """Gains (2, J) by the inertia of the robot at postures of its flights."""
+    spans = [np.linspace(begin / PERIOD, end / PERIOD, 33).astype(int) for begin, end in tracked.flights]
+    rows = np.unique(np.concatenate(spans))
+    positions = tracked.positions
+    weight = tracked.robot.mass * tracked.gravity
+    return usual_gains(tracked.robot, weight, tracked.shapes.ground, positions[0], positions[rows], requested)
