@@ -178,9 +178,7 @@ def is_ground(obstacle: Obstacle, ground: float) -> bool:
     """
     if not isinstance(obstacle, HalfPlane) or any(obstacle.velocity):
         return False
-    across, up = obstacle.normal
-    is_level = abs(across) <= 1e-9 * up  # but for rounding
-    return is_level and obstacle.point[1] <= ground + POINT_FEET
+    return obstacle.is_level and obstacle.point[1] <= ground + POINT_FEET
 
 
 def links_of(robot: Robot, contacts: Iterable[GroundContact]) -> set[str | None]:

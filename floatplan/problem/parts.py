@@ -452,6 +452,12 @@ class Wall(Obstacle):
         """Point and normal."""
         return f"at ({shortened(self.point, 6)}) m, normal ({shortened(self.normal, 6)})"
 
+    @property
+    def is_level(self) -> bool:
+        """Whether it is solid below a level line or plane, as ground is."""
+        *across, up = self.normal
+        return math.hypot(*across) <= 1e-9 * up  # but for rounding
+
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """Those of every obstacle, and a normal that has no direction."""
         yield from super().contradictions()
