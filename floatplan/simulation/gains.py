@@ -66,7 +66,9 @@ def _bandwidth_inertia(inverse: Array) -> Array:
     Each joint's own is ``1 / inverse_jj``. Where all have feedback at once, one mode accelerates more: with gains in
     proportion to these, by the largest eigenvalue of the inverse that is scaled by them.
     """
-    own = 1.0 / np.diagonal(inverse)
+    mobility = np.diagonal(inverse)
+    fixed = 1e-9 * mobility.max()  # 1/(kg m^2): less is rounding, of joints that contacts let not move at all
+    own = 1.0 / np.maximum(mobility, fixed)
     scaled = np.sqrt(own)[:, None] * inverse * np.sqrt(own)
     return np.asarray(own / np.linalg.eigvalsh(scaled)[-1])
 
