@@ -139,8 +139,10 @@ def test_without_a_turn_it_does_not_stand() -> None:
 
 
 @pytest.mark.long
-def test_pages_and_film(flown: fp.JumpReplay, tmp_path: Path) -> None:
-    paths = write_jump_pages(flown, tmp_path)
+def test_pages_and_film(tmp_path: Path) -> None:
+    """The page of all flights is for several."""
+    several = fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=2, gains=SOFT, budget=None)
+    paths = write_jump_pages(several, tmp_path)
     assert [path.name for path in paths] == ["report.html", "flight.gif", "flights.html"]
     assert "stands in MuJoCo with contact" in paths[0].read_text()
     assert "attitude at touchdown" in paths[2].read_text()
