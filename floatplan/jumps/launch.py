@@ -22,7 +22,14 @@ from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
 from floatplan.jumps.phases import FlightEnd, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import NodeMargins, Setup, refined_until_checked, side_setup, solve_in_rounds
+from floatplan.jumps.setup import (
+    NodeMargins,
+    Setup,
+    refined_until_checked,
+    side_setup,
+    solve_in_rounds,
+    solved_again,
+)
 from floatplan.jumps.variables import JumpSolution
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, as_plan
@@ -131,7 +138,9 @@ def _search(
         if not solution.is_motion or any(np.abs(other - solution.y).max() < 1e-5 for other in solutions):  # rad
             continue
         solutions.append(solution.y)
-        results.append(refined_until_checked(MARGINS, setup.request, (program, solution), variant.program, complete))
+        solved = (program, solution)
+        result = refined_until_checked(MARGINS, setup.request, solved, variant.program, complete, solved_again)
+        results.append(result)
         if not results[-1].ok and results[-1].ratio <= 1:
             say(f"start {start + 1} of {starts}, with less torque in all")
             results += _calmer(variant, program, solution, complete)
@@ -172,7 +181,7 @@ def _calmer(
     solved = solve_in_rounds(first, first.resampled(solution, program.phases))
     if not solved[1].is_motion:
         return []
-    return [refined_until_checked(CALM_MARGINS, calm.request, solved, calm.program, complete)]
+    return [refined_until_checked(CALM_MARGINS, calm.request, solved, calm.program, complete, solved_again)]
 
 
 def _of_one_flight(request: JumpRequest) -> JumpRequest:

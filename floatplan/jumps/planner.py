@@ -23,7 +23,15 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import Stance, moved
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins, Setup, jump_setup, refined_until_checked, solve_in_rounds
+from floatplan.jumps.setup import (
+    CORRECTIONS,
+    NodeMargins,
+    Setup,
+    jump_setup,
+    refined_until_checked,
+    solve_in_rounds,
+    solved_again,
+)
 from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
@@ -348,7 +356,7 @@ def _refined_jump(
             return jump, None
         return jump, jump.check.figures
 
-    return refined_until_checked(margins, setup.request, solved, finer, complete)
+    return refined_until_checked(margins, setup.request, solved, finer, complete, solved_again)
 
 
 def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution, seed: int) -> Jump:

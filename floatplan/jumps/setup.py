@@ -178,15 +178,26 @@ def solve_in_rounds(
     return program, solution
 
 
+def solved_again(
+    finer: JumpProgram, program: JumpProgram, solution: JumpSolution
+) -> tuple[JumpProgram, JumpSolution] | None:
+    """Return a finer program and its solution from that of another one; None where it has none."""
+    solved = solve_in_rounds(finer, finer.resampled(solution, program.phases), program)
+    return solved if solved[1].is_motion else None
+
+
+Program = TypeVar("Program")
+Solution = TypeVar("Solution")
 Result = TypeVar("Result")
 
 
 def refined_until_checked(
     margins: NodeMargins,
     request: JumpRequest,
-    solved: tuple[JumpProgram, JumpSolution],
-    program_of: Callable[[NodeMargins], JumpProgram],
-    complete: Callable[[JumpProgram, JumpSolution], tuple[Result, Mapping[str, float] | None]],
+    solved: tuple[Program, Solution],
+    program_of: Callable[[NodeMargins], Program],
+    complete: Callable[[Program, Solution], tuple[Result, Mapping[str, float] | None]],
+    again: Callable[[Program, Program, Solution], tuple[Program, Solution] | None],
 ) -> Result:
     """Return the result of a solution; where its check fails, of one with more nodes, and wider margins.
 
@@ -196,17 +207,16 @@ def refined_until_checked(
     request : JumpRequest
     solved : that program, and its solution
     program_of : the same program with other margins
-    complete : the result of a solution, and the figures of its check where they fail
+    complete : the result of a solution, and the figures of its check where they fail; none where it came to no check
+    again : a program with its solution, from a coarser one and its solution; None where it has none
     """
     result, figures = complete(*solved)
     for _ in range(CORRECTIONS):
         if figures is None:
             break
-        program, solution = solved
         margins = margins.tightened(request, figures)
-        finer = program_of(margins)
-        refined = solve_in_rounds(finer, finer.resampled(solution, program.phases), program)
-        if not refined[1].is_motion:
+        refined = again(program_of(margins), *solved)
+        if refined is None:
             break
         solved = refined
         result, figures = complete(*solved)

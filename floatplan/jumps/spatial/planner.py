@@ -1,14 +1,14 @@
 """From a problem in space to a jump: one program over all phases, its flight planned, its stances exact and checked."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from floatplan.errors import InputError
 from floatplan.jumps.flight import planned_flight
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins
+from floatplan.jumps.setup import CORRECTIONS, NodeMargins, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
 from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
@@ -16,7 +16,7 @@ from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
-from floatplan.jumps.spatial.program import SpatialProgram
+from floatplan.jumps.spatial.program import SpatialProgram, solved_again
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
@@ -108,23 +108,23 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
     seed : of the flight's plan
     say : called with a few words on what is being done
     """
+    setup = start.setup
     programs = 1 + CORRECTIONS
-    for number in range(1, programs + 1):
+    number = 1
+
+    def finer(margins: NodeMargins) -> SpatialProgram:
+        nonlocal number
+        number += 1
+        say(f"program {number} of {programs} at most, with more nodes")
+        return setup.program(margins)
+
+    def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[SpatialJump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
-        jump = completed(start.setup, start.program, start.solution, seed)
-        if jump.ok or number == programs:
-            break
-        if jump.flight is not None:
-            margins = start.margins.tightened(start.setup.request, jump.check.figures)
-        else:
-            margins = replace(start.margins, refinement=1.4 * start.margins.refinement)
-        say(f"program {number + 1} of {programs} at most, with more nodes")
-        program = start.setup.program(margins)
-        solution = program.solve(program.resampled(start.solution, start.program), is_near=True)
-        if not solution.converged:
-            break
-        start = Start(start.setup, margins, program, solution)
-    return jump
+        jump = completed(setup, program, solution, seed)
+        return jump, None if jump.ok else jump.check.figures
+
+    solved = (start.program, start.solution)
+    return refined_until_checked(start.margins, setup.request, solved, finer, complete, solved_again)
 
 
 def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int) -> SpatialJump:

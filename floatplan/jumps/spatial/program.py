@@ -490,3 +490,11 @@ class SpatialProgram:
             iterations=iterations,
             converged=converged,
         )
+
+
+def solved_again(
+    finer: SpatialProgram, program: SpatialProgram, solution: SpatialSolution
+) -> tuple[SpatialProgram, SpatialSolution] | None:
+    """Return a finer program and its solution from that of another one; None where it has none."""
+    refined = finer.solve(finer.resampled(solution, program), is_near=True)
+    return (finer, refined) if refined.converged else None

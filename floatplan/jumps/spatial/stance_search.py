@@ -13,13 +13,13 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.jumps.check import sentences_on, stance_figures, unlimited_figures
 from floatplan.jumps.motion import quintic
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins
+from floatplan.jumps.setup import NodeMargins, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
 from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, stance_ends
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.nodes import SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase
-from floatplan.jumps.spatial.program import SpatialProgram
+from floatplan.jumps.spatial.program import SpatialProgram, solved_again
 from floatplan.jumps.spatial.setup import SpatialSetup
 from floatplan.jumps.spatial.stance import SpatialStance, shared_forces
 from floatplan.problem.jump import JumpRequest
@@ -133,26 +133,20 @@ def planned_stance(
     StanceResult
     """
     curve = curve or _between(setup)
-    program = _program(setup, margins, curve if is_reference else None)
+    reference = curve if is_reference else None
+    program = _program(setup, margins, reference)
     solution = program.solve(_guess(setup, program, curve))
     if not solution.converged:
         return StanceResult((), {}, (shortfall(program, solution, setup.problem),))
-    result = _completed(setup, program, solution, begin)
-    for _ in range(CORRECTIONS):
-        if result.ok:
-            break
-        if result.figures:
-            margins = margins.tightened(setup.request, result.figures)
-        else:
-            margins = replace(margins, refinement=1.4 * margins.refinement)
-        finer = _program(setup, margins, curve if is_reference else None)
-        refined = finer.solve(finer.resampled(solution, program), is_near=True)
-        if not refined.converged:
-            break
-        program = finer
-        solution = refined
+
+    def finer(margins: NodeMargins) -> SpatialProgram:
+        return _program(setup, margins, reference)
+
+    def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[StanceResult, Mapping[str, float] | None]:
         result = _completed(setup, program, solution, begin)
-    return result
+        return result, None if result.ok else result.figures
+
+    return refined_until_checked(margins, setup.request, (program, solution), finer, complete, solved_again)
 
 
 def _program(setup: SpatialSetup, margins: NodeMargins, reference: Curve | None) -> SpatialProgram:

@@ -56,7 +56,7 @@ class ContactRobot:
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
         self.end_ground = tracked.end_ground
-        self.on_ground = _ground_geoms(self.model)
+        self.is_ground = self.model.geom_bodyid == 0  # of each geom: the world is the first body
 
     def begin(self, base: Array, positions: Array, velocities: Array | None = None) -> None:
         """Begin with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``.
@@ -126,7 +126,7 @@ class ContactRobot:
 
         MuJoCo orders the pairs by the kinds of their shapes.
         """
-        is_second = np.isin(pairs[:, 0], self.on_ground)
+        is_second = self.is_ground[pairs[:, 0]]
         return np.where(is_second, pairs[:, 1], pairs[:, 0]), np.where(is_second, 1.0, -1.0)
 
     def presses(self) -> bool:
@@ -210,11 +210,6 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
             spec.add_mesh(name=shape, uservert=corners.ravel())
             mujoco_spec.bodies[number].add_geom(name=shape, type=geoms.mjGEOM_MESH, meshname=shape, **touching)
     return mujoco_spec
-
-
-def _ground_geoms(model: Any) -> IntArray:
-    """Geoms on which the robot stands: those of the world, which is the first body."""
-    return np.flatnonzero(model.geom_bodyid == 0)
 
 
 def _add_step(spec: Any, plane: Plane, step: GroundStep, friction: float) -> None:
