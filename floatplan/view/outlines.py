@@ -458,6 +458,16 @@ def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
     return [(level, complex(low.real.min(), level), complex(high.real.max(), level))]
 
 
+def ground_step(plan: Trajectory) -> tuple[complex, complex] | None:
+    """Lower left and upper right corner, m, of the higher ground over the lower one; None where there is one ground."""
+    step = plan.step if isinstance(plan, JumpMotion) else None
+    if step is None:
+        return None
+    far = 1e2  # [m] beyond every picture
+    left, right = sorted((step.edge, step.edge + step.inwards * far))
+    return complex(left, step.low), complex(right, step.high)
+
+
 def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
     """Return the instants at which to draw an obstacle: one where it stands still, else five."""
     low, high = obstacle.window or (0.0, duration)

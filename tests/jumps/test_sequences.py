@@ -18,6 +18,7 @@ from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 from floatplan.keys import table_of
 from floatplan.problem.jump import JumpFlight, JumpLanding, JumpRequest, JumpTakeoff
+from floatplan.view.report.data import jump_data
 
 TURN = 2 * np.pi
 
@@ -162,6 +163,7 @@ def test_three_flips_in_a_row_are_found_checked_and_proved(root, tmp_path):
     times = np.linspace(0.0, jump.duration, 500)
     assert np.array_equal(again.at(times).positions, jump.at(times).positions)
     assert again.check.figures == jump.check.figures
+    assert jump_data(jump)["flown"] == [[flight.begin, flight.end] for flight in jump.timed_flights]
 
 
 @pytest.mark.long
@@ -208,5 +210,8 @@ def test_from_a_box_to_the_ground(root, name):
     assert fp.certify(jump.flight).proved
     wider = replace(jump, request=replace(jump.request, edge=jump.request.edge + 0.4))
     assert check_jump(wider).figures["ground"] < -0.1  # where it lands then is the box
+    left, low, right, high = jump_data(jump)["step"]
+    assert high - low == pytest.approx(0.4)
+    assert left < jump.state([0.0]).com_position[0, 0] < right < jump.state([jump.duration]).com_position[0, 0]
     flown = fp.replay_jump(jump, gains=100.0)
     assert flown.landings.stands.all()

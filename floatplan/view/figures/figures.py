@@ -215,7 +215,8 @@ def draw_panel(
     width = 1.3 if chart.unit else LAYOUT.band
     marks: Marks = {}
     if isinstance(sampled.plan, JumpMotion):
-        axes.axvspan(*sampled.plan.flight_span, zorder=0.3, **LINES["in flight"])
+        for flight in sampled.plan.timed_flights:
+            axes.axvspan(flight.begin, flight.end, zorder=0.3, **LINES["in flight"])
         marks["in flight"] = Patch(**LINES["in flight"])
     for layer in _layers(sampled, other):
         for curve in panel.curves:

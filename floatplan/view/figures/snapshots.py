@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MultipleLocator
 
@@ -88,6 +88,9 @@ def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None
     if placed.depth is not None:
         floor = [outlines.pairs(CAMERA(line)) for line in outlines.grids(plan)]
         axes.add_collection(LineCollection(floor, colors=[PALETTE.pale], linewidths=0.6, zorder=0.6), autolim=False)
+    step = outlines.ground_step(plan)
+    if step is not None:
+        axes.add_patch(_platform(*step))
     lines = outlines.ground_lines(placed)
     for height, low, high in lines:
         if len(lines) == 1:
@@ -95,6 +98,18 @@ def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None
         else:
             reach = 0.15 * (high - low).real
             axes.add_line(Line2D([low.real - reach, high.real + reach], [height] * 2, color=PALETTE.ink, linewidth=0.9))
+
+
+def _platform(low: complex, high: complex) -> Rectangle:
+    """Higher ground between two corners, m."""
+    size = high - low
+    look: dict[str, Any] = {
+        "facecolor": faded(PALETTE.pale, 0.5),
+        "edgecolor": PALETTE.ink,
+        "linewidth": 0.9,
+        "zorder": 0.5,
+    }
+    return Rectangle((low.real, low.imag), size.real, size.imag, **look)
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
@@ -379,6 +394,11 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
         axes.axhspan(low.imag, farthest, color=PALETTE.pale, alpha=0.3, linewidth=0, zorder=0)
     for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
         draw_shadow(axes, placed, index, zorder=0.9, shift=shifts[index])
+        if jump.step is not None and jump.step.above_low(placed.com[index].real) > 0:
+            height = jump.step.high - jump.step.low
+            axes.add_patch(
+                _platform(centre + left[index] + 1j * ground, centre + right[index] + 1j * (ground + height))
+            )
         draw_posture(axes, placed, index, strength=1.0, zorder=4, rings=(("white", 1.0),), shift=shifts[index])
         axes.text(centre, low.imag, f"{time:.2f} s", ha="center", va="bottom", size=6.5)
     draw_forces(axes, jump, placed.times, shifts)

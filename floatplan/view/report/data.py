@@ -445,12 +445,14 @@ def jump_sections(jump: JumpMotion, tone: Tone, simulated: Sequence[Row] = ()) -
 def jump_data(jump: JumpMotion) -> dict[str, Any]:
     """Return the data of a jump's picture that a flight's has not.
 
-    ``frames``, the contacts, each with the columns of its ``force`` and where this ``acts``; ``flown``, the flight from
-    and to, s; a friction ``cone``, the ``metres_per_newton`` of forces in the picture, and the ``scale`` in words; in
-    space the height of the ground on which the robot casts its ``shadow``.
+    ``frames``, the contacts, each with the columns of its ``force`` and where this ``acts``; ``flown``, each
+    flight from and to, s; the corners of the ``step`` of the ground, m, if it has one; a friction ``cone``, the
+    ``metres_per_newton`` of forces in the picture, and the ``scale`` in words; in space the height of the ground on
+    which the robot casts its ``shadow``.
     """
     standing = footing(jump)
     is_spatial = flies_in_space(jump)
+    step = outlines.ground_step(jump)
     frames = []
     for index, (name, contact) in enumerate(standing.contacts.items()):
         entry: dict[str, Any] = {"name": name, "role": "stands", "colour": standing.colours[name]}
@@ -464,7 +466,8 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
         frames.append(entry)
     return {
         "frames": frames,
-        "flown": jump.flight_span,
+        "flown": [[flight.begin, flight.end] for flight in jump.timed_flights],
+        "step": None if step is None else outlines.pairs(np.array(step)).ravel().tolist(),
         "cone": rounded(standing.cone_in_world if is_spatial else outlines.pairs(standing.cone)),
         "scale": standing.scale,
         "metres_per_newton": standing.metres_per_newton,

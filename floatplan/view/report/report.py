@@ -170,7 +170,8 @@ def report_data(
         word, tone = (plan.verdict, plan.tone) if isinstance(plan, CheckedJump) else verdict or ("", "open")
         tables = jump_sections(plan, tone, stances)
         motion |= jump_data(plan)
-        question = f"{plan.duration:.3g} s from standing to standing, {flight.duration:.3g} s of it in flight"
+        in_flight = sum(own.duration for own in plan.flights)
+        question = f"{plan.duration:.3g} s from standing to standing, {in_flight:.3g} s of it in flight"
     for table in tables:
         table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     data: dict[str, Any] = json_value(

@@ -107,7 +107,7 @@ class Chart {
       legend: { show: false },
       cursor: { show: false },
       padding: [8, 22, 0, 0],
-      hooks: { drawClear: [(plot) => this.shadeFlight(plot)] },
+      hooks: { drawClear: [(plot) => this.shadeFlights(plot)] },
       scales: { x: { time: false, range: [0, this.motion.duration] }, y: bands ? { range: rows } : range ? { range } : {} },
       axes: [
         { ...axis, show: !bands, size: 30, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
@@ -137,12 +137,13 @@ class Chart {
     });
   }
 
-  /* The flight of a jump, behind its curves. */
-  shadeFlight(plot) {
-    if (!this.motion.data.flown) return;
-    const [left, right] = this.motion.data.flown.map((time) => plot.valToPos(time, "x", true));
+  /* The flights of a jump, behind its curves. */
+  shadeFlights(plot) {
     plot.ctx.fillStyle = painted("var(--air)");
-    plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
+    for (const span of this.motion.data.flown ?? []) {
+      const [left, right] = span.map((time) => plot.valToPos(time, "x", true));
+      plot.ctx.fillRect(left, plot.bbox.top, right - left, plot.bbox.height);
+    }
   }
 
   draw(time) {

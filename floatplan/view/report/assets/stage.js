@@ -39,6 +39,7 @@ class Stage {
     });
     this.drawGrid(behind);
     this.floor = (data.floor || []).map((ends) => [ends, add(behind, "polyline", { class: "floor" })]);
+    if (data.step) drawStep(behind, ...data.step);
     for (const line of data.ground) drawGround(behind, data.ground.length === 1, ...line);
     const [solids, flat] = [true, false].map((solid) => data.obstacles.filter(({ points }) => solid === Boolean(points)));
     for (const obstacle of flat) if (!moves(obstacle)) drawObstacle(behind, obstacle);
@@ -305,6 +306,11 @@ function drawGround(parent, whole, level, low, high) {
   const width = high - low + 2 * reach;
   add(group, "rect", { class: whole ? "soil whole" : "soil", width });
   add(group, "line", { class: "level", x2: width });
+}
+
+/* Higher ground between corners left and low, right and high. */
+function drawStep(parent, left, low, right, high) {
+  add(parent, "path", { class: "step", d: `M${left} ${low}H${right}V${high}H${left}Z` });
 }
 
 function drawObstacle(parent, { bounded, colour, capsules, margin }) {
