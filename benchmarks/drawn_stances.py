@@ -21,10 +21,9 @@ from floatplan.jumps.check import sentences_on, stance_figures
 from floatplan.jumps.contacts import GroundContact, contact_at
 from floatplan.jumps.exact import OnePoint, StanceDynamics
 from floatplan.jumps.jump_motion import JumpMotion
-from floatplan.jumps.model import PlanarModel, casadi
+from floatplan.jumps.model import PlanarModel, anchor_force, casadi
 from floatplan.jumps.motion import Grid, Stance, quintic
 from floatplan.jumps.phases import Phase, standing_posture
-from floatplan.jumps.rows import balanced
 from floatplan.motion.flight import flight_of
 from floatplan.planning.variables import decision_variables
 from floatplan.plans.plan import Plan
@@ -90,7 +89,7 @@ class Drawing:
         self.tried, self.point = (OnePoint(self.alone, np.linspace(0.0, 1.0, count)) for count in (FEW, NODES))
         rear, front = (foot.spots[0] for foot in self.feet)
         model, size = self.model, len(self.home)
-        (fx, fz), _ = balanced(model, alone, [])
+        (fx, fz), _ = anchor_force(model, alone, [])
         com = model.com_from(rear, 1)
         moment = self.alone.moment(model.y, model.v, model.a, np.zeros(0))
         self._carried = model.function("carried", [fx, fz, moment, model.momentum(), *com])

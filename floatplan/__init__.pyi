@@ -18,7 +18,7 @@ from floatplan.inflight.replanner import Reference as Reference
 from floatplan.inflight.replanner import Replanner as Replanner
 from floatplan.jumps.check import JumpCheck as JumpCheck
 from floatplan.jumps.jump import Jump as Jump
-from floatplan.jumps.launch import launch as launch
+from floatplan.jumps.launches.launch import launch as launch
 from floatplan.jumps.launches.result import Launch as Launch
 from floatplan.jumps.planner import jump as jump
 from floatplan.jumps.reading import load_jump as load_jump

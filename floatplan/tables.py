@@ -18,7 +18,8 @@ FRAME_SPEED = 1e-9  # [m/s] of a frame that leaves or meets the ground still
 ROUNDED_FRAME_SPEED = 1e-4
 RELATIVE = 1e-9  # [-] of every limit of a magnitude: velocity, acceleration, torque, orientation rate
 RANGE = 1e-12  # [rad] of joint ranges
-STEEPEST = math.radians(70)  # [rad] of a second angle; near 90 degrees the first and the third are not defined
+# [rad] of three angles about axes; near 90 degrees the first and the third are not defined.
+LARGEST_MIDDLE_ANGLE = math.radians(70)
 A_TURN_OFF = 1.0  # [rad] from the requested angles: less is what the search corrects, more are other rotations
 
 # The event at an end of the flight, and the word for rates of a still frame.

@@ -19,7 +19,7 @@ from PIL import Image
 
 import floatplan as fp
 from floatplan.arrays import Array
-from floatplan.jumps.variables import SETTINGS
+from floatplan.jumps.variables import PROGRAM
 from floatplan.motion.planar.contact_rates import End
 from floatplan.view.figures.snapshots import moments
 from floatplan.view.outlines import picture_box, postures
@@ -285,7 +285,7 @@ def launch_of(plan: fp.Plan) -> str:
         found = fp.launch(plan)
     except fp.InputError:
         return "does not stand"
-    least = f" ({found.ratio:.2f})" if 1 < found.ratio < SETTINGS.largest_factor else ""
+    least = f" ({found.ratio:.2f})" if 1 < found.ratio < PROGRAM.largest_factor else ""
     return f"{found.ratio:.2f}" if found.ok else f"not found{least}"
 
 

@@ -107,7 +107,7 @@ def plan(
     check_directory(directory)
     sample_times(problem.flight.duration, rate)
     if launch:
-        from floatplan.jumps.launch import launches
+        from floatplan.jumps.launches.launch import launches
 
         common.needs_casadi("--launch")
     with log_on_stderr(verbose), progress("planning", quiet, tell=True) as bar:

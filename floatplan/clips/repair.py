@@ -20,8 +20,8 @@ from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
 from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
+from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.model import casadi
-from floatplan.jumps.spatial.exact import NoExactStanceError
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE

@@ -33,9 +33,10 @@ Words: TypeAlias = tuple[str, str]  # a figure in words, and its limit
 
 
 class Figure(NamedTuple):
-    """A figure's sentence, its limit, in its unit, and whether it is worst where it is least."""
+    """A figure's sentence, what it is, with its unit, its limit in that, and whether it is worst where it is least."""
 
     sentence: str
+    meaning: str
     limit: float | Callable[[JumpRequest], float]
     least: bool = False
     unlimited: str = ""  # the sentence of a share where there is no limit to share; empty for none
@@ -47,47 +48,121 @@ class Figure(NamedTuple):
 
 SHARES = ("torque", "torque_speed", "velocity", "held_torque")  # figures that are shares of limits
 FIGURES = {
-    "residual": Figure("forces are out of balance by {:z.2g} of the weight", 1e-3),
+    "residual": Figure(
+        "forces are out of balance by {:z.2g} of the weight",
+        "balance of forces and moments, over weight (and height)",
+        1e-3,
+    ),
     "torque": Figure(
         "torques take {:z.0%} of their limits",
+        "share of the limits of torques",
         lambda request: request.margin["torque"],
         unlimited="torques have no limit",
     ),
     "torque_speed": Figure(
-        "torques and rates take {:z.0%} of the motors' curves", lambda request: request.margin["torque"]
+        "torques and rates take {:z.0%} of the motors' curves",
+        "share of the motors' torque-speed curves",
+        lambda request: request.margin["torque"],
     ),
-    "held_torque": Figure("joints that are held take {:z.0%} of their efforts", 1.0),
+    "held_torque": Figure(
+        "joints that are held take {:z.0%} of their efforts", "share of the efforts of joints that are locked", 1.0
+    ),
     "velocity": Figure(
         "rates take {:z.0%} of their limits",
+        "share of the limits of rates",
         lambda request: request.margin["velocity"],
         unlimited="rates have no limit",
     ),
-    "friction": Figure("friction is {:z.2f}", lambda request: request.friction),
-    "slip": Figure("horizontal forces leave the cone by {:z.2g} of the weight", 1e-3),
-    "drift": Figure("feet that stand drift by {:z.2g} m", 1e-3),
-    "foot_speed": Figure("feet that stand move at {:z.2g} m/s", 0.02),
-    "derivative": Figure("rates and differences of places differ by {:z.2g}", 1e-3),
-    "takeoff_seam": Figure("the takeoff's seam is {:z.2g}", SEAM),
-    "landing_seam": Figure("the landing's seam is {:z.2g}", SEAM),
-    "junction": Figure("where feet come or leave, the motion steps by {:z.2g}", SEAM),
-    "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", SEAM),
-    "rest": Figure("at its ends it moves by {:z.2g}", SEAM),
-    "periodic": Figure("from one period to the next the motion steps by {:z.2g}", SEAM),
-    "level": Figure("what stands is on grounds {:z.2g} m apart", SEAM),
-    "torque_step": Figure("torques change by {:z.0%} of their limits within 4 ms where contacts do", np.inf),
-    "lifted": Figure("feet that stand are up to {:z.2g} m above the ground", 0.01),
-    "circle": Figure("outlines of feet that roll are circles to {:z.2g} m", POINT_FEET),
-    "range": Figure("joints keep {:z.2g} rad from the ends of their ranges", 0.0, least=True),
-    "pull": Figure("the least vertical force is {:z.2g} of the weight", -1e-3, least=True),
-    "ground": Figure("everything else is at least {:z.2g} m above the ground", -1e-6, least=True),
+    "friction": Figure(
+        "friction is {:z.2f}", "largest ratio of horizontal to vertical force", lambda request: request.friction
+    ),
+    "slip": Figure(
+        "horizontal forces leave the cone by {:z.2g} of the weight",
+        "horizontal force beyond the cone, over weight",
+        1e-3,
+    ),
+    "drift": Figure(
+        "feet that stand drift by {:z.2g} m",
+        "way of feet that stand, m; where they roll, of centres beyond what was rolled",
+        1e-3,
+    ),
+    "foot_speed": Figure(
+        "feet that stand move at {:z.2g} m/s",
+        "speed of feet that stand, m/s; where they roll, of points on the ground",
+        0.02,
+    ),
+    "derivative": Figure(
+        "rates and differences of places differ by {:z.2g}", "disagreement of positions, rates and accelerations", 1e-3
+    ),
+    "takeoff_seam": Figure(
+        "the takeoff's seam is {:z.2g}",
+        "step of the motion there: m, rad; of rates times sqrt(1 m / g), of accelerations times 1 m / g",
+        SEAM,
+    ),
+    "landing_seam": Figure("the landing's seam is {:z.2g}", "step of the motion there, as of takeoff_seam", SEAM),
+    "junction": Figure(
+        "where feet come or leave, the motion steps by {:z.2g}",
+        "step of the motion where feet come or leave, as of takeoff_seam",
+        SEAM,
+    ),
+    "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", "time between phases, s", SEAM),
+    "rest": Figure(
+        "at its ends it moves by {:z.2g}", "rates and accelerations at both ends, times sqrt(1 m / g) and 1 m / g", SEAM
+    ),
+    "periodic": Figure(
+        "from one period to the next the motion steps by {:z.2g}",
+        "step of the motion from one period to the next, as of takeoff_seam",
+        SEAM,
+    ),
+    "level": Figure("what stands is on grounds {:z.2g} m apart", "by which what stands differs in height, m", SEAM),
+    "torque_step": Figure(
+        "torques change by {:z.0%} of their limits within 4 ms where contacts do",
+        "by which torques change within 4 ms where contacts do, over limits",
+        np.inf,
+    ),
+    "lifted": Figure(
+        "feet that stand are up to {:z.2g} m above the ground",
+        "largest height of the shapes of feet that stand, m",
+        0.01,
+    ),
+    "circle": Figure(
+        "outlines of feet that roll are circles to {:z.2g} m",
+        "distance from the ground of the shapes of feet that roll, m",
+        POINT_FEET,
+    ),
+    "range": Figure(
+        "joints keep {:z.2g} rad from the ends of their ranges",
+        "least distance from the ends of joint ranges, rad",
+        0.0,
+        least=True,
+    ),
+    "pull": Figure(
+        "the least vertical force is {:z.2g} of the weight", "least vertical force, over weight", -1e-3, least=True
+    ),
+    "ground": Figure(
+        "everything else is at least {:z.2g} m above the ground", "least height of all but feet, m", -1e-6, least=True
+    ),
     "touchdown": Figure(
         "where it lands turned by the pitch error, everything else is at least {:z.2g} m above the ground",
+        "the same of a robot that is rotated by the pitch error about its feet, from its landing on for 60 ms",
         -1e-6,
         least=True,
     ),
-    "feet": Figure("the feet's shapes are at least {:z.2g} m above the ground", -POINT_FEET, least=True),
-    "obstacles": Figure("obstacles are {:z.2g} m away beyond their margins", 0.0, least=True),
-    "self_distance": Figure("links are {:z.2g} m apart beyond their margins", 0.0, least=True),
+    "feet": Figure(
+        "the feet's shapes are at least {:z.2g} m above the ground",
+        "least height of the feet's shapes, m",
+        -POINT_FEET,
+        least=True,
+    ),
+    "obstacles": Figure(
+        "obstacles are {:z.2g} m away beyond their margins", "least distance beyond the margins, m", 0.0, least=True
+    ),
+    "self_distance": Figure(
+        "links are {:z.2g} m apart beyond their margins",
+        "least distance of links beyond the margins, m",
+        0.0,
+        least=True,
+    ),
 }
 
 
@@ -99,18 +174,7 @@ class JumpCheck:
     ----------
     ok : bool
     figures : name -> value, the worst of all stances; of distances, of the flight too
-        ``residual``: balance of forces and moments, over weight (and height). ``torque``, ``torque_speed``,
-        ``velocity``: shares of the limits; ``held_torque``: of the efforts of joints that are locked. ``range``: least
-        distance from the ends of joint ranges, rad. ``friction``: largest ratio of forces; ``slip``: horizontal force
-        beyond the cone, and ``pull``: least vertical force, over weight. ``drift``, m, and ``foot_speed``, m/s: of feet
-        that stand; where they roll, of centres beyond what was rolled, and of points on the ground. ``ground``: least
-        height of all but feet, ``feet``: of their shapes, ``lifted``: largest height of those that stand, ``circle``:
-        distance from the ground of those that roll, ``level``: by which what stands differs in height; ``obstacles``,
-        ``self_distance``: least distances beyond the margins, m. ``derivative``: disagreement of positions, rates and
-        accelerations. ``takeoff_seam``, ``landing_seam``, ``junction``: steps there, and where feet come or leave, m,
-        rad, and over the time unit; ``rest``: rates and accelerations at both ends, likewise; ``gap``: between phases,
-        s. ``torque_step``: by which torques change within 4 ms where contacts do, over limits. ``touchdown``: as
-        ``ground``, of a robot that is rotated by the pitch error about its feet, from its landing on for 60 ms.
+        What each is, :attr:`meanings` says.
     sentences : for a person, what does not hold first
     unlimited : names of figures that are shares of limits which nothing has; their values are 0
     """
@@ -119,6 +183,11 @@ class JumpCheck:
     figures: Mapping[str, float]
     sentences: tuple[str, ...]
     unlimited: frozenset[str] = frozenset()
+
+    @property
+    def meanings(self) -> dict[str, str]:
+        """What each of the figures is, with its unit; shares and ratios have none."""
+        return {name: FIGURES[name].meaning for name in self.figures}
 
 
 def check_jump(jump: JumpMotion) -> JumpCheck:
@@ -133,11 +202,10 @@ def check_jump(jump: JumpMotion) -> JumpCheck:
 
 def _checked(jump: JumpMotion) -> JumpCheck:
     assert jump.flight is not None
-    grounds = [stance.ground for stance in jump.stances]
     flights: list[Value] = []
     for flight in jump.timed_flights:
         times = flight.begin + np.linspace(0.0, flight.plan.duration, int(flight.plan.duration * RATE) + 2)
-        flights += _surroundings(jump, jump.state_of(flight.state(times)), min(grounds), ())
+        flights += _surroundings(jump, jump.state_of(flight.state(times)), jump.ground, ())
     error = jump.request.pitch_error
     touchdown = [("touchdown", height) for height in _touchdown(jump, error)] if error else []
     figures = worst_values([*_stances(jump), *touchdown, *flights, *_seams(jump), ("level", _unevenness(jump))])
@@ -349,7 +417,7 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
 def _seams(jump: JumpMotion) -> Iterator[Value]:
     """Steps of positions, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
     limits = jump.problem.motor_torque_limits
-    unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))
+    unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))  # [s] of a fall by 1 m, but for a factor
     seams: list[tuple[str, AnyStance, int, JumpState]] = []
     yield "gap", abs(jump.before[0].span[0])
     for one, two in itertools.pairwise(jump.pieces):
@@ -387,7 +455,7 @@ def further_on(jump: JumpMotion, begin: JumpState) -> JumpState:
 
 
 def _step(robot: Robot, one: JumpState, other: JumpState, unit: float) -> float:
-    """Largest step of positions, rates and accelerations, over the time unit."""
+    """Largest step of positions, rates and accelerations; of these times ``unit``, s, and its square."""
     positions = np.abs(_steps(robot, one.positions, other.positions)).max()
     rates = np.abs(one.velocities - other.velocities).max() * unit
     accelerations = np.abs(one.accelerations - other.accelerations).max() * unit**2

@@ -21,10 +21,11 @@ from floatplan.jumps.model import casadi
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rows import Label
 from floatplan.jumps.variables import JumpSolution
-from floatplan.problem.jump import STEEPEST, JumpRequest
+from floatplan.problem.jump import LARGEST_FRICTION, JumpRequest
 from floatplan.problem.problem import Problem
 
-KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")  # of limits that are elastic
+# Of limits that are elastic; and "apart", of distances, which are not elastic: a program measures their shortfall.
+KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class ElasticSettings:
     rounding: float = 0.01
 
 
-SETTINGS = ElasticSettings()
+ELASTIC = ElasticSettings()
 
 
 class Conflict(NamedTuple):
@@ -136,17 +137,17 @@ def elastic_conflicts(
     signs = np.repeat([0, 1, -1], [len(fixed), len(below), len(above)])
     multiples = np.zeros((len(take), len(rows.names)))
     multiples[np.arange(len(take)), kind_index[take]] = signs * rows.sizes[take]
-    shortest = np.where(rows.kinds == "duration", rows.low / SETTINGS.most, rows.low - SETTINGS.most * rows.sizes)
-    longest = rows.high + SETTINGS.most * rows.sizes
+    shortest = np.where(rows.kinds == "duration", rows.low / ELASTIC.most, rows.low - ELASTIC.most * rows.sizes)
+    longest = rows.high + ELASTIC.most * rows.sizes
     lower = np.where(rows.elastic, shortest, rows.low)[m:]
     upper = np.where(rows.elastic, longest, rows.high)[m:]
-    largest = [1.0 if name == "ground" else SETTINGS.most for name in rows.names]
+    largest = [1.0 if name == "ground" else ELASTIC.most for name in rows.names]
     if guess is None:
         guess = program.guess()
     for oracle in ("quality-function", "probing"):  # either finds what the other does not
         solver = _elastic_solver(program, take, multiples, oracle)
         result = solver(
-            x0=np.concatenate((guess, program.separation.start, np.full(len(rows.names), SETTINGS.first))),
+            x0=np.concatenate((guess, program.separation.start, np.full(len(rows.names), ELASTIC.first))),
             lbx=np.append(lower, np.zeros(len(rows.names))),
             ubx=np.append(upper, largest),
             lbg=np.where(signs < 0, -np.inf, rows.low[take]),
@@ -155,14 +156,14 @@ def elastic_conflicts(
         raw = result["x"][: len(start)]
         values = np.append(np.asarray(evaluate(raw)).ravel(), np.asarray(raw).ravel())
         shares = np.maximum(rows.low - values, values - rows.high) / rows.sizes
-        if shares[~rows.elastic].max() < SETTINGS.violation:
+        if shares[~rows.elastic].max() < ELASTIC.violation:
             return _largest(rows, kind_index, shares)
     return []
 
 
 def _largest(rows: _ElasticRows, kind_index: IntArray, shares: Array) -> list[Conflict]:
     """The elastic row of each kind with the largest share, where that is more than rounding; the largest first."""
-    least = max(SETTINGS.violation, SETTINGS.rounding * float(shares[rows.elastic].max()))
+    least = max(ELASTIC.violation, ELASTIC.rounding * float(shares[rows.elastic].max()))
     conflicts = []
     for kind in range(len(rows.names)):
         at = int(np.where(rows.elastic & (kind_index == kind), shares, 0.0).argmax())
@@ -185,17 +186,17 @@ def _elastic_rows(program: JumpProgram, elastic_durations: tuple[str, ...], valu
     names = [kind for kind in KINDS if kind in kinds]
     is_limit = np.isin(kinds, names) & (np.isfinite(low) | np.isfinite(high))
     elastic = is_limit & ((low < high) | (kinds == "duration"))
-    sizes = np.ones(len(kinds))
+    sizes = np.ones(len(kinds))  # of shares of limits: a share of 1 of the elastic multiple is twice the limit
     m = len(rows.labels)
     variables = m + np.flatnonzero(elastic[m:])
     ground = kinds == "ground"
-    touching = SETTINGS.violation * program.node_rows.height  # with a share of 1 it touches
+    touching = ELASTIC.violation * program.node_rows.height  # with a share of 1 it touches
     sizes[ground] = np.maximum(low[ground], touching)
     half_ranges = (high - low)[variables] / 2
-    sizes[variables] = np.maximum(half_ranges, SETTINGS.narrow * np.abs(high[variables] + low[variables]))
+    sizes[variables] = np.maximum(half_ranges, ELASTIC.narrow * np.abs(high[variables] + low[variables]))
     for one, two in pairwise(np.flatnonzero(kinds == "friction").tolist()):
         if two == one + 1 and labels[one] == labels[two]:  # the two sides of a cone
-            sizes[[one, two]] = max(SETTINGS.light, float(values[[one, two]].mean()))
+            sizes[[one, two]] = max(ELASTIC.light, float(values[[one, two]].mean()))
     return _ElasticRows(labels, kinds, names, low, high, elastic, sizes)
 
 
@@ -220,7 +221,7 @@ def _elastic_solver(program: JumpProgram, take: IntArray, multiples: Array, orac
     own_jacobian = ca.vertcat(jacobian_of(raw, none)[1], ca.MX.eye(n))
     jacobian = ca.horzcat(ca.mtimes(selection, own_jacobian), added)
     own_weights = ca.mtimes(selection.T, weights)[:m]
-    own_hessian = hessian_of(raw, none, SETTINGS.smoothness * factor, own_weights)
+    own_hessian = hessian_of(raw, none, ELASTIC.smoothness * factor, own_weights)
     hessian = ca.diagcat(own_hessian, ca.MX(kinds, kinds))
     options = {
         "jac_g": ca.Function("jac_g", [x, none], [values, jacobian]),
@@ -228,7 +229,7 @@ def _elastic_solver(program: JumpProgram, take: IntArray, multiples: Array, orac
         "print_time": False,
         "ipopt": _ipopt_options(oracle),
     }
-    cost = SETTINGS.smoothness * cost_of(raw, none) + ca.sum1(x[n:])
+    cost = ELASTIC.smoothness * cost_of(raw, none) + ca.sum1(x[n:])
     return ca.nlpsol("elastic", "ipopt", {"x": x, "f": cost, "g": values}, options)
 
 
@@ -313,7 +314,7 @@ def relaxed(problem: Problem, conflicts: Sequence[Conflict], beyond: float) -> t
             ranges = ends + (factor - 1) / 2 * np.ptp(ends, axis=1)[:, None] * [-1, 1]
             limits = replace(limits, position=ranges.tolist())
         elif kind == "friction":
-            most = min(math.ceil(100 * beyond * (1 + share) * request.friction) / 100, STEEPEST)
+            most = min(math.ceil(100 * beyond * (1 + share) * request.friction) / 100, LARGEST_FRICTION)
             words.append(f"friction {most:g}")
             request = replace(request, friction=most)
         elif kind == "ground":
@@ -328,10 +329,12 @@ def relaxed(problem: Problem, conflicts: Sequence[Conflict], beyond: float) -> t
                 takeoff=replace(request.takeoff, durations=None),
                 landing=replace(request.landing, durations=None),
             )
-        else:
+        elif kind == "apart":
             name = label.partition(" (")[0]
             words.append(f"nothing that is {name}")
             problem = _without_distance(problem, name)
+        else:
+            raise AssertionError(f"no way to relax a limit of the kind {kind!r}")
         problem = replace(problem, jump=request, limits=limits)
     return " and ".join(words), problem
 

@@ -21,11 +21,10 @@ from scipy.optimize import root
 from floatplan.arrays import Array
 from floatplan.errors import FloatplanError
 from floatplan.jumps.contacts import displacement
-from floatplan.jumps.model import PlanarModel, casadi
+from floatplan.jumps.model import PlanarModel, anchor_force, casadi, spread
 from floatplan.jumps.motion import Grid, Stance, quintic, quintic_spline, refined, values
 from floatplan.jumps.phases import Phase, axes_of, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rows import balanced, spread
 from floatplan.jumps.variables import JumpSolution
 from floatplan.plans.plan import Plan
 from floatplan.robot.standing import positions_from_com
@@ -34,7 +33,7 @@ SUBSTEPS = 4  # [-] of the differential equation in a step of the fine grid
 
 
 class NoExactStanceError(FloatplanError):
-    """A start of a search whose stances cannot be made exact, as where a leg between two feet is straight."""
+    """A solution whose stances cannot be made exact, as where a leg between two feet is straight."""
 
 
 @contextmanager
@@ -73,7 +72,7 @@ class StanceDynamics:
         self.phase = phase
         anchor = phase.anchor.spots[0]
         forces = ca.SX.sym("forces", 2 * len(phase.others))
-        own, pairs = balanced(model, phase, forces)
+        own, pairs = anchor_force(model, phase, forces)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
         self.moment = model.function("moment", [ca.sum1(moments)], forces)
         gaps: list[Any] = []
@@ -84,14 +83,14 @@ class StanceDynamics:
             gaps += [position[k] - at_end[k] for k in axes_of(contact)]
         closure = ca.vertcat(*gaps) if gaps else ca.SX(0, 1)
         jacobian = ca.jacobian(closure, model.y)
-        drift = ca.jtimes(ca.jtimes(closure, model.y, model.v), model.y, model.v)
-        self.closure = model.function("closure", [closure, jacobian, drift])
+        bias = ca.jtimes(ca.jtimes(closure, model.y, model.v), model.y, model.v)
+        self.closure = model.function("closure", [closure, jacobian, bias])
         self.size = len(gaps)
         no_forces = np.zeros(2 * len(phase.others))
-        ground_force, _ = balanced(model, phase, no_forces)
+        ground_force, _ = anchor_force(model, phase, no_forces)
         self.ground_force = model.function("ground_force", ground_force)
         moment = self.moment(model.y, model.v, model.a, no_forces)
-        fall = ca.vertcat(*ground_force, moment, ca.mtimes(jacobian, model.a) + drift)
+        fall = ca.vertcat(*ground_force, moment, ca.mtimes(jacobian, model.a) + bias)
         self.fall = model.function("fall", [fall, ca.jacobian(fall, model.a)])
 
     @cached_property
@@ -133,8 +132,8 @@ class StanceDynamics:
                 break
         for order in (1, 2):
             motion[order, columns] = 0.0
-            _, jacobian, drift = self._evaluated(motion)
-            of_others = jacobian @ motion[order].T[:, :, None] + (drift if order == 2 else 0.0)
+            _, jacobian, bias = self._evaluated(motion)
+            of_others = jacobian @ motion[order].T[:, :, None] + (bias if order == 2 else 0.0)
             motion[order, columns] = -np.linalg.solve(jacobian[:, :, columns], of_others)[:, :, 0].T
         return motion
 
@@ -147,9 +146,12 @@ class StanceDynamics:
         return np.asarray(a - np.linalg.lstsq(jacobian, value[:, 0], rcond=None)[0])
 
     def shared_ratios(self, grid: Grid, friction: float) -> Array:
-        """Ratios (others, G) with which forces of both are in the cone of ``friction``, or in the least that they need.
+        """Horizontal over vertical force (others, G) of the other contact, clipped to the cone of ``friction``.
 
-        The ends of a sole take the same.
+        Where the ratio of the whole ground's force is larger, to that: anchor and other cannot do with less then. The
+        anchor's own force is clipped likewise, and what it does not take the other one does. The ends of a sole take
+        the same. The cone is that of the program, with its margin, since ratios are linear between the instants of the
+        grid; in space forces are shared anew at each instant, inside the cone itself.
         """
         if len(grid.ratios) != 1:
             return grid.ratios
@@ -241,7 +243,7 @@ class OnePoint:
         return motion
 
 
-def released(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
+def released_solution(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
     """Return a solution in which accelerations are exactly those of stance and of flight, where one meets the other.
 
     The program's contacts drift a little there, and its forces vanish but for its tolerance.
@@ -253,7 +255,7 @@ def released(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
     """
     a = solution.a.copy()
     for flight, side in itertools.product(program.flights, (-1, 1)):
-        node = program.starts[flight + max(side, 0)]
+        node = program.first_nodes[flight + max(side, 0)]
         phase = program.phases[flight + side]
         with may_fail():
             dynamics = StanceDynamics(program.model, phase, program.node_rows.standing(phase))
@@ -264,7 +266,12 @@ def released(program: JumpProgram, solution: JumpSolution) -> JumpSolution:
 
 
 def exact_stances(
-    program: JumpProgram, solution: JumpSolution, side: str, plan: Plan, rate: float | None = None, hop: int = 0
+    program: JumpProgram,
+    solution: JumpSolution,
+    side: str,
+    plan: Plan,
+    rate: float | None = None,
+    flight_number: int = 0,
 ) -> tuple[Stance, ...]:
     """Return the stances of one side of a flight, in order of time and in its world, exact from the flight's end on.
 
@@ -272,7 +279,7 @@ def exact_stances(
     ----------
     side : "takeoff" or "landing"
     plan : of the flight
-    hop : number of the flight
+    flight_number : of the flight among the jump's
     rate : of the orientation where it begins or ends, rad/s; the plan's if left out
 
     Raises
@@ -281,7 +288,7 @@ def exact_stances(
         There is none near the solution.
     """
     with may_fail():
-        stances = tuple(_exact_stances(program, solution, (side, hop), plan, rate))
+        stances = tuple(_exact_stances(program, solution, (side, flight_number), plan, rate))
     for stance in stances:
         if not (np.isfinite(stance.grid.motion).all() and np.isfinite(stance.grid.ratios).all()):
             raise NoExactStanceError("the stances have no finite motion near the program's solution")
@@ -296,8 +303,8 @@ def _exact_stances(
     near = -1 if takes_off else 0  # the end of a phase next to the flight, and the other one
     far = 0 if takes_off else -1
     outwards = -1 if takes_off else 1  # order from the flight to where the robot stands
-    indices = [index for index, phase in enumerate(program.phases) if (phase.side, phase.hop) == side_of_flight]
-    indices = indices[::outwards]
+    sides = [(phase.side, phase.flight_number) for phase in program.phases]
+    indices = [index for index, side in enumerate(sides) if side == side_of_flight][::outwards]
     state = plan.at(0.0 if takes_off else plan.duration)
     y = np.append(state.orientation, state.positions)
     rate = float(state.orientation_rate) if rate is None else rate
@@ -350,7 +357,7 @@ def _outer_end(program: JumpProgram, solution: JumpSolution, index: int) -> Arra
     if (is_first or is_last) and not program.periodic:
         return np.stack((standing, 0 * standing, 0 * standing))
     landed = index - 1 if takes_off else index  # of a periodic jump's beginning the last one
-    node = int(program.starts[landed % len(program.phases) + 1])
+    node = int(program.first_nodes[landed % len(program.phases) + 1])
     motion = np.stack((solution.y, solution.v, solution.a))[:, :, node]
     last = program.phases[landed]
     dynamics = StanceDynamics(program.model, last, program.node_rows.standing(last))

@@ -1,4 +1,6 @@
-"""The flight of a jump: an ordinary problem whose both ends are those of the stances, planned by :func:`plan`."""
+"""The flight of a jump: an ordinary problem whose both ends are those of the stances, planned by :func:`planned`
+of ``planning/planner.py``.
+"""
 
 import itertools
 import math
@@ -30,22 +32,22 @@ def _from_frame(program: JumpProgram, contact: GroundContact, y: Array) -> compl
     return complex(point - origin)
 
 
-def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolution, hop: int = 0) -> Problem:
+def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolution, flight_number: int = 0) -> Problem:
     """Return the problem of a flight, by its number, between the stances of a solution.
 
     Joints, rates, accelerations, angular momentum and duration are pinned, so that the feet do not move or accelerate
     at both ends, where no force acts.
     """
-    index = program.flights[hop]
-    takeoff = program.starts[index]
-    landing = program.starts[index + 1]
+    index = program.flights[flight_number]
+    takeoff = program.first_nodes[index]
+    landing = program.first_nodes[index + 1]
     postures = []
     for node in (takeoff, landing):
         y = solution.y[:, node]
         postures.append(Posture(float(y[0]), y[1:].copy(), solution.v[1:, node], solution.a[1:, node]))
     before = program.phases[index - 1].anchor
     after = program.phases[index + 1].anchor
-    rise = program.phases[index + 1].ground - program.phases[index - 1].ground
+    rise = program.phases[index + 1].rise - program.phases[index - 1].rise
     anchor_height = problem.takeoff.position[1] + _from_frame(program, before, solution.y[:, takeoff]).imag
     ground = anchor_height - before.depth
     height = ground + rise + after.depth - _from_frame(program, after, solution.y[:, landing]).imag
@@ -61,7 +63,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
         goal=postures[1],
         flight=Flight(
             time,
-            angular_momentum=float(solution.momenta[hop]),
+            angular_momentum=float(solution.momenta[flight_number]),
             takeoff=Takeoff(before.frame, problem.takeoff.position),
             landing=Landing(after.frame, height=height),
             horizontal_velocity=float(horizontal),
@@ -100,7 +102,7 @@ def _grounds(
     before = ground_below(robot, program.phases[index - 1].anchor, y[:, 0])
     after = ground_below(robot, program.phases[index + 1].anchor, y[:, -1])
     time = float(solution.durations[index])
-    rise = program.phases[index + 1].ground - program.phases[index - 1].ground
+    rise = program.phases[index + 1].rise - program.phases[index - 1].rise
     com_rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
     grounds = grounds_below(shares, 0.0, rise)
     heights = com_rise + shares * rise - grounds + undersides(robot, corners(robot.shapes), y).min(axis=1)
@@ -115,9 +117,9 @@ def _grounds(
             level = ground + below + min(0.0, heights[first : last + 1].min() - POINT_FEET)
             window = (time * shares[first], time * shares[last])
             half_planes.append(HalfPlane(point=(0.0, round(level, 4)), window=window))
-    if (
-        program.lift < FOOT_LIFT and not rise
-    ):  # of so little, 0.6 of the highest is required where it is at least 0.8 of it
+    if program.lift < FOOT_LIFT and not rise:
+        # A low hop never counts as in the air: where its lowest point is above 0.8 of its peak, the flight has to be
+        # above 0.6 of it.
         first, last = np.flatnonzero(heights >= 0.8 * heights.max())[[0, -1]]
         window = (time * shares[first], time * shares[last])
         half_planes.append(HalfPlane(point=(0.0, round(ground + 0.6 * heights.max(), 4)), window=window))
@@ -136,8 +138,7 @@ def tighter_limits(problem: Problem, program: JumpProgram, solution: JumpSolutio
     velocity = program.node_rows.limits.velocity
     limited = np.isfinite(problem.velocity_limits)
     rate_shares = (velocity[limited] / problem.velocity_limits[limited]).tolist()
-    torque_share = program.node_rows.limits.locked  # the margin of torques is that of locked joints too
-    shares = [torque_share, *(share / request.margin["velocity"] for share in rate_shares)]
+    shares = [program.node_rows.limits.torque_margin, *(share / request.margin["velocity"] for share in rate_shares)]
     least = solution.factor * max(shares)
     tighter = []
     for beyond in (1.0, 1.04, 1.12):  # times the least share, for joints that are polynomials

@@ -4,7 +4,8 @@ JSON, format ``floatplan.jump/1``: ``status``, ``explanation``, ``robot`` and ``
 an unchanged plan file or ``null``, and ``stances``, each with ``side``, ``contacts``, ``place`` of its first contact,
 and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (orientation and joints with
 their derivatives), ``ratios``. A sequence has ``flights`` too, those after the first, each with its ``plan``, the
-``shift`` of its world in the jump's, m, and the ``stances`` that follow it.
+``shift`` of its world in the jump's, m, and the ``stances`` that follow it. There, and in ``stances``, those before the
+next flight have the side "landing" too.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError
@@ -43,7 +44,8 @@ class Jump(Outputs, JumpMotion):
     problem : Problem, as it was passed
     request : JumpRequest
     flight : the Plan in its middle, whose t = 0 is the takeoff; None where there is no jump
-    before, after : stances of takeoff and landing, in order of time
+    before, after : stances before that flight and after it, in order of time; in a sequence up to the next flight, so
+        that ``after`` has those of its takeoff too
     status : "found" or "not_found"
     explanation : sentences for a person
     """
@@ -81,13 +83,19 @@ class Jump(Outputs, JumpMotion):
         certified = copy(self)  # with its check
         object.__setattr__(certified, "flight", judged(self.flight, certificate))
         more = []
-        for hop, own in zip(self.more, others, strict=bool(others)):
-            more.append(replace(hop, flight=judged(hop.flight, own)))
+        for following, own in zip(self.more, others, strict=bool(others)):
+            more.append(replace(following, flight=judged(following.flight, own)))
         if others:
             object.__setattr__(certified, "more", tuple(more))
             for name in ("timed_flights", "pieces"):  # which hold the plans without
                 vars(certified).pop(name, None)
         return certified
+
+    def explained(self, explanation: str) -> Self:
+        """Return the same jump with another explanation, and with its check."""
+        other = replace(self, explanation=explanation)
+        vars(other)["check"] = self.check  # which replace() leaves out, since it is no field
+        return other
 
     def refuse_unless_ok(self, action: str) -> None:
         """Raise InputError where there is no jump to "fly", say, or it is no motion that its robot can make."""
@@ -151,9 +159,9 @@ class Jump(Outputs, JumpMotion):
         """The content of ``jump.json``."""
         sides = (("takeoff", self.before), ("landing", self.after))
         flights = []
-        for hop in self.more:
-            stances = [{"side": "landing", **self.stance_table(stance)} for stance in hop.after]
-            flights.append({"plan": hop.flight.record.to_dict(), "shift": hop.shift, "stances": stances})
+        for following in self.more:
+            stances = [{"side": "landing", **self.stance_table(stance)} for stance in following.after]
+            flights.append({"plan": following.flight.record.to_dict(), "shift": following.shift, "stances": stances})
         content = {
             "format": self._format,
             "status": self.status,

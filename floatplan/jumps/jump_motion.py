@@ -143,7 +143,7 @@ class PlanarGeometry:
 
 
 @dataclass(frozen=True, eq=False)
-class Hop:
+class NextFlight:
     """A flight of a sequence, and the stances that follow it.
 
     Attributes
@@ -195,7 +195,7 @@ class JumpMotion(MotionInFile):
     flight: Plan | None = None
     before: tuple[Any, ...] = ()  # of Stance, or of its counterpart in space: each an AnyStance
     after: tuple[Any, ...] = ()
-    more: tuple[Hop, ...] = ()
+    more: tuple[NextFlight, ...] = ()
 
     @property
     def robot(self) -> Robot:
@@ -206,14 +206,14 @@ class JumpMotion(MotionInFile):
     def stances(self) -> tuple[Any, ...]:
         """All stances."""
         stances = [*self.before, *self.after]
-        for hop in self.more:
-            stances += hop.after
+        for following in self.more:
+            stances += following.after
         return tuple(stances)
 
     @property
     def flights(self) -> tuple[Plan, ...]:
         """All flights, in order of time."""
-        return () if self.flight is None else (self.flight, *(hop.flight for hop in self.more))
+        return () if self.flight is None else (self.flight, *(following.flight for following in self.more))
 
     @cached_property
     def timed_flights(self) -> tuple[TimedFlight, ...]:
@@ -222,18 +222,18 @@ class JumpMotion(MotionInFile):
             return ()
         flights = [TimedFlight(self.flight, *self.flight_span)]
         stances = self.after
-        for hop in self.more:
+        for following in self.more:
             begin = stances[-1].span[1]
-            flights.append(TimedFlight(hop.flight, begin, begin + hop.flight.duration, hop.shift))
-            stances = hop.after
+            flights.append(TimedFlight(following.flight, begin, begin + following.flight.duration, following.shift))
+            stances = following.after
         return tuple(flights)
 
     @cached_property
     def pieces(self) -> tuple[Any, ...]:
         """Stances and flights (TimedFlight) in order of time."""
         pieces = [*self.before, *self.timed_flights[:1], *self.after]
-        for flight, hop in zip(self.timed_flights[1:], self.more, strict=True):
-            pieces += [flight, *hop.after]
+        for flight, following in zip(self.timed_flights[1:], self.more, strict=True):
+            pieces += [flight, *following.after]
         return tuple(pieces)
 
     @property

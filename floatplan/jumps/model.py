@@ -25,6 +25,8 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import import_optional
+from floatplan.jumps.contacts import GroundContact
+from floatplan.jumps.phases import Phase
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, spot_weights
 from floatplan.tables import GRAVITY
@@ -225,3 +227,26 @@ class PlanarModel:
     def function(self, name: str, outputs: Sequence[Any], *more: Any) -> Any:
         """A CasADi function of y, v, a and ``more`` symbols; arrays (size, N) are N evaluations."""
         return casadi().Function(name, [self.y, self.v, self.a, *more], list(outputs))
+
+
+def anchor_force(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:
+    """The anchor's force, by the balance of forces, and those of the others (2 others,), as pairs, N."""
+    pairs = [(forces[2 * k], forces[2 * k + 1]) for k in range(len(phase.others))]
+    x, z = model.com_from(phase.anchor.spots[0], 2)
+    mass = model.robot.mass
+    horizontal = mass * x
+    vertical = mass * (z + model.gravity)
+    for pair in pairs:
+        horizontal = horizontal - pair[0]
+        vertical = vertical - pair[1]
+    return (horizontal, vertical), pairs
+
+
+def spread(contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[tuple[Spot, Pair]]:
+    """Forces of contacts shared evenly among the feet that are coupled: points, and the share of each."""
+    shared: list[tuple[Spot, Pair]] = []
+    for contact, (horizontal, vertical) in zip(contacts, forces, strict=True):
+        count = len(contact.spots)
+        share = (horizontal / count, vertical / count)
+        shared += [(spot, share) for spot in contact.spots]
+    return shared

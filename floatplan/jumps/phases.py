@@ -20,7 +20,8 @@ from floatplan.robot import PlanarTree, Robot
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
 STILL = 1e-6  # [m, rad] what counts as level, and as within limits
 
-Side = Literal["takeoff", "flight", "landing", "step"]  # a step is a stance between two flights
+# A step is a stance between two flights of a recorded motion in space; in a jump that is a landing and a takeoff.
+Side = Literal["takeoff", "flight", "landing", "step"]
 
 
 class Usual(NamedTuple):
@@ -95,21 +96,22 @@ class Phase(TimedPhase):
 
     Attributes
     ----------
-    gentle : whether forces may vanish towards the flight as gently as they like
-    hop : number of the flight that it is, that it leads to, or that it follows
-    ground : height of the ground on which it stands over that of the first stance, m
+    gentle : whether forces may vanish towards the flight as gently as they like; how fast they grow after landing costs
+        nothing then either, and no rows are of a robot that lands rotated
+    flight_number : number of the flight that it is, that it leads to, or that it follows
+    rise : height of the ground on which it stands over that of the first stance, m
     """
 
     contacts: tuple[GroundContact, ...]
     gentle: bool = False
-    hop: int = 0
-    ground: float = 0.0
+    flight_number: int = 0
+    rise: float = 0.0
     first_step: ClassVar[float] = 0.1
 
     @property
     def name(self) -> str:
         """Side and contacts, for a person; of which flight, but of the first."""
-        return f"{super().name}, flight {self.hop + 1}" if self.hop else super().name
+        return f"{super().name}, flight {self.flight_number + 1}" if self.flight_number else super().name
 
     @property
     def anchor(self) -> GroundContact:
@@ -162,7 +164,7 @@ class Phase(TimedPhase):
 
 
 @dataclass(frozen=True, eq=False)
-class FlightEnd:
+class FixedEnd:
     """What is fixed at one end of the flight.
 
     Attributes
@@ -205,7 +207,7 @@ def side_phases(
     return phases
 
 
-def instants(phases: Sequence[Phase], durations: Array) -> Array:
+def instants(phases: Sequence[TimedPhase], durations: Array) -> Array:
     """Times (K+1,) of the nodes of phases with these durations, s."""
     times = np.zeros(1)
     for phase, duration in zip(phases, durations, strict=True):
@@ -219,8 +221,8 @@ def duration_costs(phases: Sequence[Phase]) -> list[float]:
     They are 1 for phases on one point, where more points stand on the same side of the flight: on one point errors grow
     by a factor e in as much time.
     """
-    steadier_sides = {(phase.side, phase.hop) for phase in phases if phase.others}
-    return [float(not phase.others and (phase.side, phase.hop) in steadier_sides) for phase in phases]
+    steadier_sides = {(phase.side, phase.flight_number) for phase in phases if phase.others}
+    return [float(not phase.others and (phase.side, phase.flight_number) in steadier_sides) for phase in phases]
 
 
 def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Array, limits: Array) -> Array | None:
@@ -388,16 +390,16 @@ def axes_of(contact: GroundContact) -> tuple[int, ...]:
     return (1,) if contact.vertical else (0, 1)
 
 
-def drifting(phase: Phase) -> int:
-    """How many conditions of contacts but the anchor drift: not those of heels, which are linear in y."""
+def closing_count(phase: Phase) -> int:
+    """How many conditions have closing accelerations: not those of heels, which are linear in y."""
     return sum(len(axes_of(contact)) for contact in phase.others if not contact.vertical)
 
 
-def in_sequence(phase: Phase, hop: int, problem: Problem, request: JumpRequest) -> Phase:
+def in_sequence(phase: Phase, flight_number: int, problem: Problem, request: JumpRequest) -> Phase:
     """Return a phase with the number of its flight, and with what a step of the ground makes of it."""
-    phase = replace(phase, hop=hop)
+    phase = replace(phase, flight_number=flight_number)
     if phase.side == "landing":
-        return replace(phase, ground=request.rise)
+        return replace(phase, rise=request.rise)
     low, high = phase.bounds
     if phase.side == "takeoff" or low == high:
         return phase

@@ -15,23 +15,22 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.jumps.check import FIGURES, SHARES, JumpCheck, limit_shares, sentences_on
 from floatplan.jumps.conflicts import Conflict, conflict_sentence, conflicting_limits, relaxed, violated_kinds
-from floatplan.jumps.exact import NoExactStanceError, exact_stances, released
+from floatplan.jumps.exact import NoExactStanceError, exact_stances, released_solution
 from floatplan.jumps.flight import flight_problem, planned_flight, tighter_limits
 from floatplan.jumps.jump import Jump
-from floatplan.jumps.jump_motion import Hop
+from floatplan.jumps.jump_motion import NextFlight
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import Stance, moved
 from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import (
+from floatplan.jumps.rounds import (
     CORRECTIONS,
     NodeMargins,
-    Setup,
-    jump_setup,
     refined_until_checked,
     solve_in_rounds,
     solved_again,
 )
+from floatplan.jumps.setup import Setup, jump_setup
 from floatplan.jumps.spatial.planner import jump_in_space
 from floatplan.jumps.variables import FOOT_LIFT, LOW_FOOT_LIFT, JumpSolution
 from floatplan.kernel.library import kernel
@@ -70,15 +69,16 @@ def jump(
     seed : int
         Of the starts after the first, which is generic, and of the flight's plan.
     starts : int
-        At most so many, until one succeeds; none is begun once the last programs of those before it took 300
-        iterations times ``starts`` in all.
+        At most so many, until one succeeds; in a plane none is begun once the last programs of those before it took
+        300 iterations times ``starts`` in all.
     progress : callable, optional
         Called with a few words on what is being done; after a search ``near`` a jump that failed, with its conflicts.
     helps : bool
-        Whether conflicting limits are explained where no jump is found, and relaxed ones are tried, as long again.
+        Whether conflicting limits are explained where no jump is found; in a plane relaxed ones are tried too, as long
+        again.
     near : Jump, optional
-        One of nearly the same problem, with the same phases: the search begins from it, and only where that fails
-        with the starts.
+        In a plane: one of nearly the same problem, with the same phases; the search begins from it, and only where
+        that fails with the starts.
 
     Returns
     -------
@@ -104,7 +104,7 @@ def jump(
     say = progress or (lambda _: None)
     if problem.robot.base == "free-flyer":
         with naming(file):
-            return jump_in_space(problem, requested, seed, starts, say, near)
+            return jump_in_space(problem, requested, seed, starts, say, helps, near)
     with naming(file):
         setup = jump_setup(problem, requested)
         first = setup.program(MARGINS)
@@ -122,7 +122,7 @@ def jump(
         last = _low_hop(setup, seed, say)
     if last is not None and last.ok:
         return last
-    until = 2 * process_time() - start_time
+    until = 2 * process_time() - start_time  # as long again as the search took
     return _explained(setup, search, last, seed, until, helps, say)
 
 
@@ -142,7 +142,7 @@ def _explained(
         conflicts = violated_kinds(setup.request, last.check.figures)
     if conflicts and helps:
         attempts = _try_relaxed(setup.problem, conflicts, seed, until, say)
-        last = _with_explanation(last, f"{last.explanation} {attempts}")
+        last = last.explained(f"{last.explanation} {attempts}")
     return last
 
 
@@ -190,13 +190,6 @@ def _not_found_in_starts(
     return Jump(problem, request, explanation=explanation), conflicts
 
 
-def _with_explanation(jump: Jump, explanation: str) -> Jump:
-    """The same motion and check, with another explanation."""
-    explained = replace(jump, explanation=explanation)
-    vars(explained)["check"] = jump.check
-    return explained
-
-
 def _try_relaxed(
     problem: Problem, conflicts: Sequence[Conflict], seed: int, until: float, say: Callable[[str], None]
 ) -> str:
@@ -230,7 +223,7 @@ def _search_near(
     say("from the jump at hand")
     program, solution = solve_in_rounds(first.warm(), guess)
     if solution.is_motion:
-        return _refined_jump(setup, (program, solution), lambda margins: setup.program(margins).warm(), seed, say)
+        return checked_jump(setup, (program, solution), lambda margins: setup.program(margins).warm(), seed, say)
     say(f"{NEAR_FAILED}; what is in the way there")
     conflicts = conflicting_limits(program, solution, setup.request, guess) if helps else []
     words = "; ".join(conflict_sentence(conflict, setup.problem) for conflict in conflicts)
@@ -258,7 +251,7 @@ def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Calla
             if nearest is None or (solution.shortfall, solution.worst) < (nearest[1].shortfall, nearest[1].worst):
                 nearest = (program, solution)
             continue
-        jump = _refined_jump(setup, (program, solution), setup.program, seed, say)
+        jump = checked_jump(setup, (program, solution), setup.program, seed, say)
         hits_ground = jump.flight is not None and jump.check.figures.get("touchdown", 0.0) < 0.0
         if not jump.ok and hits_ground:
             say(f"start {number} of {starts}, clear of the ground where it lands turned")
@@ -267,7 +260,7 @@ def _search(setup: Setup, first: JumpProgram, seed: int, starts: int, say: Calla
             program, solution = solve_in_rounds(program, program.guess(_generator(seed, start)))
             spent += solution.iterations
             if solution.is_motion:
-                other = _refined_jump(setup, (program, solution), setup.program, seed, say, margins)
+                other = checked_jump(setup, (program, solution), setup.program, seed, say, margins)
                 jump = max(jump, other, key=_merit)
         if jump.ok:
             break
@@ -282,9 +275,9 @@ def _low_hop(setup: Setup, seed: int, say: Callable[[str], None]) -> Jump | None
     program, solution = solve_in_rounds(first, first.guess())
     if not solution.is_motion:
         return None
-    jump = _refined_jump(setup, (program, solution), setup.program, seed, say, margins)
+    jump = checked_jump(setup, (program, solution), setup.program, seed, say, margins)
     lift = f"Its feet were asked to rise by {1e3 * LOW_FOOT_LIFT:.0f} mm only."
-    return _with_explanation(jump, f"{jump.explanation} {lift}")
+    return jump.explained(f"{jump.explanation} {lift}")
 
 
 def _merit(jump: Jump) -> tuple[bool, bool, float]:
@@ -323,11 +316,11 @@ def guess_near(program: JumpProgram, near: Jump | None) -> Array | None:
         guess.forces[index] = phase.stacked({name: force[nodes] for name, force in state.forces.items()})
     guess.y, guess.v, guess.a = state.planned(near.problem.robot)
     guess.durations[:, 0] = durations
-    guess.momentum[:, 0] = [plan.angular_momentum for plan in near.flights]
+    guess.momenta[:, 0] = [plan.angular_momentum for plan in near.flights]
     return program.join(guess)
 
 
-def _refined_jump(
+def checked_jump(
     setup: Setup,
     solved: tuple[JumpProgram, JumpSolution],
     program_of: Callable[[NodeMargins], JumpProgram],
@@ -364,13 +357,13 @@ def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution,
     problem = setup.problem
     request = setup.request
     try:
-        solution = released(program, solution)
+        solution = released_solution(program, solution)
         tighter = tighter_limits(problem, program, solution)
         plans: list[Plan] = []
-        for hop in range(len(program.flights)):
-            plan = planned_flight(flight_problem(problem, program, solution, hop), seed, tighter)
+        for number in range(len(program.flights)):
+            plan = planned_flight(flight_problem(problem, program, solution, number), seed, tighter)
             if not plan.ok:
-                which = f"flight {hop + 1}" if len(program.flights) > 1 else "flight"
+                which = f"flight {number + 1}" if len(program.flights) > 1 else "flight"
                 explanation = f"Between the stances no {which} was planned: {plan.explanation}"
                 return Jump(problem, request, explanation=explanation)
             plans.append(plan)
@@ -385,17 +378,17 @@ def jump_of_solution(setup: Setup, program: JumpProgram, solution: JumpSolution,
     jump = Jump(problem, request, plans[0], before, after, more, status="found")
     check = jump.check
     if not check.ok:
-        return _with_explanation(jump, f"Between the program's nodes, {check.sentences[0]}.")
+        return jump.explained(f"Between the program's nodes, {check.sentences[0]}.")
     explanation = "The stances hold at 2 kHz."
     share = _largest_share(jump, check) if request.objective == "limits" else 0.0
     if share:
         explanation += f" Of what the margins leave the jump takes {share:.0%}."
-    return _with_explanation(jump, explanation)
+    return jump.explained(explanation)
 
 
 def _stances_after(
     program: JumpProgram, solution: JumpSolution, plans: Sequence[Plan]
-) -> tuple[tuple[Stance, ...], tuple[Hop, ...]]:
+) -> tuple[tuple[Stance, ...], tuple[NextFlight, ...]]:
     """Exact stances after the first flight, up to the second; and what follows, in the world of the first.
 
     Where the stances after a flight meet those before the next, both stand on the same feet: these say where the world
@@ -403,16 +396,16 @@ def _stances_after(
     """
     after: list[tuple[Stance, ...]] = []
     shifts = [0j]
-    for hop, plan in enumerate(plans):
-        landed = moved(exact_stances(program, solution, "landing", plan, hop=hop), shifts[-1])
-        if hop + 1 < len(plans):
-            leaving = exact_stances(program, solution, "takeoff", plans[hop + 1], hop=hop + 1)
+    for number, plan in enumerate(plans):
+        landed = moved(exact_stances(program, solution, "landing", plan, flight_number=number), shifts[-1])
+        if number + 1 < len(plans):
+            leaving = exact_stances(program, solution, "takeoff", plans[number + 1], flight_number=number + 1)
             shifts.append(landed[-1].position_of(leaving[0].contacts[0]) - leaving[0].anchor_position)
             landed += moved(leaving, shifts[-1])
         after.append(landed)
-    more: list[Hop] = []
+    more: list[NextFlight] = []
     for plan, shift, stances in zip(plans[1:], shifts[1:], after[1:], strict=True):
-        more.append(Hop(plan, (shift.real, shift.imag), stances))
+        more.append(NextFlight(plan, (shift.real, shift.imag), stances))
     return after[0], tuple(more)
 
 

@@ -1,13 +1,14 @@
 """One nonlinear program over all phases of a jump, from standing to standing, for IPOPT.
 
-Variables at the nodes are y = (theta_0, q), y', y'' and the forces of all contacts but the anchor's; in addition drifts
-of closed chains, the phases' durations and the angular momentum h of the flight. Between nodes y'' is linear:
+Variables at the nodes are y = (theta_0, q), y', y'' and the forces of all contacts but the anchor's; in addition the
+accelerations that close chains, the phases' durations and the angular momentum h of the flight. Between nodes y'' is
+linear:
 
 ``y'_1 = y'_0 + T (y''_0 + y''_1) / 2``,  ``y_1 = y_0 + T y'_0 + T^2 (2 y''_0 + y''_1) / 6``.
 
 In stance the base hangs on the anchor, whose force is ``m (c'' + g)`` less the others'; the balance of moments holds
 at every node. On one point the momentum about it and the orientation follow by Hermite's rule instead. Where more
-stand, the others do not accelerate, but for a drift, linear in time, that closes the chain at both ends. In flight h is
+stand, the others do not accelerate, but for what closes the chain at both ends, linear in time. In flight h is
 constant, ``D y' = h``, the centre of mass is on its parabola, and the orientation follows by Hermite's rule. Both seams
 are exact: there forces vanish, and h and the parabola are those of either side. The objective is the integral of
 squared torques; or, where shares of limits count, a factor, one more variable, that is no less than any share of a
@@ -31,9 +32,9 @@ from floatplan.jumps.locked_joints import stop_when_overloaded
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, values
 from floatplan.jumps.phases import (
-    FlightEnd,
+    FixedEnd,
     Phase,
-    drifting,
+    closing_count,
     duration_costs,
     grounds_below,
     instants,
@@ -43,6 +44,7 @@ from floatplan.jumps.phases import (
 from floatplan.jumps.rows import (
     Bound,
     CompiledProgram,
+    ExtraRows,
     Kind,
     Label,
     NodeRows,
@@ -53,7 +55,7 @@ from floatplan.jumps.separation import Separation, add_distance
 from floatplan.jumps.variables import (
     FOOT_LIFT,
     ITERATIONS,
-    SETTINGS,
+    PROGRAM,
     JumpSolution,
     Variables,
     add_meeting,
@@ -70,12 +72,11 @@ class JumpProgram:
     ----------
     node_rows : NodeRows of the jump's phases
     separation : distances that it requires
-    flight_ends : what is fixed at the flight's ends
-    momentum : kg m^2/s, where it is fixed
+    fixed_ends : what is fixed at the flight's ends
+    fixed_momentum : h of the flight, kg m^2/s, where it is fixed
     beyond : least horizontal position of the foot that lands from the one that takes off, m, its sign the direction
     periodic : whether it ends as it begins, in the middle of a stance, instead of standing
     limits : whether the factor on limits is minimised, instead of squared torques
-    iterations : of IPOPT at most
     lift : of feet in the middle of the flight, m
     """
 
@@ -83,12 +84,11 @@ class JumpProgram:
         self,
         node_rows: NodeRows,
         separation: Separation,
-        flight_ends: Sequence[FlightEnd] = (),
-        momentum: float | None = None,
+        fixed_ends: Sequence[FixedEnd] = (),
+        fixed_momentum: float | None = None,
         beyond: float | None = None,
         periodic: bool = False,
         limits: bool = False,
-        iterations: int = ITERATIONS,
         lift: float = FOOT_LIFT,
     ) -> None:
         self.node_rows = node_rows
@@ -96,16 +96,15 @@ class JumpProgram:
         self.phases = node_rows.phases
         self.ends = node_rows.ends
         self.size = 1 + len(self.model.robot.joints)
-        self.starts = node_rows.starts
+        self.first_nodes = node_rows.first_nodes
         self.flights = node_rows.flights
-        self.nodes = int(self.starts[-1]) + 1
+        self.nodes = int(self.first_nodes[-1]) + 1
         self.separation = separation
-        self._flight_ends = tuple(flight_ends)
-        self._momentum = momentum
+        self._fixed_ends = tuple(fixed_ends)
+        self._fixed_momentum = fixed_momentum
         self._beyond = beyond
         self.periodic = periodic
         self._limits = limits
-        self._iterations = iterations
         self._warm = False
         self.lift = lift
 
@@ -114,17 +113,18 @@ class JumpProgram:
         """Shapes of all variables."""
         motion = (self.size, self.nodes)
         forces = [(2 * len(phase.others), phase.intervals + 1) for phase in self.phases]
-        drifts = [(drifting(phase), 2) for phase in self.phases]
+        closing = [(closing_count(phase), 2) for phase in self.phases]
         durations = (len(self.phases), 1)
         momenta = (len(self.flights), 1)
-        return Variables(motion, motion, motion, forces, drifts, durations, momenta, (int(self._limits), 1))
+        return Variables(motion, motion, motion, forces, closing, durations, momenta, (int(self._limits), 1))
 
     @cached_property
     def _scales(self) -> Variables:
         """Units of all variables."""
-        unit = self.node_rows.unit
+        unit = self.node_rows.time_unit
         forces = [self.node_rows.weight] * len(self.phases)
-        return Variables(1.0, 1 / unit, 1 / unit**2, forces, [1.0] * len(forces), 1.0, self.node_rows.momentum, 1.0)
+        momentum_unit = self.node_rows.momentum_unit
+        return Variables(1.0, 1 / unit, 1 / unit**2, forces, [1.0] * len(forces), 1.0, momentum_unit, 1.0)
 
     def split(self, raw: Any) -> Variables:
         """Variables (size,), scaled, as matrices of their own units: an expression, or numbers."""
@@ -148,7 +148,7 @@ class JumpProgram:
 
     def nodes_of(self, index: int) -> slice:
         """The nodes of a phase."""
-        return slice(int(self.starts[index]), int(self.starts[index + 1]) + 1)
+        return slice(int(self.first_nodes[index]), int(self.first_nodes[index + 1]) + 1)
 
     @property
     def _duration_bounds(self) -> Array:
@@ -160,13 +160,13 @@ class JumpProgram:
         """Bounds of the variables, scaled."""
         limits = self.node_rows.limits
         ends = self.ends
-        postures = np.vstack([ends, *(end.y for end in self._flight_ends)])
+        postures = np.vstack([ends, *(end.y for end in self._fixed_ends)])
         least = postures.min(axis=0)
         most = postures.max(axis=0)
-        low = np.append(least[0] - SETTINGS.base_range, np.minimum(limits.position[:, 0], least[1:]))
-        high = np.append(most[0] + SETTINGS.base_range, np.maximum(limits.position[:, 1], most[1:]))
-        largest_factor = SETTINGS.largest_factor if self._limits else 1.0
-        fastest = np.append(SETTINGS.base_rate, largest_factor * limits.velocity)
+        low = np.append(least[0] - PROGRAM.base_range, np.minimum(limits.position[:, 0], least[1:]))
+        high = np.append(most[0] + PROGRAM.base_range, np.maximum(limits.position[:, 1], most[1:]))
+        largest_factor = PROGRAM.largest_factor if self._limits else 1.0
+        fastest = np.append(PROGRAM.base_rate, largest_factor * limits.velocity)
         box = self._shapes.map(lambda shape: np.stack((np.full(shape, -np.inf), np.full(shape, np.inf))))
         box.y[:] = np.stack((low, high))[:, :, None]
         box.v[:] = np.stack((-fastest, fastest))[:, :, None]
@@ -175,27 +175,27 @@ class JumpProgram:
                 box.y[:, :, node] = ends[node]
                 box.v[:, :, node] = 0.0
                 box.a[:, :, node] = 0.0
-        for end in self._flight_ends:
-            node = self.starts[self.flights[0] + (1 if end.node else 0)]
+        for end in self._fixed_ends:
+            node = self.first_nodes[self.flights[0] + (1 if end.node else 0)]
             for bound, fixed in ((box.y, end.y), (box.v, end.v), (box.a, end.a)):
                 if fixed is not None:
                     bound[:, :, node] = fixed
         for index, phase in enumerate(self.phases):
             if phase.others:
-                inner = self.phases[index + (1 if phase.side == "takeoff" else -1)]
-                bound_forces(box.forces[index], phase, inner, self.node_rows.limits.pressed * self.node_rows.weight)
+                towards_flight = self.phases[index + (1 if phase.side == "takeoff" else -1)]
+                bound_forces(box.forces[index], phase, towards_flight, limits.pressed * self.node_rows.weight)
         box.durations[:] = self._duration_bounds[:, :, None]
-        if self._momentum is not None:
-            box.momentum[:] = self._momentum
+        if self._fixed_momentum is not None:
+            box.momenta[:] = self._fixed_momentum
         box.factor[0] = 0.0
-        box.factor[1] = SETTINGS.largest_factor
+        box.factor[1] = PROGRAM.largest_factor
         return self.join(box.map(lambda bound: bound[0])), self.join(box.map(lambda bound: bound[1]))
 
     @cached_property
     def compiled(self) -> CompiledProgram:
         """The program as functions."""
         ca = casadi()
-        unit = self.node_rows.unit
+        unit = self.node_rows.time_unit
         size = sum(rows * columns for rows, columns in self._shapes.matrices())
         raw = ca.MX.sym("w", size + len(self.separation.start))
         variables = self.split(raw)
@@ -206,7 +206,7 @@ class JumpProgram:
         for index, phase in enumerate(self.phases):
             y, v, a = (values[:, self.nodes_of(index)] for values in motion)
             if not phase.intervals:
-                self._add_seam(rows, (y, v, a), variables.momentum)  # of its only flight, which is fixed
+                self._add_seam(rows, (y, v, a), variables.momenta)  # of its only flight, which is fixed
                 continue
             duration = variables.durations[index]
             step = duration * ca.DM(np.diff(phase.shares)).T
@@ -215,7 +215,7 @@ class JumpProgram:
             if not phase.others:
                 self._add_base(rows, phase, (y, v, a), step)
             if phase.side == "flight":
-                cost = self._add_flight(rows, index, (y, v, a), duration, variables.momentum[phase.hop])
+                cost = self._add_flight(rows, index, (y, v, a), duration, variables.momenta[phase.flight_number])
             else:
                 cost = self._add_stance(rows, index, (y, v, a), variables)
                 if meets_next(self.phases, index, self.periodic):
@@ -225,11 +225,11 @@ class JumpProgram:
             rough += ca.sumsqr(unit**2 * ca.diff(joints[2], 1, 1))
         shortfall_cost = self.separation.add(self.node_rows, rows, (*motion, variables.durations), raw[size:])
         if self._limits:
-            cost = variables.factor + SETTINGS.smoothness * (total / unit + SETTINGS.steadiness * rough)
+            cost = variables.factor + PROGRAM.smoothness * (total / unit + PROGRAM.steadiness * rough)
         else:
             total += ca.dot(ca.DM(duration_costs(self.phases)), variables.durations)
-            cost = total / unit + SETTINGS.roughness * rough
-        options = ipopt_options(self._iterations, not self.phases[self.flights[0]].intervals, self._warm)
+            cost = total / unit + PROGRAM.roughness * rough
+        options = ipopt_options(ITERATIONS, not self.phases[self.flights[0]].intervals, self._warm)
         callback = stop_when_overloaded(raw.shape[0], np.concatenate(rows.low), np.concatenate(rows.high))
         all_rows = ca.vertcat(*rows.values)
         solver, evaluate = rows.at_nodes.solver(raw, shortfall_cost + cost, all_rows, options, callback)
@@ -240,7 +240,7 @@ class JumpProgram:
         y, v, a = motion
         step = casadi().repmat(step, y.shape[0], 1)
         rates = v[:, 1:] - v[:, :-1] - step / 2 * (a[:, :-1] + a[:, 1:])
-        rows.add(rates * self.node_rows.unit, 0.0, 0.0, f"motion ({label})")
+        rows.add(rates * self.node_rows.time_unit, 0.0, 0.0, f"motion ({label})")
         ahead = y[:, :-1] + step * v[:, :-1] + step**2 / 6 * (2 * a[:, :-1] + a[:, 1:])
         rows.add(y[:, 1:] - ahead, 0.0, 0.0, f"motion ({label})")
 
@@ -267,7 +267,9 @@ class JumpProgram:
             about = model.function("about", model.momentum_about(phase.anchor.spots[0]))
             momenta, first, second = rows.at_nodes(about, y, v, a)
             ahead = quadrature_step(momenta, first, second, step)
-            rows.add((momenta[:, 1:] - ahead) / self.node_rows.momentum, 0.0, 0.0, f"{Label.BALANCE} ({phase.side})")
+            rows.add(
+                (momenta[:, 1:] - ahead) / self.node_rows.momentum_unit, 0.0, 0.0, f"{Label.BALANCE} ({phase.side})"
+            )
         rows.add(y[0, 1:] - quadrature_step(y[0, :], v[0, :], a[0, :], step), 0.0, 0.0, f"turn ({phase.side})")
 
     def _add_stance(self, rows: Rows, index: int, motion: Sequence[Any], variables: Variables) -> Any:
@@ -276,8 +278,9 @@ class JumpProgram:
         phase = self.phases[index]
         function, bounds = self.node_rows.stance(phase)
         forces = variables.forces[index] / self.node_rows.weight
-        drifts = ca.mtimes(variables.drifts[index], ca.DM(np.stack((1 - phase.shares, phase.shares))))
-        values, torques, load = rows.at_nodes(function, *motion, forces, drifts)
+        ends = ca.DM(np.stack((1 - phase.shares, phase.shares)))
+        closing = ca.mtimes(variables.closing_accelerations[index], ends)
+        values, torques, load = rows.at_nodes(function, *motion, forces, closing)
         low, high = self._stance_bounds(index, bounds)
         rows.add_nodes(values, bounds, low, high, phase.name)
         cost = ca.sum1(torques**2)
@@ -294,10 +297,10 @@ class JumpProgram:
         takeoff = phase.side == "takeoff"
         seam = -1 if takeoff else 0  # the node towards the flight
         outer = -1 - seam
-        inner_phase = self.phases[index + 1 if takeoff else index - 1]
-        at_flight = inner_phase.side == "flight"
+        towards_flight = self.phases[index + 1 if takeoff else index - 1]
+        at_flight = towards_flight.side == "flight"
         in_middle = meets_next(self.phases, index, self.periodic)
-        stays = {f"friction of {contact.name}" for contact in inner_phase.contacts}
+        stays = {f"friction of {contact.name}" for contact in towards_flight.contacts}
         implied = self._implied if at_flight else set()
         low, high = _repeated(bounds, phase.intervals + 1)
         for row, bound in enumerate(bounds):
@@ -319,7 +322,7 @@ class JumpProgram:
                 low[row, outer] = -np.inf if is_end else 0.0
                 high[row, outer] = -low[row, outer]
             if kind == "friction":
-                low[row, 1:-1] = SETTINGS.cone_margin * phase.force_shares[1:-1]
+                low[row, 1:-1] = PROGRAM.cone_margin * phase.force_shares[1:-1]
                 if bound.label not in stays:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
             if kind in implied or (at_flight and kind == "pressed"):
@@ -349,7 +352,7 @@ class JumpProgram:
     def _implied(self) -> set[Kind]:
         """What holds by itself where the stances meet a flight whose rates are fixed."""
         implied: set[Kind] = set()
-        for end in self._flight_ends:
+        for end in self._fixed_ends:
             if end.v is not None:
                 implied.add("meets")
                 if end.a is not None:
@@ -361,7 +364,7 @@ class JumpProgram:
         ca = casadi()
         phase = self.phases[index]
         gravity = self.model.gravity
-        unit = self.node_rows.unit
+        unit = self.node_rows.time_unit
         y, v, a = motion
         count = phase.intervals + 1
         z0, vx0, vz0 = self._com(rows, index - 1, (y[:, 0], v[:, 0], a[:, 0]))
@@ -370,7 +373,7 @@ class JumpProgram:
         rows.add((vx1 - vx0) / (gravity * unit), 0.0, 0.0, "parabola")
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
         times = duration * ca.DM(phase.shares).T
-        ground = grounds_below(phase.shares, self.phases[index - 1].ground, self.phases[index + 1].ground)
+        ground = grounds_below(phase.shares, self.phases[index - 1].rise, self.phases[index + 1].rise)
         com_heights = z0 + vz0 * times - gravity * times**2 / 2 - ca.DM(ground).T
         lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
         function, bounds = self.node_rows.of_flight()
@@ -379,7 +382,7 @@ class JumpProgram:
         is_point = np.array([float(bound.kind == "point") for bound in bounds])
         over_ground = ca.mtimes(ca.sparsify(ca.DM(is_foot + is_point)), com_heights)
         values += over_ground - ca.sparsify(ca.DM(np.outer(is_foot, lifts)))
-        values[0, :] -= ca.repmat(momentum / self.node_rows.momentum, 1, count)
+        values[0, :] -= ca.repmat(momentum / self.node_rows.momentum_unit, 1, count)
         low, high = _repeated(bounds, count)
         for end in (0, -1):  # the stances require all but the momentum there
             low[1:, end] = -np.inf
@@ -392,9 +395,9 @@ class JumpProgram:
     def _add_seam(self, rows: Rows, state: Sequence[Any], momentum: Any) -> None:
         """Where a flight is fixed, its momentum and the velocity of its centre of mass, if the rates do not say so."""
         model = self.model
-        speed_unit = model.gravity * self.node_rows.unit
-        scales = (self.node_rows.momentum, speed_unit, speed_unit)
-        for end in self._flight_ends:
+        speed_unit = model.gravity * self.node_rows.time_unit
+        scales = (self.node_rows.momentum_unit, speed_unit, speed_unit)
+        for end in self._fixed_ends:
             if end.com_velocity is None:
                 continue
             stance = self.phases[self.flights[0] + (1 if end.node else -1)]
@@ -411,7 +414,7 @@ class JumpProgram:
         _, height = model.com_from(anchor.spots[0])
         rates = model.com_from(anchor.spots[0], 1)
         z, vx, vz = rows.at_nodes(model.function("com", [height, *rates]), *state)
-        return z + anchor.depth + self.phases[index].ground, vx, vz
+        return z + anchor.depth + self.phases[index].rise, vx, vz
 
     def solve(self, guess: Array) -> JumpSolution:
         """Run IPOPT from a guess (size,), scaled as :meth:`join` does, and directions that separate."""
@@ -433,7 +436,7 @@ class JumpProgram:
         raw = np.asarray(result["x"]).ravel()
         if not np.isfinite(raw).all():  # IPOPT met numbers that are none
             raw = start
-        violation = SETTINGS.converged_violation if stats["success"] else SETTINGS.violation
+        violation = PROGRAM.converged_violation if stats["success"] else PROGRAM.violation
         holds = violations(raw).max() < violation
         shortfall = 0.0
         if len(raw) > len(guess):  # the last of the separation's variables
@@ -448,7 +451,7 @@ class JumpProgram:
             a=variables.a,
             forces=tuple(variables.forces),
             durations=variables.durations.ravel(),
-            momenta=variables.momentum.ravel(),
+            momenta=variables.momenta.ravel(),
             factor=float(variables.factor.sum()) if self._limits else 1.0,
             worst=(float(off[worst]), rows.labels[worst]),
             shortfall=shortfall if holds else np.inf,
@@ -460,8 +463,8 @@ class JumpProgram:
         """Locked joints that bear too much, and have no rows, where variables and directions are ``raw`` (size,)."""
         variables = self.split(raw)
         factor = float(variables.factor.sum()) if self._limits else 1.0
-        missing = self.node_rows.missing_rows((variables.y, variables.v, variables.a), variables.forces, factor)
-        return tuple(name for name in missing if name != Label.CLEAR)
+        motion = (variables.y, variables.v, variables.a)
+        return self.node_rows.missing_rows(motion, variables.forces, factor).locked_joints
 
     @property
     def box(self) -> Array:
@@ -471,7 +474,7 @@ class JumpProgram:
     @property
     def labels(self) -> list[str]:
         """What the bounds of the variables and directions are about; "" where that is no limit."""
-        of_nodes = np.searchsorted(self.starts[1:-1], np.arange(self.nodes), "right")
+        of_nodes = np.searchsorted(self.first_nodes[1:-1], np.arange(self.nodes), "right")
         labels = self._shapes.limit_labels(self.phases, of_nodes, self.model.robot.joints)
         of_variables = np.concatenate([np.ravel(matrix, order="F") for matrix in labels.matrices()])
         return [*of_variables, *[""] * len(self.separation.start)]
@@ -482,15 +485,13 @@ class JumpProgram:
         other._warm = True
         return other
 
-    def extended(self, separation: Separation, extra: tuple[str, ...] = ()) -> Self:
+    def extended(self, separation: Separation, extra: ExtraRows) -> Self:
         """The same program with distances that it requires, and extra rows of what is left out at first."""
         other = copy(self)
         vars(other).pop("compiled", None)
         other.node_rows = copy(self.node_rows)
         other.node_rows.extra = extra
         other.separation = separation
-        if separation.lines:  # the shortfall lets it begin near a solution
-            other._iterations = ITERATIONS
         return other
 
     def motion(self, guess: Array) -> list[Array]:
@@ -514,7 +515,7 @@ class JumpProgram:
         guess = self._shapes.map(np.zeros)
         guess.y[:] = np.vstack((np.full(self.nodes, self.ends[0, 0]), joints))
         for index, rotation in zip(self.flights, np.diff(self.ends[:, 0]), strict=True):
-            begin, end = times[self.starts[np.clip([index - 1, index + 2], 0, len(self.phases))]]
+            begin, end = times[self.first_nodes[np.clip([index - 1, index + 2], 0, len(self.phases))]]
             share = np.clip((times - begin) / (end - begin), 0.0, 1.0)
             guess.y[0] += rotation * share**2 * (3 - 2 * share)
             guess.v[0] += rotation * 6 * share * (1 - share) / (end - begin)
@@ -531,7 +532,7 @@ class JumpProgram:
             for row, force in enumerate(solution.forces[index]):
                 guess.forces[index][row] = np.interp(own.shares, other.shares, force)
         guess.durations[:, 0] = solution.durations
-        guess.momentum[:, 0] = solution.momenta
+        guess.momenta[:, 0] = solution.momenta
         guess.factor[:] = solution.factor
         return self.join(guess)
 

@@ -15,7 +15,7 @@ from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import check_finite, read_json
 from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump import ARRAYS, FORMAT, Jump
-from floatplan.jumps.jump_motion import Hop
+from floatplan.jumps.jump_motion import NextFlight
 from floatplan.jumps.motion import Grid, Stance
 from floatplan.jumps.spatial.jump import ARRAYS_IN_SPACE, FORMAT_IN_SPACE, SpatialJump
 from floatplan.jumps.spatial.model import BASE
@@ -26,7 +26,7 @@ from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recor
 from floatplan.plans.record import POINT, TRIPLE, KeyedTable, RobotRecord, table
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict
-from floatplan.problem.jump import STEEPEST, JumpRequest
+from floatplan.problem.jump import LARGEST_FRICTION, JumpRequest
 from floatplan.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
@@ -62,13 +62,13 @@ STANCE_IN_SPACE = KeyedTable(
     {
         "side": one_of("takeoff", "landing"),
         "contacts": many(FOOT, "tables"),
-        "friction": number(Range(0.0, STEEPEST, "")),
+        "friction": number(Range(0.0, LARGEST_FRICTION, "")),
         "axes": one_of(*map("".join, itertools.permutations("xyz"))),
         **dict.fromkeys(ARRAYS_IN_SPACE, many(lambda value, _: value, "numbers")),
     },
     unknown=UNKNOWN,
 )
-HOP = KeyedTable(
+NEXT_FLIGHT = KeyedTable(
     {"plan": table, "shift": POINT, "stances": many(STANCE, "tables")},
     unknown=UNKNOWN,
 )
@@ -133,7 +133,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     for index, table_of_stance in enumerate(content["stances"]):
         stance = read_stance(table_of_stance, robot, problem.flight.gravity, f"stances[{index}]")
         sides[table_of_stance["side"]].append(stance)
-    more = _read_hops(content.get("flights", ()), path, urdf, robot, problem.flight.gravity)
+    more = _read_next_flights(content.get("flights", ()), path, urdf, robot, problem.flight.gravity)
     if more and (is_spatial or flight is None):
         raise InputError("are of a jump in a plane that has a first one", element="flights")
     jump = (SpatialJump if is_spatial else Jump)(
@@ -154,27 +154,27 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
     return jump
 
 
-def _read_hops(
+def _read_next_flights(
     content: Sequence[Any], path: Path, urdf: str | Path | None, robot: Robot, gravity: float
-) -> tuple[Hop, ...]:
+) -> tuple[NextFlight, ...]:
     """Flights after the first, each with what follows it."""
-    many(HOP, "tables")(content, "flights")
+    many(NEXT_FLIGHT, "tables")(content, "flights")
     check_size(content, "flights", LARGEST)
-    hops = []
-    for index, table_of_hop in enumerate(content):
+    next_flights = []
+    for index, table_of_flight in enumerate(content):
         element = f"flights[{index}]"
         with _within(f"{element}.plan"):
-            plan = rebuild(record_from_dict(table_of_hop["plan"]), path, urdf)
+            plan = rebuild(record_from_dict(table_of_flight["plan"]), path, urdf)
         if plan.robot.sha256 != robot.sha256:
             raise InputError("is not of the robot of the first flight", element=f"{element}.plan.robot.sha256")
         stances = []
-        for count, table_of_stance in enumerate(table_of_hop["stances"]):
+        for count, table_of_stance in enumerate(table_of_flight["stances"]):
             stances.append(_read_stance(table_of_stance, robot, gravity, f"{element}.stances[{count}]"))
         if not stances:
             raise InputError("must follow the flight", element=f"{element}.stances")
-        along, up = table_of_hop["shift"]
-        hops.append(Hop(plan, (float(along), float(up)), tuple(stances)))
-    return tuple(hops)
+        along, up = table_of_flight["shift"]
+        next_flights.append(NextFlight(plan, (float(along), float(up)), tuple(stances)))
+    return tuple(next_flights)
 
 
 @contextmanager

@@ -23,8 +23,8 @@ from floatplan.jumps.contacts import (
     ground_below,
 )
 from floatplan.jumps.locked_joints import LockedJoints
-from floatplan.jumps.model import Pair, PlanarModel, casadi
-from floatplan.jumps.phases import Phase, axes_of, drifting, indices_of_flights
+from floatplan.jumps.model import Pair, PlanarModel, anchor_force, casadi, spread
+from floatplan.jumps.phases import Phase, axes_of, closing_count, indices_of_flights
 from floatplan.robot.standing import Spot, positions_from_com
 from floatplan.tables import POINT_FEET
 
@@ -69,7 +69,8 @@ class NodeLimits:
     velocity : (n,) rad/s
     position : (n, 2) rad
     friction : coefficient
-    locked : share of the efforts of locked joints that the program lets them bear: its margin of torques
+    torque_margin : share of torque limits that the program takes of what the request allows; of the efforts of locked
+        joints too, which it allows all of
     pressed : least vertical force over the weight, where more than one contact stands
     pitch_error : rad, by which the robot may be rotated about its feet where it lands, either way
     """
@@ -81,9 +82,27 @@ class NodeLimits:
     velocity: Array
     position: Array
     friction: float
-    locked: float
+    torque_margin: float
     pressed: float
     pitch_error: float
+
+
+@dataclass(frozen=True)
+class ExtraRows:
+    """Rows that programs have only where a solution has violated them.
+
+    Attributes
+    ----------
+    locked_joints : whose torques have rows
+    all_points : whether all points have rows in stances too, and not only those that are low where the robot stands
+    """
+
+    locked_joints: tuple[str, ...] = ()
+    all_points: bool = False
+
+    def __or__(self, other: ExtraRows) -> ExtraRows:
+        """Those of both."""
+        return ExtraRows((*self.locked_joints, *other.locked_joints), self.all_points or other.all_points)
 
 
 @dataclass
@@ -248,11 +267,16 @@ class NodeRows:
 
     Attributes
     ----------
-    extra : what has rows in addition: locked joints; Label.CLEAR, where all points have rows in stances too
-        None at first; ``JumpProgram.extended`` sets it in a copy.
+    model, phases, points, limits, ends : as passed
+    first_nodes : (phases + 1,) number of each phase's first node, and of the last node
+    flights : indices of the flights among the phases
+    weight, height : N, and of the centre of mass over the ground, where the robot stands, m
+    time_unit, momentum_unit : sqrt(height / g), s, and weight times height times that, kg m^2/s
+    least_heights : (points + feet,) m, of points over the ground, then of feet in the air
+    extra : rows in addition to those that all programs have; ``JumpProgram.extended`` sets it in a copy
     """
 
-    extra: tuple[str, ...] = ()
+    extra = ExtraRows()
 
     def __init__(
         self,
@@ -268,15 +292,15 @@ class NodeRows:
         self.points = points
         self.limits = limits
         self.ends = ends
-        self.starts = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))  # first nodes
+        self.first_nodes = np.concatenate(([0], np.cumsum([phase.intervals for phase in self.phases])))
         self.flights = indices_of_flights(self.phases)
         self._locked = LockedJoints(model)
         self._functions: dict[tuple[GroundContact, ...], Any] = {}
         self.weight = model.robot.mass * model.gravity  # [N]
         end = 0 if self.phases[0].contacts else -1
         self.height = -ground_below(model.robot, self.phases[end].anchor, ends[end])  # [m] of the centre of mass
-        self.unit = float(np.sqrt(self.height / model.gravity))  # [s]
-        self.momentum = self.weight * self.height * self.unit  # [kg m^2/s]
+        self.time_unit = float(np.sqrt(self.height / model.gravity))  # [s]
+        self.momentum_unit = self.weight * self.height * self.time_unit  # [kg m^2/s]
         dip = POINT_FEET / 2 if low_postures else 0.0
         self.least_heights = np.append(points.least, contact_depths(self.feet) - dip)  # [m] of the points, then of feet
         rounding = 1e-9  # [m]
@@ -296,7 +320,7 @@ class NodeRows:
 
     def standing(self, phase: Phase) -> Array:
         """Posture y (n+1,) rad in which the robot stands with the feet where a stance has them."""
-        posture: Array = self.ends[phase.hop + (phase.side == "landing")]
+        posture: Array = self.ends[phase.flight_number + (phase.side == "landing")]
         return posture
 
     @property
@@ -307,19 +331,19 @@ class NodeRows:
     def stance(self, phase: Phase) -> tuple[Any, list[Bound]]:
         """Function of a stance's node, and its rows' bounds.
 
-        It is (y, v, a, forces over weight, drifts) -> (rows, torques, load), the torques of :meth:`_motor_torques`. The
-        load is the ground's vertical force on all contacts over the weight.
-        The drifts are accelerations, (c,), that a chain's closures have, so that it is closed at both ends.
+        It is (y, v, a, forces over weight, closing accelerations) -> (rows, torques, load), the torques of
+        :meth:`_motor_torques`. The load is the ground's vertical force on all contacts over the weight. The closing
+        accelerations, (c,) over g, are those of feet that stand, so that their chain is closed at both ends.
         """
         ca = casadi()
         model = self.model
         forces = ca.SX.sym("forces", 2 * len(phase.others))
-        drifts = ca.SX.sym("drifts", drifting(phase))
+        closing_accelerations = ca.SX.sym("closing_accelerations", closing_count(phase))
         anchor = phase.anchor.spots[0]
-        own, pairs = balanced(model, phase, forces * self.weight)
+        own, pairs = anchor_force(model, phase, forces * self.weight)
         moments = model.moments(anchor, spread(phase.contacts, [own, *pairs]))
         rows: list[Row] = [(ca.sum1(moments) / (self.weight * self.height), Bound(0.0, 0.0, Label.BALANCE, "balance"))]
-        rows += self._closures(phase, drifts)
+        rows += self._closures(phase, closing_accelerations)
         rows += self._friction_rows(phase, own, pairs)
         for component in own:
             rows.append((component / self.weight, Bound(0.0, 0.0, Label.RELEASE, "release")))
@@ -330,7 +354,7 @@ class NodeRows:
         rows += self._height_rows(phase)
         output, bounds = _stacked(rows)
         load = model.com_from(anchor, 2)[1] / model.gravity + 1.0
-        function = model.function("stance", [output, self._motor_torques(moments), load], forces, drifts)
+        function = model.function("stance", [output, self._motor_torques(moments), load], forces, closing_accelerations)
         return function, bounds
 
     def _friction_rows(self, phase: Phase, own: Pair, pairs: Sequence[Pair]) -> list[Row]:
@@ -351,7 +375,7 @@ class NodeRows:
         anchor = phase.anchor.spots[0]
         ground = -phase.anchor.depth
         rows: list[Row] = []
-        near = np.flatnonzero(self.points.low | (Label.CLEAR in self.extra)).tolist()
+        near = np.flatnonzero(self.points.low | self.extra.all_points).tolist()
         if near:
             heights = model.positions(model.weights([self.points.spots[at] for at in near], anchor))[1]
             for height, least in zip(casadi().vertsplit(heights), self.least_heights[near].tolist(), strict=True):
@@ -401,11 +425,11 @@ class NodeRows:
                     feet.append(contact)
         return feet
 
-    def _closures(self, phase: Phase, drifts: Any) -> list[Row]:
+    def _closures(self, phase: Phase, closing_accelerations: Any) -> list[Row]:
         """Accelerations of the contacts but the anchor, and their positions and rates; of a heel the vertical ones."""
         anchor = phase.anchor.spots[0]
         model = self.model
-        unit = self.unit
+        unit = self.time_unit
         end = self.standing(phase)
         stand: list[Row] = []
         meet: list[Row] = []
@@ -415,9 +439,9 @@ class NodeRows:
             position, rate, acceleration = (model.positions(weights, order) for order in range(3))
             at_end = displacement(model.robot, anchor, spot, end)
             for k in axes_of(contact):
-                drift = 0.0 if contact.vertical else drifts[len(meet) // 2]
+                closing = 0.0 if contact.vertical else closing_accelerations[len(meet) // 2]
                 stands = Bound(0.0, 0.0, f"{contact.name} {Label.STANDS}", "stands")
-                stand.append((acceleration[k] * unit**2 - drift, stands))
+                stand.append((acceleration[k] * unit**2 - closing, stands))
                 if contact.vertical:  # its row says that the sole's angle, linear in y, does not accelerate
                     continue
                 meets = Bound(0.0, 0.0, f"{contact.name} {Label.MEETS}", "meets")
@@ -463,12 +487,12 @@ class NodeRows:
 
     def _locked_rows(self, contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[Row]:
         """Torques of locked joints over their efforts."""
-        names = [name for name in self.extra if name != Label.CLEAR]
-        shares = self._locked.shares(names, contacts, forces) / self.limits.locked
+        names = self.extra.locked_joints
+        shares = self._locked.shares(names, contacts, forces) / self.limits.torque_margin
         return [share_row(shares[row], f"effort of {name}, held") for row, name in enumerate(names)]
 
-    def missing_rows(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> tuple[str, ...]:
-        """What is beyond its bounds at nodes, but has no row yet: locked joints, of left and right one; Label.CLEAR.
+    def missing_rows(self, motion: Sequence[Array], forces: Sequence[Array], factor: float) -> ExtraRows:
+        """What is beyond its bounds at nodes, but has no row yet: locked joints, of left and right one; points.
 
         Parameters
         ----------
@@ -480,20 +504,20 @@ class NodeRows:
         names = list(self._locked.efforts)
         spots = self.points.spots
         least = self.least_heights[: len(spots)] - tolerance
+        are_low = False
         missing = dict[tuple[float, ...], str]()  # by shares at all nodes: those of left and right are the same
         shares = [np.zeros((len(names), 0))]
-        for phase, start, of_others in zip(self.phases, self.starts, forces, strict=False):
+        for phase, start, of_others in zip(self.phases, self.first_nodes, forces, strict=False):
             y, v, a = (values[:, start : start + phase.intervals + 1] for values in motion)
-            if phase.contacts and Label.CLEAR not in self.extra:
+            if phase.contacts and not self.extra.all_points:
                 heights = positions_from_com(self.model.robot, [*spots, phase.anchor.spots[0]], y).imag
-                if (heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any():
-                    missing[()] = Label.CLEAR
+                are_low |= bool((heights[:, :-1] - heights[:, -1:] + phase.anchor.depth < least).any())
             if names:
                 shares.append(np.abs(np.asarray(self._locked_shares(phase)(y, v, a, of_others))))
         for name, row in zip(names, np.concatenate(shares, axis=1), strict=True):
-            if name not in self.extra and row.max() > factor * self.limits.locked + tolerance:
+            if name not in self.extra.locked_joints and row.max() > factor * self.limits.torque_margin + tolerance:
                 missing.setdefault(tuple(row.round(3).tolist()), name)
-        return tuple(missing.values())
+        return ExtraRows(tuple(missing.values()), are_low)
 
     def _locked_shares(self, phase: Phase) -> Any:
         """Function (y, v, a, forces) -> torques over efforts of all locked joints; built once for its contacts."""
@@ -501,7 +525,7 @@ class NodeRows:
             forces = casadi().SX.sym("forces", 2 * len(phase.others))
             of_contacts: list[Pair] = []
             if phase.contacts:
-                own, pairs = balanced(self.model, phase, forces)
+                own, pairs = anchor_force(self.model, phase, forces)
                 of_contacts = [own, *pairs]
             shares = self._locked.shares(list(self._locked.efforts), phase.contacts, of_contacts)
             self._functions[phase.contacts] = self.model.function("locked_shares", [shares], forces)
@@ -521,7 +545,7 @@ class NodeRows:
         moments = model.moments(None, [])
         constant = Bound(0.0, 0.0, "angular momentum in flight")
         rows: list[Row] = [
-            (model.momentum() / self.momentum, constant),
+            (model.momentum() / self.momentum_unit, constant),
             (ca.sum1(moments) / (self.weight * self.height), constant),
             *self._torque_rows(moments),
             *self._locked_rows((), []),
@@ -550,26 +574,3 @@ def quadrature_step(values: Any, rates: Any, accelerations: Any, step: Any) -> A
     """Values (1, N) a step later, of a row (1, N+1) with its first and second derivatives, by Hermite's rule."""
     mean = step / 2 * (rates[:, :-1] + rates[:, 1:])
     return values[:, :-1] + mean + step**2 / 12 * (accelerations[:, :-1] - accelerations[:, 1:])
-
-
-def balanced(model: PlanarModel, phase: Phase, forces: Any) -> tuple[Pair, list[Pair]]:
-    """The anchor's force, by the balance of forces, and those of the others (2 others,), as pairs, N."""
-    pairs = [(forces[2 * k], forces[2 * k + 1]) for k in range(len(phase.others))]
-    x, z = model.com_from(phase.anchor.spots[0], 2)
-    mass = model.robot.mass
-    horizontal = mass * x
-    vertical = mass * (z + model.gravity)
-    for pair in pairs:
-        horizontal = horizontal - pair[0]
-        vertical = vertical - pair[1]
-    return (horizontal, vertical), pairs
-
-
-def spread(contacts: Sequence[GroundContact], forces: Sequence[Pair]) -> list[tuple[Spot, Pair]]:
-    """Forces of contacts shared evenly among the feet that are coupled: points, and the share of each."""
-    shared: list[tuple[Spot, Pair]] = []
-    for contact, (horizontal, vertical) in zip(contacts, forces, strict=True):
-        count = len(contact.spots)
-        share = (horizontal / count, vertical / count)
-        shared += [(spot, share) for spot in contact.spots]
-    return shared

@@ -176,14 +176,14 @@ class Separation:
         before = node_rows.phases[index - 1].anchor
         home = self.robot.frames[before.frame]
         from_frame = model.positions(model.weights([before.spots[0]], Spot(home.body, home.local)))
-        takeoff = [array[:, steps * int(node_rows.starts[index])] for array in state]
+        takeoff = [array[:, steps * int(node_rows.first_nodes[index])] for array in state]
         x, z = call(model.function("from_frame", from_frame), *takeoff)
         x = x + self.origin[0]  # where the anchor stands
         z = z + self.origin[1]
         begins = ca.cumsum(ca.vertcat(0.0, durations))
         for number, phase in enumerate(node_rows.phases):
-            start = steps * int(node_rows.starts[number])
-            stop = steps * int(node_rows.starts[number + 1])
+            start = steps * int(node_rows.first_nodes[number])
+            stop = steps * int(node_rows.first_nodes[number + 1])
             in_phase = durations[number] * ca.DM(refined(phase.shares, steps)).T
             since = begins[number] - begins[index] + in_phase
             previous = node_rows.phases[number - 1] if number else phase
@@ -197,9 +197,9 @@ class Separation:
                 landing_com_x, _ = call(model.function("lands", model.com_from(after.anchor.spots[0])), *landing)
                 reference = x + com_x + vx * in_phase, z + com_z + vz * in_phase - model.gravity / 2 * in_phase**2
                 x = x + com_x + vx * durations[number] - landing_com_x
-                z = z - previous.anchor.depth - previous.ground + after.anchor.depth + after.ground
+                z = z - previous.anchor.depth - previous.rise + after.anchor.depth + after.rise
             else:
-                if phase.hop > previous.hop:  # between two flights
+                if phase.flight_number > previous.flight_number:  # between two flights
                     spots = (previous.anchor.spots[0], phase.anchor.spots[0])
                     beyond = displacement(self.robot, *spots, node_rows.standing(phase))
                     x = x + beyond[0]
@@ -317,8 +317,8 @@ class Separation:
         self, node_rows: NodeRows, since: Array, segments: Segments, lines: Sequence[SeparatingLine], swapped: bool
     ) -> tuple[SeparatingLine, ...]:
         """Lines with directions that separate as well as they can, or lead around on a side, in each interval."""
-        takeoff = node_rows.starts[node_rows.flights[0]]
-        landing = node_rows.starts[node_rows.flights[-1] + 1]
+        takeoff = node_rows.first_nodes[node_rows.flights[0]]
+        landing = node_rows.first_nodes[node_rows.flights[-1] + 1]
         directed = []
         for line in lines:
             other = self._shapes[line.other]
@@ -367,7 +367,7 @@ class Separation:
             return range(first, first + len(set(_middle_line(self._shapes[shape]))))
 
         of_phases = self._ends(node_rows, rows.at_nodes, motion, chosen, 1)
-        for phase, start, (_, x, z) in zip(node_rows.phases, node_rows.starts, of_phases, strict=False):
+        for phase, start, (_, x, z) in zip(node_rows.phases, node_rows.first_nodes, of_phases, strict=False):
             for line, angles in zip(self.lines, directions, strict=True):
                 in_phase = np.flatnonzero((line.intervals >= start) & (line.intervals < start + phase.intervals))
                 if not len(in_phase):

@@ -1,22 +1,17 @@
-"""From a problem and a request to the program of a jump: contacts, standing postures, phases, bounds, corrections.
-
-Programs are solved in rounds, each with rows for what the solution before violates: distances, efforts of locked
-joints.
-"""
+"""From a problem and a request to the program of a jump: contacts, standing postures, phases, bounds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.check import FIGURES
 from floatplan.jumps.contacts import (
     GroundContact,
     bent_ranges,
@@ -34,7 +29,7 @@ from floatplan.jumps.contacts import (
 )
 from floatplan.jumps.model import PlanarModel
 from floatplan.jumps.phases import (
-    FlightEnd,
+    FixedEnd,
     Phase,
     Side,
     in_sequence,
@@ -46,181 +41,16 @@ from floatplan.jumps.phases import (
     static_beyond_ranges,
 )
 from floatplan.jumps.program import JumpProgram
+from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.rows import NodeLimits, NodeRows
-from floatplan.jumps.separation import RESERVE, TOLERATED_SHORTFALL, Separation
-from floatplan.jumps.variables import FOOT_LIFT, ITERATIONS, JumpSolution
+from floatplan.jumps.separation import Separation
 from floatplan.problem.jump import Ending, JumpFlight, JumpRequest
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, positions_from_com
-from floatplan.tables import POINT_FEET
 
-CORRECTIONS = 2  # [-] programs after the first, each with more nodes and wider margins
-
-
-@dataclass(frozen=True)
-class NodeMargins:
-    """How much stricter the program is than the check, since it looks at its nodes alone.
-
-    Attributes
-    ----------
-    torque, velocity, friction : factors on what the request allows, at most 1; that of torques on locked joints' too
-    refinement : by which factor there are more nodes than usual
-    clearance : in addition to the requested clearance, m
-    range : from the ends of joint ranges, rad
-    reserve : in addition to margins of obstacles and links, m
-    pressed : least vertical force over the weight, where more than one contact stands
-    rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
-        Most landings do without them, and a program with them is slower and finds fewer jumps.
-    lift : of feet in the middle of the flight, m
-    dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
-    tilt : of the middle one of the base's angles, at most, rad; of jumps in space
-    """
-
-    torque: float
-    velocity: float
-    friction: float
-    refinement: float = 1.0
-    clearance: float = 0.0
-    range: float = 0.1
-    reserve: float = RESERVE
-    pressed: float = 0.05
-    rotated_landing: bool = False
-    lift: float = FOOT_LIFT
-    dip: float = POINT_FEET / 2
-    tilt: float = math.inf
-
-    def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
-        """More nodes, and less of what the figures of a check show too much of."""
-
-        def share(name: str, used: float) -> float:
-            over = figures.get(name, 0.0) / FIGURES[name].limit_of(request)
-            if over <= 1:
-                return used
-            return used * 0.97 / min(over, 1.25)  # a little less than what would just do, but not much at once
-
-        torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
-        friction = share("friction", self.friction)
-        if figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
-            friction *= 0.85  # where forces leave the cone between nodes
-        touchdown = figures.get("touchdown", 0.0)
-        # Where it lands rotated, the rows come first.
-        too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
-        too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
-        too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
-        return replace(
-            self,
-            torque=torque,
-            velocity=share("velocity", self.velocity),
-            friction=friction,
-            refinement=1.4 * self.refinement,
-            clearance=self.clearance + 1.5 * too_low,  # since the deepest point moves with the clearance
-            reserve=self.reserve - too_near,
-            lift=self.lift + 1.5 * too_deep,
-            dip=max(0.0, self.dip - 1.5 * too_deep),
-            pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
-            rotated_landing=self.rotated_landing or touchdown < 0.0,
-        )
-
-
-def solve_in_rounds(
-    first: JumpProgram, guess: Array, previous: JumpProgram | None = None
-) -> tuple[JumpProgram, JumpSolution]:
-    """Solve from a guess; again with rows for what the solution violates, until nothing is.
-
-    Those are distances that are too small, where either way around is tried, and what else should have been a row. A
-    solution whose distances fall short is where the next program begins, in which the shortfall costs more.
-
-    Parameters
-    ----------
-    first : JumpProgram
-    guess : (size,)
-    previous : the program that the guess comes from, or one that failed
-        Its distances and rows are required from the start.
-
-    Returns
-    -------
-    program : the last
-    solution : its own; not ``is_motion`` where something is violated
-    """
-    rounds = 8  # [-] at most after the first program
-    least_progress = 0.7  # [-] of the shortfall is left by the next program at most, or no other is tried
-    program = first
-    if previous is not None and (previous.separation.lines or previous.node_rows.extra):
-        separation = replace(first.separation, lines=previous.separation.lines).at(first.node_rows, first.motion(guess))
-        program = first.extended(separation, previous.node_rows.extra)
-    solution = program.solve(guess)
-    for _ in range(rounds):
-        if solution.overloaded:
-            program = first.extended(program.separation, (*program.node_rows.extra, *solution.overloaded))
-            solution = program.solve(first.resampled(solution, first.phases))
-            continue
-        shortfall = solution.shortfall
-        if shortfall == np.inf:
-            break
-        start = first.resampled(solution, first.phases)
-        wider = program.separation.wider(first.node_rows, first.motion(start), shortfall)
-        motion = (solution.y, solution.v, solution.a)
-        missing_rows = program.node_rows.missing_rows(motion, solution.forces, solution.factor)
-        if not wider and not missing_rows:
-            break
-        extra = (*program.node_rows.extra, *missing_rows)
-        candidates: list[tuple[JumpProgram, JumpSolution]] = []
-        for separation in wider or [program.separation]:
-            other = first.extended(separation, extra)
-            candidates.append((other, other.solve(start)))
-            if candidates[-1][1].is_motion:
-                break
-        program, solution = min(candidates, key=lambda candidate: candidate[1].shortfall)
-        if shortfall > TOLERATED_SHORTFALL and solution.shortfall > least_progress * shortfall:
-            break
-    return program, solution
-
-
-def solved_again(
-    finer: JumpProgram, program: JumpProgram, solution: JumpSolution
-) -> tuple[JumpProgram, JumpSolution] | None:
-    """Return a finer program and its solution from that of another one; None where it has none."""
-    solved = solve_in_rounds(finer, finer.resampled(solution, program.phases), program)
-    return solved if solved[1].is_motion else None
-
-
-Program = TypeVar("Program")
-Solution = TypeVar("Solution")
-Result = TypeVar("Result")
-
-
-def refined_until_checked(
-    margins: NodeMargins,
-    request: JumpRequest,
-    solved: tuple[Program, Solution],
-    program_of: Callable[[NodeMargins], Program],
-    complete: Callable[[Program, Solution], tuple[Result, Mapping[str, float] | None]],
-    again: Callable[[Program, Program, Solution], tuple[Program, Solution] | None],
-) -> Result:
-    """Return the result of a solution; where its check fails, of one with more nodes, and wider margins.
-
-    Parameters
-    ----------
-    margins : of the program that is solved
-    request : JumpRequest
-    solved : that program, and its solution
-    program_of : the same program with other margins
-    complete : the result of a solution, and the figures of its check where they fail; none where it came to no check
-    again : a program with its solution, from a coarser one and its solution; None where it has none
-    """
-    result, figures = complete(*solved)
-    for _ in range(CORRECTIONS):
-        if figures is None:
-            break
-        margins = margins.tightened(request, figures)
-        refined = again(program_of(margins), *solved)
-        if refined is None:
-            break
-        solved = refined
-        result, figures = complete(*solved)
-    return result
+Standing: TypeAlias = tuple[list[tuple[GroundContact, ...]], Array]  # contacts of a side's phases, and its posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,28 +64,28 @@ class Setup:
     phases : of the jump
     ends : (flights + 1, n+1) rad, orientation and joints where it stands before each flight and after the last; of one
         side alone where it meets the flight
-    ground : height of the ground over the centre of mass, standing, m
-    flight_ends : what is fixed at the flight's ends
-    momentum : of the flight, kg m^2/s, where it is fixed
+    ground_from_com : height of the ground over the centre of mass, standing, m
+    fixed_ends : what is fixed at the flight's ends
+    fixed_momentum : of the flight, kg m^2/s, where it is fixed
     """
 
     problem: Problem
     request: JumpRequest
     phases: tuple[Phase, ...]
     ends: Array
-    ground: float
-    flight_ends: tuple[FlightEnd, ...] = ()
-    momentum: float | None = None
+    ground_from_com: float
+    fixed_ends: tuple[FixedEnd, ...] = ()
+    fixed_momentum: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse feet that cannot stay where they stand."""
         for phase in self.phases:
             for contact in phase.others:
-                phase.own_joints(self.problem.robot.tree, contact)
+                phase.own_joints(self.problem.robot.tree, contact)  # raises where they are too few
 
     @property
     def base_rotation(self) -> float:
-        """Of the base, from where it stands to where it stands again, in whole turns, rad."""
+        """The rotation of the base from where it stands to where it stands again, whole turns of it, rad."""
         return math.tau * round(float(self.ends[-1, 0] - self.ends[0, 0]) / math.tau)
 
     @property
@@ -280,7 +110,7 @@ class Setup:
         problem = self.problem
         request = self.request
         feet = list(chain.from_iterable(phase.contacts for phase in self.phases))
-        postures = np.stack([*self.ends, *(end.y for end in self.flight_ends)])
+        postures = np.stack([*self.ends, *(end.y for end in self.fixed_ends)])
         ranges = bent_ranges(problem.robot, feet, postures, np.asarray(problem.position_limits))
         torque_share = request.margin["torque"] * margins.torque
         no_motor_limits = np.isinf(problem.motor_torque_limits).all()
@@ -292,22 +122,22 @@ class Setup:
             velocity=request.margin["velocity"] * margins.velocity * problem.velocity_limits,
             position=narrowed(ranges, margins.range),
             friction=margins.friction * request.friction,
-            locked=margins.torque,
+            torque_margin=margins.torque,
             pressed=margins.pressed,
             pitch_error=request.pitch_error if margins.rotated_landing else 0.0,
         )
         clearance = request.clearance + margins.clearance
-        points = clearance_points(problem.robot, feet, self.ground, self._stance_posture, clearance)
+        points = clearance_points(problem.robot, feet, self.ground_from_com, self._stance_posture, clearance)
         phases = [replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases]
         low_postures = []
-        for end in self.flight_ends:
+        for end in self.fixed_ends:
             stance = phases[self._flight + (1 if end.node else -1)]
             low_postures.append((stance.anchor, end.y))
         model = PlanarModel(problem.robot, float(problem.flight.gravity))
         return NodeRows(model, phases, points, limits, self.ends, low_postures)
 
-    def program(self, margins: NodeMargins, iterations: int = ITERATIONS) -> JumpProgram:
-        """Return the program with some margins, that is solved in so many iterations at most."""
+    def program(self, margins: NodeMargins) -> JumpProgram:
+        """Return the program with some margins."""
         problem = self.problem
         origin = problem.takeoff.planar_position
         separation = Separation(
@@ -321,12 +151,11 @@ class Setup:
         return JumpProgram(
             self.node_rows(margins),
             separation,
-            self.flight_ends,
-            self.momentum,
+            self.fixed_ends,
+            self.fixed_momentum,
             beyond=least_distance(problem.robot, self.request, self.phases[-1].contacts, self.ends[-1]),
             periodic=self.request.is_periodic,
             limits=self.request.objective == "limits",
-            iterations=iterations,
             lift=margins.lift,
         )
 
@@ -336,7 +165,7 @@ class Setup:
         takes_off = self.phases[self._flight - 1] if self._flight else self.phases[-1]
         home = self.problem.robot.frames[takes_off.anchor.frame]
         origin = positions_from_com(self.problem.robot, [Spot(home.body, home.local)], self._stance_posture)
-        return float(origin[0].imag - self.ground)
+        return float(origin[0].imag - self.ground_from_com)
 
 
 def narrowed(ranges: Array, margin: float) -> Array:
@@ -361,39 +190,43 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     flights = _flights(problem, request, turns)
     phases: list[Phase] = []
     ends: list[Array] = []
-    for hop, (own_turns, flight_bounds) in enumerate(flights):
+    sides: dict[tuple[Any, Any], tuple[Standing, Standing]] = {}  # by names of contacts
+    for number, (own_turns, flight_bounds) in enumerate(flights):
         takeoff, landing = _groups(problem, request, own_turns, before)
-        takeoff_contacts, start = _side(problem, request, "takeoff", takeoff, before)
-        after = _target_posture(problem, problem.final, request.landing.to, start)
-        landing_contacts, end = _side(problem, request, "landing", landing, after)
-        if not hop:
+        groups = (tuple(takeoff), tuple(landing))
+        if groups not in sides:  # flights with the same contacts stand in the same postures
+            takeoff_side = _side(problem, request, "takeoff", takeoff, before)
+            after = _target_posture(problem, problem.final, request.landing.to, takeoff_side[1])
+            sides[groups] = (takeoff_side, _side(problem, request, "landing", landing, after))
+        (takeoff_contacts, start), (landing_contacts, end) = sides[groups]
+        if not number:
             ends.append(start)
-            ground = ground_below(robot, takeoff_contacts[0][0], start)
-            unit = math.sqrt(-ground / float(problem.flight.gravity))
+            ground_from_com = ground_below(robot, takeoff_contacts[0][0], start)
+            unit = math.sqrt(-ground_from_com / float(problem.flight.gravity))
             _check_frames(problem, takeoff_contacts, landing_contacts)
-        is_last = hop == len(flights) - 1
+        is_last = number == len(flights) - 1
         of_takeoff = duration_bounds(request, "takeoff", len(takeoff))
         of_landing = duration_bounds(request, "landing", len(landing))
-        of_hop = [
+        of_flight = [
             *side_phases("takeoff", takeoff_contacts, unit, of_takeoff),
             *side_phases("flight", [()], unit, [flight_bounds], own_turns),
             *side_phases("landing", landing_contacts, unit, of_landing),
         ]
-        phases += [in_sequence(phase, hop, problem, request) for phase in of_hop]
+        phases += [in_sequence(phase, number, problem, request) for phase in of_flight]
         ends.append(_rotated(end if is_last else start, ends[-1][0] - start[0] + math.tau * own_turns))
     refuse_other_feet(phases, request.is_periodic)
-    flight_ends = []
+    fixed_ends = []
     for key, node, state in (("start", 0, problem.initial), ("goal", -1, problem.final)):
         if key in request.fixed:
-            flight_ends.append(FlightEnd(node, np.append(state.orientation, state.positions)))
+            fixed_ends.append(FixedEnd(node, np.append(state.orientation, state.positions)))
     return Setup(
         problem,
         request,
         tuple(phases),
         ends=np.stack(ends),
-        ground=ground,
-        flight_ends=tuple(flight_ends),
-        momentum=_fixed_momentum(problem, request),
+        ground_from_com=ground_from_com,
+        fixed_ends=tuple(fixed_ends),
+        fixed_momentum=_fixed_momentum(problem, request),
     )
 
 
@@ -503,9 +336,9 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
         if not takes_off:
             groups = groups[::-1]
     contacts, posture = _side(problem, request, side, groups, target)
-    ground = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
+    ground_from_com = ground_below(robot, contacts[0 if takes_off else -1][0], posture)
     time = problem.flight.duration
-    unit = math.sqrt(-ground / float(problem.flight.gravity))
+    unit = math.sqrt(-ground_from_com / float(problem.flight.gravity))
     phases = []
     for phase in side_phases(side, contacts, unit, [None] * len(contacts)):
         shortest = 0.15 * phase.duration  # since the flight is fixed, stances may have to be brief
@@ -513,7 +346,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     phases.insert(len(phases) if takes_off else 0, Phase("flight", (), time, (time, time), 0))
     standing = _rotated(posture, math.tau * round((meeting[0] - posture[0]) / math.tau))
     ends = np.stack((standing, meeting) if takes_off else (meeting, standing))
-    return Setup(problem, request, tuple(phases), ends, ground)
+    return Setup(problem, request, tuple(phases), ends, ground_from_com)
 
 
 def _over_frame(robot: Robot, frame: str, posture: Array) -> Array:
@@ -546,7 +379,7 @@ def _check_robot_stands(problem: Problem) -> None:
 
 def _side(
     problem: Problem, request: JumpRequest, side: Side, groups: Sequence[Sequence[str]], target: Array
-) -> tuple[list[tuple[GroundContact, ...]], Array]:
+) -> Standing:
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot = problem.robot
     takes_off = side == "takeoff"

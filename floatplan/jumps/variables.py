@@ -7,9 +7,9 @@ from typing import Any, Self
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.model import casadi
+from floatplan.jumps.model import anchor_force, casadi
 from floatplan.jumps.phases import Phase
-from floatplan.jumps.rows import NodeRows, Rows, balanced
+from floatplan.jumps.rows import NodeRows, Rows
 from floatplan.jumps.separation import TOLERATED_SHORTFALL
 from floatplan.tables import POINT_FEET
 
@@ -34,8 +34,9 @@ class ProgramSettings:
     abruptness : cost of the square of force over the weight beyond that; 3 to 100 make little difference
     rounding : of the weight, by which the corner of that cost is rounded
     largest_factor : that is looked for
-    violation : of constraints where IPOPT does not converge, scaled: less counts as a solution
-    converged_violation : the same where IPOPT converges
+    violation : of constraints, scaled, that IPOPT aims at; a last iterate with which it does not converge counts as a
+        solution where it is within that
+    converged_violation : the same where it does converge, if only to its acceptable level: rows may be off by more
     """
 
     cone_margin: float = 0.02
@@ -52,12 +53,12 @@ class ProgramSettings:
     converged_violation: float = 1e-6
 
 
-SETTINGS = ProgramSettings()
+PROGRAM = ProgramSettings()
 
 
 def ipopt_options(iterations: int, flight_is_fixed: bool, warm: bool) -> dict[str, Any]:
     """Options of IPOPT for programs of a few thousand variables."""
-    options = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": SETTINGS.violation}
+    options = {"print_level": 0, "sb": "yes", "tol": 1e-6, "constr_viol_tol": PROGRAM.violation}
     options["mu_strategy"] = "adaptive"
     options["max_hessian_perturbation"] = 1e6  # more takes seconds an iteration
     options["mumps_mem_percent"] = 20  # beyond what MUMPS expects: of ten times that, most time went to the system
@@ -79,9 +80,9 @@ class Variables:
     ----------
     y, v, a : (n+1, K+1) at all nodes
     forces : of each phase (2 (contacts - 1), nodes of the phase), N, of its contacts but the anchor
-    drifts : of each phase (conditions, 2) at its begin and end, scaled accelerations
+    closing_accelerations : of each phase (conditions, 2) at its begin and end, scaled accelerations
     durations : (phases, 1) s
-    momentum : (flights, 1) h of each flight, kg m^2/s
+    momenta : (flights, 1) h of each flight, kg m^2/s
     factor : (1, 1) on limits; (0, 1) where squared torques are minimised
     """
 
@@ -89,17 +90,17 @@ class Variables:
     v: Any
     a: Any
     forces: list[Any]
-    drifts: list[Any]
+    closing_accelerations: list[Any]
     durations: Any
-    momentum: Any
+    momenta: Any
     factor: Any
 
     @classmethod
     def of(cls, matrices: Sequence[Any]) -> Self:
         """Of all matrices in order."""
-        y, v, a, *of_phases, durations, momentum, factor = matrices
+        y, v, a, *of_phases, durations, momenta, factor = matrices
         count = len(of_phases) // 2
-        return cls(y, v, a, of_phases[:count], of_phases[count:], durations, momentum, factor)
+        return cls(y, v, a, of_phases[:count], of_phases[count:], durations, momenta, factor)
 
     def limit_labels(self, phases: Sequence[Phase], of_nodes: Iterable[int], joints: Sequence[str]) -> Self:
         """Of shapes, what bounds of variables are about; "" where that is no limit. Phases ``of_nodes`` are indices."""
@@ -114,7 +115,8 @@ class Variables:
 
     def matrices(self) -> list[Any]:
         """All in order."""
-        return [self.y, self.v, self.a, *self.forces, *self.drifts, self.durations, self.momentum, self.factor]
+        of_phases = [*self.forces, *self.closing_accelerations]
+        return [self.y, self.v, self.a, *of_phases, self.durations, self.momenta, self.factor]
 
     def map(self, function: Callable[[Any], Any]) -> Self:
         """What a function makes of each."""
@@ -159,11 +161,11 @@ class JumpSolution:
         return self.shortfall <= TOLERATED_SHORTFALL and not self.overloaded
 
 
-def bound_forces(box: Array, phase: Phase, inner: Phase, least: float) -> None:
+def bound_forces(box: Array, phase: Phase, towards_flight: Phase, least: float) -> None:
     """Set bounds (2, 2 others, nodes) N of forces: at ``least`` upwards, N; none where a contact leaves or comes."""
     box[0, 1::2] = least * phase.force_shares
     seam = -1 if phase.side == "takeoff" else 0
-    stays = [contact.name for contact in inner.contacts]
+    stays = [contact.name for contact in towards_flight.contacts]
     for row, contact in enumerate(phase.others):
         if contact.vertical:
             box[:, 2 * row] = 0.0
@@ -190,14 +192,14 @@ def add_meeting(rows: Rows, node_rows: NodeRows, index: int, variables: Variable
     if periodic and not following:
         change = (node_rows.ends[-1] - node_rows.ends[0], 0.0, 0.0)  # whole turns
         for order, (values, by) in enumerate(zip(motion, change, strict=True)):
-            rows.add(node_rows.unit**order * (values[:, -1] - values[:, 0] - by), 0.0, 0.0, "periodic")
+            rows.add(node_rows.time_unit**order * (values[:, -1] - values[:, 0] - by), 0.0, 0.0, "periodic")
     if not one.others:
         return
     forces = casadi().SX.sym("forces", 2 * len(one.others))
-    own, pairs = balanced(node_rows.model, one, forces)
+    own, pairs = anchor_force(node_rows.model, one, forces)
     by_name = dict(zip([contact.name for contact in one.contacts], [own, *pairs], strict=True))
     function = node_rows.model.function("horizontal", [by_name[two.others[0].name][0]], forces)
-    node = int(node_rows.starts[index + 1])
+    node = int(node_rows.first_nodes[index + 1])
     (before,) = rows.at_nodes(function, *(values[:, node] for values in motion), variables.forces[index][:, -1])
     after = variables.forces[following][0, 0]
     rows.add((before - after) / node_rows.weight, 0.0, 0.0, f"forces ({one.name})")
@@ -209,6 +211,6 @@ def onset_cost(load: Any, times: Any) -> Any:
     A foot that lands late is pressed down without a ground below it, and hits it the faster the more force it was to
     bear by then: what the load is beyond one weight in ``onset`` costs.
     """
-    beyond = load - times / SETTINGS.onset
-    positive = (beyond + casadi().sqrt(beyond**2 + SETTINGS.rounding**2)) / 2
-    return SETTINGS.abruptness * positive**2
+    beyond = load - times / PROGRAM.onset
+    positive = (beyond + casadi().sqrt(beyond**2 + PROGRAM.rounding**2)) / 2
+    return PROGRAM.abruptness * positive**2

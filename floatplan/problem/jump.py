@@ -17,7 +17,7 @@ Groups: TypeAlias = Sequence[tuple[str, ...]]
 Durations: TypeAlias = Sequence[Sequence[float]]
 
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
-STEEPEST = 10.0  # [-] of a friction coefficient
+LARGEST_FRICTION = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # [-] on each side of the flight
 MOST_FLIGHTS = 20  # [-] of a sequence: its program grows with each
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
@@ -180,9 +180,10 @@ class JumpRequest(Keyed):
         "auto": feet whose outlines are circles about their frames roll on the ground without slipping, others rotate
         about their frames' origins, where the ground's forces act; "rolling": all have to be such circles; "points", or
         "point": none rolls.
-    objective : "torque", the integral of squared torques, or "limits"
-        What is least; "limits" is the largest share of what the margins leave of any limit on torque, torque-speed
-        curve or rate, over the whole jump.
+    objective : "torque" or "limits"
+        What is least: "torque" is the integral of squared torques, in space the sum over nodes, without the times
+        between, of squared shares of the motors' limits; "limits", in a plane, the largest share of what the margins
+        leave of any limit on torque, torque-speed curve or rate, over the whole jump.
     clearance : float, m
         Of what does not stand from the ground, or half of its height where the robot stands if that is less: margin
         for a landing that is not as planned. The check asks for none.
@@ -201,7 +202,7 @@ class JumpRequest(Keyed):
         A value is wrong, or a foot would leave the ground and return, or come and leave again.
     """
 
-    friction: Annotated[float, Key(numbers=Range(LEAST, STEEPEST, ""))] = 0.6
+    friction: Annotated[float, Key(numbers=Range(LEAST, LARGEST_FRICTION, ""))] = 0.6
     margin: Annotated[Mapping[str, float], Key(numbers=Range(LEAST, 1.0, ""), check=_margin)] = field(
         default_factory=lambda: dict(MARGIN)
     )

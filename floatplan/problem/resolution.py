@@ -20,7 +20,15 @@ from floatplan.problem.ballistics import frame_from_com
 from floatplan.problem.parts import OBSTACLE_KINDS, JointState, JointValues
 from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.robot.robot import Frame, Robot
-from floatplan.tables import BOUNDARY, FLIGHT_EVENTS, JOINT_LIMITS, LIMIT_TABLE, MOST_OBSTACLES, STEEPEST, LimitRow
+from floatplan.tables import (
+    BOUNDARY,
+    FLIGHT_EVENTS,
+    JOINT_LIMITS,
+    LARGEST_MIDDLE_ANGLE,
+    LIMIT_TABLE,
+    MOST_OBSTACLES,
+    LimitRow,
+)
 
 MOST_DISTANCES = 800  # [-] between shapes of links and obstacles
 MOST_JOINTS = 60  # [-] that are planned: humanoids without their hands have about 30
@@ -354,7 +362,7 @@ def attitude_errors(start: JointState, goal: JointState) -> Iterator[InputError]
     if axes := goal.attitude.axes:
         for element, attitude in (("start", start.attitude), ("goal", goal.attitude)):
             second = float(attitude.angles_about(axes)[1])
-            if tilt(axes, second) > STEEPEST:
+            if tilt(axes, second) > LARGEST_MIDDLE_ANGLE:
                 reason = f"its second angle about {axes!r} is {math.degrees(second):.4g} degrees"
                 near = "-70 to 70" if axes[0] != axes[2] else "20 to 160"
                 other = "rotate about other axes, the largest rotation's first, or give the goal as a quaternion"

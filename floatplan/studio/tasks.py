@@ -12,7 +12,7 @@ import floatplan as fp
 from floatplan.arrays import Array, ComplexArray, IntArray
 from floatplan.errors import printable
 from floatplan.jumps.jump import Jump
-from floatplan.jumps.launch import launches
+from floatplan.jumps.launches.launch import launches
 from floatplan.planning.kernel_input.numbers import is_unconstrained_family
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned

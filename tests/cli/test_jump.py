@@ -9,9 +9,9 @@ import pytest
 from jumps import backflip
 
 import floatplan as fp
-from floatplan.jumps import launch as launching
 from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
+from floatplan.jumps.launches import launch as launching
 from floatplan.jumps.launches.result import Launch
 
 

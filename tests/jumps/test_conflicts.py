@@ -41,9 +41,10 @@ CASES = {
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
-def test_what_was_made_too_small_stands_in_the_way(name):
+def test_what_was_made_too_small_stands_in_the_way(name, monkeypatch):
     make, request, kind, most = CASES[name]
-    program = jump_setup(replace(make(), jump=request), request).program(MARGINS, iterations=60)
+    monkeypatch.setattr("floatplan.jumps.program.ITERATIONS", 60)
+    program = jump_setup(replace(make(), jump=request), request).program(MARGINS)
     timed = ("duration of (takeoff",) if request.takeoff.durations else ()
     gives = elastic_conflicts(program, program.solve(program.guess()), timed)
     assert kind in [each.kind for each in gives[:most]], gives

@@ -10,7 +10,7 @@ import pytest
 
 import floatplan as fp
 from floatplan.jumps.launches import in_space
-from floatplan.jumps.setup import NodeMargins
+from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
@@ -173,14 +173,14 @@ def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
     request = replace(problem.jump, margin={"torque": 0.85, "velocity": 0.7})
     monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=0.95, velocity=1.2, friction=0.85))
-    completed = planner.completed
+    jump_of_solution = planner.jump_of_solution
     jumps = []
 
     def recorded(*arguments):
-        jumps.append(completed(*arguments))
+        jumps.append(jump_of_solution(*arguments))
         return jumps[-1]
 
-    monkeypatch.setattr(planner, "completed", recorded)
+    monkeypatch.setattr(planner, "jump_of_solution", recorded)
     messages = []
     jump = planner.jump_in_space(problem, request, 0, 1, messages.append)
     assert not jumps[0].ok

@@ -9,7 +9,7 @@ from jumps import backflip, go2_problem
 
 import floatplan as fp
 from floatplan.jumps.check import limit_shares, sentences_on
-from floatplan.jumps.launch import launch
+from floatplan.jumps.launches.launch import launch
 from floatplan.jumps.launches.result import largest_user
 from floatplan.jumps.motion import JumpState
 from floatplan.jumps.program import JumpProgram

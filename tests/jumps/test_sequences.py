@@ -125,7 +125,7 @@ def test_a_sequence_turns_on_from_flight_to_flight():
     assert setup.phases[-3].bounds == (0.1, 0.2)
     program = setup.program(MARGINS)
     y, _, _, durations = program.motion(program.guess())
-    at_meetings = [int(program.starts[index]) for index in (5, 10)]
+    at_meetings = [int(program.first_nodes[index]) for index in (5, 10)]
     assert y[0, at_meetings] == pytest.approx([-TURN, -2 * TURN])
     assert len(durations) == 15
 

@@ -8,7 +8,8 @@ from legged_samples import leg, legged
 import floatplan as fp
 from floatplan.jumps import planner
 from floatplan.jumps.planner import jump_of_solution
-from floatplan.jumps.setup import jump_setup, solve_in_rounds
+from floatplan.jumps.rounds import solve_in_rounds
+from floatplan.jumps.setup import jump_setup
 from floatplan.problem.parts import Flight
 
 

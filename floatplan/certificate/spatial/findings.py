@@ -25,7 +25,7 @@ from floatplan.certificate.spatial.flight import MOST_CELLS_UNKNOWN, SpatialEncl
 from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.plans.record import PlanRecord
 from floatplan.plans.verdicts import Finding, Kind, Subject
-from floatplan.tables import A_TURN_OFF, CLEARANCE, ORIENTATION, STEEPEST
+from floatplan.tables import A_TURN_OFF, CLEARANCE, LARGEST_MIDDLE_ANGLE, ORIENTATION
 
 SHARP = 1e-10  # [rad] of a residual that more cells do not make much smaller
 TILT = 1e-2  # [rad] by which the tilt may pass its limit between the instants at which the search sees it
@@ -118,11 +118,12 @@ def _turn_findings(record: PlanRecord, flight: SpatialEnclosure) -> list[Finding
     entry = Taylor(
         np.ascontiguousarray(matrices.c[..., first, third].transpose(2, 0, 1)), matrices.entries[..., first, third]
     )
-    (least,) = least_of([LimitedQuantity("goal", ("tilt",), entry, math.sin(STEEPEST + TILT))], flight.cells)
+    sine = math.sin(LARGEST_MIDDLE_ANGLE + TILT)
+    (least,) = least_of([LimitedQuantity("goal", ("tilt",), entry, sine)], flight.cells)
     sine, attained = -least.bound, -least.attained
     tilt = math.asin(min(1.0, sine)) + SEEN if sine >= 0.0 else math.inf
     seen = math.asin(max(0.0, min(1.0, attained))) - SEEN
-    tilts = at_most("goal", ("tilt",), tilt, seen, STEEPEST, TILT, least.instant)
+    tilts = at_most("goal", ("tilt",), tilt, seen, LARGEST_MIDDLE_ANGLE, TILT, least.instant)
     cosine = math.sqrt(max(0.0, 1.0 - sine * sine))
     turns: Finding = Finding("goal", ("turns",), "undecided", math.inf, record.duration, 0.0, math.inf)
     if math.isfinite(flight.attitude.bound) and cosine > NEAR_A_QUARTER:

@@ -1,1 +1,1 @@
-"""What a search for a stance that meets a plan comes to, and the search in space."""
+"""Stances that meet a plan: a search for robots in a plane, which hands others on to one in space; and its result."""

@@ -23,7 +23,7 @@ from floatplan.jumps.spatial.exact import met_by_flight
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.phases import SpatialPhase, side_phases
-from floatplan.jumps.spatial.setup import phase_feet, standing_feet
+from floatplan.jumps.spatial.setup import feet_and_posture, phase_feet
 from floatplan.jumps.spatial.stance_search import StanceEnd, StanceResult, planned_stance, stance_setup
 from floatplan.jumps.spatial.standing import Foot, not_standing
 from floatplan.motion.planar.contact_rates import End
@@ -97,7 +97,7 @@ class SpatialLaunch:
 def launch_in_space(
     plan: Plan, request: JumpRequest, end: End, seed: int, starts: int, say: Callable[[str], None]
 ) -> Launch:
-    """Search for the stance that meets a plan in space; see :func:`floatplan.jumps.launch.launch`."""
+    """Search for the stance that meets a plan in space; see :func:`floatplan.jumps.launches.launch.launch`."""
     stance = _stance(plan, request, end)
     if isinstance(stance, Launch):
         return stance
@@ -146,7 +146,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
     """State the search; or the result, where the feet that stand at that end are not on one level."""
     problem = plan.problem
     robot = plan.robot
-    feet, joints, height = standing_feet(problem, request, end)
+    feet, joints, height = feet_and_posture(problem, request, end)
     time = 0.0 if end == "takeoff" else plan.duration
     coordinates = plan.full_motion(np.array([time])).coordinates
     rotation = pin.Quaternion(*coordinates.positions[0, [6, 3, 4, 5]]).matrix()

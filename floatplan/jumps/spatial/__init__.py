@@ -1,13 +1,14 @@
 """Jumps in space: rolls, twists and turns, from standing to standing, on feet that are points.
 
-In order of reading: standing and contacts say what stands where; model, pieces and program solve for the nodes; ends,
-pendulum and stances make motions of a solution, which the check of all jumps judges by their geometry; planner calls
-them.
+In order of reading: standing, phases and setup say what stands where; model, nodes, pieces and program are the program,
+guess is where it begins; coordinates, exact, pendulum and stance make motions of a solution; geometry and jump_motion
+are what the check judges; planner calls them; stance_search is one stance by itself, for launches and clips;
+conflicts says what binds; jump is the result.
 
 Glossary
 --------
-y, v, a : (6+n,) centre of mass, m, three Euler angles of the base and planned joints q, rad; their derivatives
-b, b', b'' : the same with the base's origin in position of the centre of mass
+y, v, a : (6+n,) centre of mass, m, three Euler angles of the base and planned joints q, rad; their derivatives; in
+    grids of stances, and in motions (3, 6+n, N), with the base's origin in position of the centre of mass
 axes : the letters of the angles' axes, R = R_a R_b R_c; chosen so that the middle one stays small
 node, border : an instant of the program; the one at which two phases meet
 kind : what holds at a node: which feet track their places, which arrive, which bear forces

@@ -14,19 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.errors import FloatplanError
+from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic, refined
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
-from floatplan.jumps.spatial.pendulum import Line, balanced
+from floatplan.jumps.spatial.pendulum import Line, balanced_about
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
-
-
-class NoExactStanceError(FloatplanError):
-    """A solution whose stances cannot be made exact."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -290,10 +286,10 @@ def _on_two_feet(
     """
     line = Line.through(places)
     others = {frame: position for frame, position in beyond.items() if frame not in places}
-    far = -1 - near if near == 0 else 0
+    far = -1 - near
     changed = motion.copy()
     for _ in range(30):
-        result = balanced(mechanics, line, times, changed, near)
+        result = balanced_about(mechanics, line, times, changed, near)
         at_junction = result[:, :, [far]]
         change = (mechanics.close(at_junction, others) - at_junction)[:, :, 0]
         scale = (times[-1] - times[0]) ** np.arange(3)

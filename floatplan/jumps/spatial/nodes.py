@@ -46,15 +46,15 @@ class NodeKind:
     side : of the flight, whose places feet have
     tracking : feet that stand, leave or touch down
     bearing : feet with forces
-    drift : of each foot that is tracking, what brings back what the steps let drift: 1 from the phase's begin on, -1
-        towards its end, 0 nothing
+    damping_signs : of each foot that tracks, the sign of the damping of what it is off: 1 decays with time, -1
+        backwards in time, 0 has no row
     fixed : how many of y, v and a are fixed there
     """
 
     side: str
     tracking: tuple[Foot, ...]
     bearing: tuple[Foot, ...]
-    drift: tuple[int, ...] = ()
+    damping_signs: tuple[int, ...] = ()
     fixed: int = 0
 
 

@@ -105,7 +105,7 @@ class Pendulum:
         return float(wrench[3:BASE] @ (back @ n) + (back.T @ wrench[:3]) @ across)
 
 
-def balanced(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:
+def balanced_about(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:
     """The motion (3, 6+n, G) turned about a line by an angle that begins with nothing at one end, 0 or -1.
 
     Its moment about the line vanishes.

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from floatplan.errors import InputError
+from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.flight import planned_flight
-from floatplan.jumps.setup import CORRECTIONS, NodeMargins, refined_until_checked
+from floatplan.jumps.rounds import CORRECTIONS, NodeMargins, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
-from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, flight_ends, stance_ends
+from floatplan.jumps.spatial.exact import exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
@@ -52,6 +53,7 @@ def jump_in_space(
     seed: int,
     starts: int,
     say: Callable[[str], None],
+    helps: bool,
     near: object = None,
 ) -> SpatialJump:
     """Plan a whole jump in space; see :func:`floatplan.jump`. One ``near`` is refused."""
@@ -75,7 +77,7 @@ def jump_in_space(
         return failed
     counted = "1 start" if starts == 1 else f"{starts} starts"
     explanation = f"No jump was found in {counted}."
-    if nearest is not None:
+    if nearest is not None and helps:
         say("what stands in the way")
         explanation += f" {shortfall(nearest.program, nearest.solution, problem)}"
     return SpatialJump(problem, request, explanation=explanation)
@@ -100,7 +102,7 @@ def solved_start(setup: SpatialSetup, seed: int, number: int, previous: Start | 
 
 
 def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:
-    """Return the jump of a start's solution; where its check fails, of one with more nodes, and wider margins.
+    """Return the jump of a start's solution; where its check fails, of one with more nodes, and stricter margins.
 
     Parameters
     ----------
@@ -120,14 +122,14 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
 
     def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[SpatialJump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
-        jump = completed(setup, program, solution, seed)
+        jump = jump_of_solution(setup, program, solution, seed)
         return jump, None if jump.ok else jump.check.figures
 
     solved = (start.program, start.solution)
     return refined_until_checked(start.margins, setup.request, solved, finer, complete, solved_again)
 
 
-def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int) -> SpatialJump:
+def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int) -> SpatialJump:
     """Return the jump of a solution: its flight planned, its stances exact from the flight's ends."""
     problem = setup.problem
     request = setup.request
@@ -154,6 +156,4 @@ def completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSol
     jump = SpatialJump(problem, request, plan, tuple(before), tuple(after), status="found")
     check = jump.check
     sentence = "The stances hold at 2 kHz." if check.ok else f"Between the program's nodes, {check.sentences[0]}."
-    explained = replace(jump, explanation=sentence)
-    vars(explained)["check"] = check
-    return explained
+    return jump.explained(sentence)

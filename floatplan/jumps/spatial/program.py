@@ -1,10 +1,10 @@
-"""The program of a jump in space over all phases: variables, rows, guess, and the search by IPOPT in two stages.
+"""The program of a jump in space over all phases: variables, rows, and IPOPT: one loose solve, then tight ones.
 
 A border of two phases is one node, at which feet that leave or arrive bear no force. Between nodes accelerations are
 linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
 ``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
-other sign of the velocity, since there the motion's end is fixed. The squared shares of torque limits, summed over
-nodes, are minimised.
+other sign of the velocity, since there the motion's end is fixed. The squares of the motors' shares of their torque
+limits are minimised, summed over nodes without the times between. Tight solves go on until all rows hold, four at most.
 """
 
 import itertools
@@ -18,6 +18,7 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.jumps.model import casadi
+from floatplan.jumps.phases import instants
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import NodeKind, SpatialBounds, SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase
@@ -82,18 +83,18 @@ class SpatialProgram:
             fixed = self.ends.fixed(end)
             bearing = () if self.ends.flies[end] else phase.feet
             tracking = phase.feet if fixed < 3 else ()
-            return NodeKind(phase.side, tracking, bearing, self._drift(node, tracking), fixed)
+            return NodeKind(phase.side, tracking, bearing, self._damping_signs(node, tracking), fixed)
         if not len(border):
             phase = self.phases[self.phase_of[node]]
-            return NodeKind(phase.side, phase.feet, phase.feet, self._drift(node, phase.feet))
+            return NodeKind(phase.side, phase.feet, phase.feet, self._damping_signs(node, phase.feet))
         before = self.phases[int(border[0]) - 1]
         after = self.phases[int(border[0])]
         bearing = tuple(foot for foot in before.feet if foot in after.feet)
         arrives = after.side == "landing" or set(before.feet) < set(after.feet)
         phase = after if arrives else before
-        return NodeKind(phase.side, phase.feet, bearing, self._drift(node, phase.feet))
+        return NodeKind(phase.side, phase.feet, bearing, self._damping_signs(node, phase.feet))
 
-    def _drift(self, node: int, feet: Sequence[Foot]) -> tuple[int, ...]:
+    def _damping_signs(self, node: int, feet: Sequence[Foot]) -> tuple[int, ...]:
         """What brings back the drift of each foot at a node; see :class:`NodeKind`.
 
         Where a foot stands from the first node on, its motion is fixed there, and drift decays with time; where it
@@ -102,14 +103,14 @@ class SpatialProgram:
         """
         middle = self.nodes // 2
         towards_end = node > middle
-        drift = []
+        signs = []
         for foot in feet:
             stands = [foot in phase.feet for phase in self.phases]
             if all(stands):
-                drift.append(0 if node in (middle, middle - 1) else (-1 if towards_end else 1))
+                signs.append(0 if node in (middle, middle - 1) else (-1 if towards_end else 1))
             else:
-                drift.append(-1 if stands[-1] and all(stands[self.phase_of[node] :]) else 1)
-        return tuple(drift)
+                signs.append(-1 if stands[-1] and all(stands[self.phase_of[node] :]) else 1)
+        return tuple(signs)
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -156,8 +157,8 @@ class SpatialProgram:
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
         uses_displacement = kind.side == "landing" and bool(kind.tracking)
-        for foot, drift in zip(kind.tracking, kind.drift, strict=True):
-            if not drift:
+        for foot, sign in zip(kind.tracking, kind.damping_signs, strict=True):
+            if not sign:
                 continue
             _, (position, velocity, acceleration) = model.foot(foot.name)
             stands = ca.SX(self.ends.places[kind.side][foot.name])
@@ -168,7 +169,7 @@ class SpatialProgram:
             for direction in self._directions(kind.side, foot):
                 along = ca.DM(direction).T
                 off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
-                pulled = change + drift * damping * speed + stiffness * off
+                pulled = change + sign * damping * speed + stiffness * off
                 rows.append((pulled / model.gravity, 0.0, 0.0, label))
         for foot in kind.bearing:
             share = shares[foot.name]
@@ -185,7 +186,9 @@ class SpatialProgram:
             rows += self._leverage_rows(kind)
             rows += self._distance_rows(kind)
             height_rows = self._height_rows(kind)
-        cost += 1e-5 * ca.sumsqr(model.a) + 1e-2 * sum((ca.sumsqr(share) for share in shares.values()), ca.SX(0))
+        smoothness = 1e-5  # [s^4/rad^2] 100 rad/s^2 cost as much as a motor with a third of its torque;
+        evenness = 1e-2  # [-] and so does a force of three weights
+        cost += smoothness * ca.sumsqr(model.a) + evenness * sum(map(ca.sumsqr, shares.values()), ca.SX(0))
         if self.reference is not None:
             nearness = 10.0  # [1/rad^2] a joint that is 0.1 rad off costs as much as a motor with a third of its torque
             cost += nearness * ca.sumsqr((model.y - parameters)[3:])
@@ -385,10 +388,7 @@ class SpatialProgram:
 
     def times(self, durations: Array) -> Array:
         """Instants (K+1,) of the nodes, s."""
-        times = [0.0]
-        for phase, duration in zip(self.phases, durations, strict=True):
-            times += (times[-1] + duration * phase.shares[1:]).tolist()
-        return np.array(times)
+        return instants(self.phases, durations)
 
     def resampled(self, solution: SpatialSolution, other: "SpatialProgram") -> Array:
         """Return the solution of another program of these phases, with other numbers of nodes, as a guess (size,)."""

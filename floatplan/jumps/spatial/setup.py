@@ -11,7 +11,8 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.phases import Side
-from floatplan.jumps.setup import NodeMargins, duration_bounds
+from floatplan.jumps.rounds import NodeMargins
+from floatplan.jumps.setup import duration_bounds, narrowed
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
@@ -33,7 +34,7 @@ from floatplan.problem.jump import Ending, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
-from floatplan.tables import POINT_FEET, STEEPEST
+from floatplan.tables import LARGEST_MIDDLE_ANGLE, POINT_FEET
 
 IN_PLANE = "is for jumps in a plane, so far"
 
@@ -75,12 +76,10 @@ class SpatialSetup:
         request = self.request
         torque_share = request.margin["torque"] * margins.torque
         torque = np.array(problem.motor_torque_limits)
-        if not np.isfinite(torque).any():
+        if not np.isfinite(torque).any():  # the first motors are those of the planned joints, in their order
             torque[: len(problem.torque_limits)] = problem.torque_limits
-        limits = np.asarray(problem.position_limits)
-        reserve = np.minimum(margins.range, np.ptp(limits, axis=1) / 4)
-        ranges = limits + np.stack((reserve, -reserve), axis=1)
-        standing = self.ends.y[:, 6:]
+        ranges = narrowed(np.asarray(problem.position_limits), margins.range)
+        standing = self.ends.y[:, BASE:]
         ranges[:, 0] = np.minimum(ranges[:, 0], standing.min(axis=0))
         ranges[:, 1] = np.maximum(ranges[:, 1], standing.max(axis=0))
         bounds = SpatialBounds(
@@ -114,7 +113,7 @@ class SpatialSetup:
         Where rotations are combined, it is much less: with the middle angle near 90 degrees they become half the flip,
         and the twist in the other direction about another axis.
         """
-        return math.radians(45.0) if self.is_combined else STEEPEST - math.radians(5.0)
+        return math.radians(45.0) if self.is_combined else LARGEST_MIDDLE_ANGLE - math.radians(5.0)
 
     @property
     def _lowest(self) -> float:
@@ -177,7 +176,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     return SpatialSetup(problem, request, axes, phases, ends, origin)
 
 
-def standing_feet(problem: Problem, request: JumpRequest, side: End) -> tuple[list[Foot], Array, float]:
+def feet_and_posture(problem: Problem, request: JumpRequest, side: End) -> tuple[list[Foot], Array, float]:
     """Return the feet on which a robot stands at a side of a jump, its joints (n,) there, and the height of its base.
 
     Raises

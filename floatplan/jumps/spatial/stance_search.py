@@ -12,10 +12,11 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.check import sentences_on, stance_figures, unlimited_figures
+from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic
-from floatplan.jumps.setup import NodeMargins, refined_until_checked
+from floatplan.jumps.rounds import NodeMargins, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
-from floatplan.jumps.spatial.exact import NoExactStanceError, exact_stances, stance_ends
+from floatplan.jumps.spatial.exact import exact_stances, stance_ends
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.nodes import SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase

@@ -30,7 +30,7 @@ from floatplan.kernel.structs import Struct, doubles, enumeration, integers, lay
 from floatplan.motion.quadrature import GaussLegendre, gauss_legendre
 from floatplan.motion.spatial.rotations import cross_matrix, of_quaternions, unwrapped_angles
 from floatplan.problem.attitude import Reorientation, tilt
-from floatplan.tables import A_TURN_OFF, STEEPEST
+from floatplan.tables import A_TURN_OFF, LARGEST_MIDDLE_ANGLE
 
 LEVELS = ((8, 6), (16, 5), (16, 8), (32, 8), (64, 8))  # cells and stages of the search, by levels
 TOLERANCES: dict[str, float] = {
@@ -279,6 +279,6 @@ def wrong_way(reorientation: Reorientation, attitudes: Array) -> str:
     if not off.max() < A_TURN_OFF:
         return "it makes other turns than are asked for"
     steepest = tilt(axes, angles[:, 1]).max()
-    if steepest > STEEPEST:
+    if steepest > LARGEST_MIDDLE_ANGLE:
         return f"it tilts by {np.degrees(steepest):.0f} degrees, near 90, where the other two angles are not defined"
     return ""

@@ -19,7 +19,7 @@ from floatplan.motion.spatial.attitude import LEVELS, TOLERANCES, Cells, cells
 from floatplan.motion.spatial.clearance import SpatialShapes
 from floatplan.motion.spatial.flight import SLOWEST, SpatialFlight
 from floatplan.planning.kernel_input.rows import Block, DistanceRows, KernelRows, Sums
-from floatplan.tables import A_TURN_OFF, STEEPEST
+from floatplan.tables import A_TURN_OFF, LARGEST_MIDDLE_ANGLE
 
 
 class SpatialRows(KernelRows):
@@ -101,7 +101,7 @@ def spatial_body(flight: SpatialFlight, momentum: MomentumSet, needs_rates: bool
         angles=None if axes is None else integers(list(map("xyz".index, axes))),
         change=doubles(flight.reorientation.change),
         wrong_turn=A_TURN_OFF,
-        most_tilt=STEEPEST,
+        most_tilt=LARGEST_MIDDLE_ANGLE,
         slowest=SLOWEST,
         momentum=doubles(momentum.centre),
         axes=doubles(momentum.axes),

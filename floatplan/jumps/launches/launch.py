@@ -20,16 +20,10 @@ from floatplan.jumps.launches.in_space import launch_in_space
 from floatplan.jumps.launches.result import LIMIT_WORDS, Launch, launch_of_stances
 from floatplan.jumps.model import PlanarModel, casadi
 from floatplan.jumps.motion import Grid, Stance, flight_state, quintic
-from floatplan.jumps.phases import FlightEnd, instants
+from floatplan.jumps.phases import FixedEnd, instants
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.setup import (
-    NodeMargins,
-    Setup,
-    refined_until_checked,
-    side_setup,
-    solve_in_rounds,
-    solved_again,
-)
+from floatplan.jumps.rounds import NodeMargins, refined_until_checked, solve_in_rounds, solved_again
+from floatplan.jumps.setup import Setup, side_setup
 from floatplan.jumps.variables import JumpSolution
 from floatplan.motion.planar.contact_rates import ContactEquations, End, rates_at
 from floatplan.plans.plan import Plan, as_plan
@@ -39,8 +33,9 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.tables import RELATIVE
 
 STARTS = 3  # [-] guesses that are tried, of which the best counts
-MARGINS = NodeMargins(1.0, 1.0, 0.95, 0.8, clearance=3e-3)  # of programs whose factor is minimised
-CALM_MARGINS = NodeMargins(0.95, 0.97, 0.8, clearance=3e-3)  # where squared torques are, within the limits
+# Of programs whose factor is minimised: what they take of limits is judged, not bounded.
+MARGINS = NodeMargins(torque=1.0, velocity=1.0, friction=0.95, refinement=0.8, clearance=3e-3)
+CALM_MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.8, clearance=3e-3)  # where squared torques are
 
 
 @one_thread
@@ -99,7 +94,7 @@ def launch(
         pitch_error=0.0,
     )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
-    setup, met = _setup_and_flight_end(plan, factor_request, end, np.append(state.orientation, state.positions))
+    setup, met = _setup_and_fixed_end(plan, factor_request, end, np.append(state.orientation, state.positions))
     rates, impossible = _least_rates(plan, setup, met, end)
     posture = []
     for name, angle in zip(plan.robot.joints, setup.ends[0 if end == "takeoff" else -1, 1:], strict=True):
@@ -108,7 +103,7 @@ def launch(
     result = impossible
     if result is None:
         problem = replace(plan.problem, obstacles=(), self_clearances=())
-        setup = replace(setup, problem=problem, flight_ends=(met,), momentum=plan.angular_momentum)
+        setup = replace(setup, problem=problem, fixed_ends=(met,), fixed_momentum=plan.angular_momentum)
         complete = partial(_launch_of_solution, plan, request, end)
         result = _search(setup, end, rates, complete, seed, starts, say)
     return replace(result, sentences=(*result.sentences, stands))
@@ -124,7 +119,7 @@ def _search(
     say: Callable[[str], None],
 ) -> Launch:
     """The best stance of all starts, from standing either way around."""
-    (met,) = setup.flight_ends
+    (met,) = setup.fixed_ends
     variants = [(variant, variant.program(MARGINS)) for variant in _either_way_around(setup, end)]
     results: list[Launch] = []
     solutions: list[Array] = []
@@ -150,19 +145,19 @@ def _search(
     return min(results, key=lambda result: (not result.ok, bool(result.broken), result.ratio), default=none)
 
 
-def _setup_and_flight_end(plan: Plan, request: JumpRequest, end: End, posture: Array) -> tuple[Setup, FlightEnd]:
+def _setup_and_fixed_end(plan: Plan, request: JumpRequest, end: End, posture: Array) -> tuple[Setup, FixedEnd]:
     """The stances to search for, and what is fixed where they meet the flight in a posture (1 + n,), rad.
 
     Feet that may roll are points where no rates roll them and points are possible: the flight's frame does not move.
     """
     setup = side_setup(plan.problem, request, end, posture)
-    flight_end = _flight_end(plan, setup, end)
-    if flight_end.v is None and request.feet == "auto":
+    fixed_end = _fixed_end(plan, setup, end)
+    if fixed_end.v is None and request.feet == "auto":
         on_points = side_setup(plan.problem, replace(request, feet="points"), end, posture)
-        end_on_points = _flight_end(plan, on_points, end)
+        end_on_points = _fixed_end(plan, on_points, end)
         if end_on_points.v is not None:
             return on_points, end_on_points
-    return setup, flight_end
+    return setup, fixed_end
 
 
 def _calmer(
@@ -232,7 +227,7 @@ def _say_of(end: str, progress: Callable[[str], None], words: str) -> None:
     progress(f"{end}, {words}")
 
 
-def _flight_end(plan: Plan, setup: Setup, end: str) -> FlightEnd:
+def _fixed_end(plan: Plan, setup: Setup, end: str) -> FixedEnd:
     """What a plan's takeoff or landing fixes; rates and accelerations where they are those of a foot that stands."""
     time = 0.0 if end == "takeoff" else plan.duration
     full = flight_state(plan, 0.0, np.array([time]))
@@ -251,7 +246,7 @@ def _flight_end(plan: Plan, setup: Setup, end: str) -> FlightEnd:
     stands = np.abs(velocity - state.com_velocity).max() < tolerance
     falls = stands and np.abs(acceleration + np.array([0.0, gravity])).max() * unit < tolerance
     horizontal, vertical = map(float, state.com_velocity)
-    return FlightEnd(
+    return FixedEnd(
         0 if end == "takeoff" else -1,
         y,
         v=v if stands else None,
@@ -279,7 +274,7 @@ def _launch_of_solution(
     return result, {} if result.ratio > 1 else others
 
 
-def _least_rates(plan: Plan, setup: Setup, met: FlightEnd, end: str) -> tuple[Array, Launch | None]:
+def _least_rates(plan: Plan, setup: Setup, met: FixedEnd, end: str) -> tuple[Array, Launch | None]:
     """Rates (n+1,) rad/s with which the flight is met, and the result where no stance is within their limits.
 
     At that instant what stands does not move, h is the flight's, and so is the velocity of the centre of mass:
@@ -312,7 +307,7 @@ def _least_rates(plan: Plan, setup: Setup, met: FlightEnd, end: str) -> tuple[Ar
     return rates[0], Launch(False, ratio, "velocity", joint, (sentence,), {}, impossible=True)
 
 
-def smooth_guess(program: JumpProgram, met: FlightEnd, rates: Array, shares: Array | float) -> Array:
+def smooth_guess(program: JumpProgram, met: FixedEnd, rates: Array, shares: Array | float) -> Array:
     """Return a guess (size,) of the program of one side, whose motion is a quintic from standing to the flight.
 
     Legs that stand follow from where their feet are; forces are those that balance the moments.
