@@ -119,6 +119,17 @@ def test_files_that_the_guide_names_are_there():
         assert (ROOT / name).is_file() or any(path.endswith(f"/{name}") for path in package), name
 
 
+def test_the_way_to_a_jump_names_what_there_is():
+    guide = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    way = guide.partition("\nFrom a request to a jump")[2].partition("\nThe kernel (")[0]
+    paths = [*(ROOT / "floatplan" / "jumps").rglob("*.py"), ROOT / "floatplan" / "planning" / "planner.py"]
+    nodes = [node for path in paths for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))]
+    defined = {node.name for node in nodes if isinstance(node, ast.FunctionDef | ast.ClassDef)}
+    named = re.findall(r"`([\w.]+?)(?:\(\))?`", way)
+    unknown = [name for name in named if not set(name.removeprefix("fp.").split(".")) <= defined]
+    assert (len(named) > 20, unknown) == (True, [])
+
+
 def test_the_version_is_the_project_s():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert floatplan.__version__ == project["version"]
