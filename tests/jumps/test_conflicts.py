@@ -8,7 +8,7 @@ from jumps import backflip, go2_problem
 
 import floatplan as fp
 from floatplan.jumps import planner
-from floatplan.jumps.conflicts import elastic_conflicts
+from floatplan.jumps.conflicts import Conflict, elastic_conflicts, relaxed
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 
@@ -48,6 +48,11 @@ def test_what_was_made_too_small_stands_in_the_way(name, monkeypatch):
     timed = ("duration of (takeoff",) if request.takeoff.durations else ()
     gives = elastic_conflicts(program, program.solve(program.guess()), timed)
     assert kind in [each.kind for each in gives[:most]], gives
+
+
+def test_a_limit_of_a_kind_that_nobody_relaxes_is_not_taken_for_a_distance():
+    with pytest.raises(AssertionError, match="'height'"):
+        relaxed(go2_problem(), [Conflict("height of base", "height", 0.1, 1.0)], 1.5)
 
 
 @pytest.mark.long

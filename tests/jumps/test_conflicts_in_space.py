@@ -15,7 +15,7 @@ import pytest
 import floatplan as fp
 from floatplan.jumps.spatial.conflicts import binding_limits
 from floatplan.jumps.spatial.guess import guess
-from floatplan.jumps.spatial.planner import MARGINS
+from floatplan.jumps.spatial.planner import MARGINS, Start, solved_start
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.setup import spatial_setup
 
@@ -91,6 +91,15 @@ def test_the_explanation_names_limits(quarter_turn: fp.Problem, monkeypatch: pyt
             raw[begin:][rates] = high[begin:][rates]
         return program.solution(raw, 0, False)
 
+    starts: list[Start] = []
+
+    def solved_once(*arguments: Any) -> Start:
+        """The start of the first search, in the second too."""
+        if not starts:
+            starts.append(solved_start(*arguments))
+        return starts[0]
+
+    monkeypatch.setattr("floatplan.jumps.spatial.planner.solved_start", solved_once)
     monkeypatch.setattr(SpatialProgram, "solve", end_at_once)
     monkeypatch.setattr("floatplan.jumps.spatial.planner.MARGINS", replace(MARGINS, refinement=0.4))
     result = fp.jump(problem, starts=1)
@@ -100,6 +109,7 @@ def test_the_explanation_names_limits(quarter_turn: fp.Problem, monkeypatch: pyt
     assert named is not None, result.explanation
     limit = quarter_turn.velocity_limits[problem.robot.joints.index(named[1])]
     assert float(named[2]) == pytest.approx(0.88e-3 * limit, rel=5e-3)
+    assert fp.jump(problem, starts=1, helps=False).explanation == "No jump was found in 1 start."
 
 
 @pytest.mark.long

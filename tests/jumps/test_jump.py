@@ -21,6 +21,7 @@ def test_it_is_found_and_checked():
     assert [phase.kind for phase in found.phases] == ["stance", "stance", "flight", "stance", "stance"]
     assert set(found.phases[1].contacts) == {"RL_foot", "RR_foot"}
     figures = found.check.figures
+    assert all(found.check.meanings[name] for name in figures)
     assert figures["residual"] < 1e-3
     assert figures["drift"] < 1e-6
     assert max(figures["takeoff_seam"], figures["landing_seam"]) < 1e-6

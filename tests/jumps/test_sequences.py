@@ -11,9 +11,10 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
+from floatplan.jumps import setup as setups
 from floatplan.jumps.check import check_jump
 from floatplan.jumps.contacts import GroundStep, edge_obstacles
-from floatplan.jumps.phases import grounds_below, refuse_other_feet
+from floatplan.jumps.phases import grounds_below, refuse_other_feet, standing_posture
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 from floatplan.keys import table_of
@@ -116,10 +117,13 @@ def test_problems_are_the_same_after_saving(root, tmp_path, name):
     assert table_of(again.jump) == table_of(problem.jump)
 
 
-def test_a_sequence_turns_on_from_flight_to_flight():
+def test_a_sequence_turns_on_from_flight_to_flight(monkeypatch):
     problem = go2_problem()
     flights = [JumpFlight(repeat=2), JumpFlight(turns=0, duration=(0.1, 0.2))]
+    searches = []
+    monkeypatch.setattr(setups, "standing_posture", lambda *words: searches.append(1) or standing_posture(*words))
     setup = jump_setup(problem, replace(problem.jump, flights=flights))
+    assert len(searches) == 2, "one for each side: all flights have the same contacts"
     assert [phase.side for phase in setup.phases].count("flight") == 3
     assert setup.ends[:, 0] == pytest.approx([0, -TURN, -2 * TURN, -2 * TURN])
     assert setup.phases[-3].bounds == (0.1, 0.2)
