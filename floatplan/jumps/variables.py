@@ -36,7 +36,8 @@ class ProgramSettings:
     largest_factor : that is looked for
     violation : of constraints, scaled, that IPOPT aims at; a last iterate with which it does not converge counts as a
         solution where it is within that
-    converged_violation : the same where it does converge, if only to its acceptable level: rows may be off by more
+    converged_violation : the same where it does converge; it relaxes bounds by 1e-8, so that rows which bind are off by
+        as much, 1.0000005e-8 for instance
     """
 
     cone_margin: float = 0.02
