@@ -19,13 +19,27 @@ from floatplan.jumps.check import FIGURES
 from floatplan.jumps.flight import scaled_limits
 from floatplan.jumps.model import casadi
 from floatplan.jumps.program import JumpProgram
-from floatplan.jumps.rows import Label
 from floatplan.jumps.variables import JumpSolution
 from floatplan.problem.jump import LARGEST_FRICTION, JumpRequest
 from floatplan.problem.problem import Problem
 
-# Of limits that are elastic; and "apart", of distances, which are not elastic: a program measures their shortfall.
-KINDS = ("torque", "velocity", "friction", "range", "duration", "ground")
+
+class LimitKind(NamedTuple):
+    """How labels of a kind's rows and bounds begin, before " of "; and the figures of a check that show it exceeded."""
+
+    labels: tuple[str, ...]
+    figures: tuple[str, ...] = ()
+
+
+# Of limits that are elastic. One more is "apart", of distances, which are not: a program measures their shortfall.
+KINDS = {
+    "torque": LimitKind(("torque", "torque-speed curve"), ("torque", "torque_speed")),
+    "velocity": LimitKind(("rate",), ("velocity",)),
+    "friction": LimitKind(("friction",), ("friction",)),
+    "range": LimitKind(("range",)),
+    "duration": LimitKind(("duration",)),
+    "ground": LimitKind(("clear", "height")),
+}
 
 
 @dataclass(frozen=True)
@@ -66,9 +80,7 @@ class Conflict(NamedTuple):
 def kind_of(label: str) -> str:
     """Which of the kinds of limits a row is about; something else where it is none."""
     words = label.partition(" of ")[0]
-    if label.startswith(Label.CLEAR):
-        return "ground"
-    return {"rate": "velocity", "torque-speed curve": "torque", "height": "ground"}.get(words, words)
+    return next((name for name, kind in KINDS.items() if words in kind.labels), words)
 
 
 def conflicting_limits(
@@ -282,12 +294,11 @@ def allowed(label: str, kind: str, problem: Problem) -> tuple[float, str]:
 
 def violated_kinds(request: JumpRequest, figures: Mapping[str, float]) -> list[Conflict]:
     """Return the kinds of limits that a check finds exceeded between nodes, with a share of 0."""
-    kinds = {"torque": "torque", "torque_speed": "torque", "velocity": "velocity", "friction": "friction"}
-    violated: dict[str, Conflict] = {}
-    for name, kind in kinds.items():
-        if figures.get(name, 0.0) > FIGURES[name].limit_of(request):
-            violated[kind] = Conflict(kind, kind, 0.0, 1.0)
-    return list(violated.values())
+    violated = []
+    for name, kind in KINDS.items():
+        if any(figures.get(figure, 0.0) > FIGURES[figure].limit_of(request) for figure in kind.figures):
+            violated.append(Conflict(name, name, 0.0, 1.0))
+    return violated
 
 
 def relaxed(problem: Problem, conflicts: Sequence[Conflict], beyond: float) -> tuple[str, Problem]:
