@@ -48,13 +48,9 @@ Row: TypeAlias = tuple[Any, Bound]  # a value, and its bounds
 
 
 class Label:
-    """What rows are about, in words that messages repeat."""
+    """What several kinds of rows are about, in words that messages repeat."""
 
     BALANCE = "balance of moments"
-    STANDS = "stands"
-    MEETS = "meets the ground"
-    RELEASE = "release"
-    PRESSED = "pressed on the ground"
     CLEAR = "clear of the ground"
 
 
@@ -346,9 +342,9 @@ class NodeRows:
         rows += self._closures(phase, closing_accelerations)
         rows += self._friction_rows(phase, own, pairs)
         for component in own:
-            rows.append((component / self.weight, Bound(0.0, 0.0, Label.RELEASE, "release")))
+            rows.append((component / self.weight, Bound(0.0, 0.0, "release", "release")))
         if phase.others:  # on one point the friction cone already forbids pulling
-            pressed = Bound(self.limits.pressed, np.inf, Label.PRESSED, "pressed")
+            pressed = Bound(self.limits.pressed, np.inf, "pressed on the ground", "pressed")
             rows.append((own[1] / self.weight, pressed))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
@@ -440,11 +436,11 @@ class NodeRows:
             at_end = displacement(model.robot, anchor, spot, end)
             for k in axes_of(contact):
                 closing = 0.0 if contact.vertical else closing_accelerations[len(meet) // 2]
-                stands = Bound(0.0, 0.0, f"{contact.name} {Label.STANDS}", "stands")
+                stands = Bound(0.0, 0.0, f"{contact.name} stands", "stands")
                 stand.append((acceleration[k] * unit**2 - closing, stands))
                 if contact.vertical:  # its row says that the sole's angle, linear in y, does not accelerate
                     continue
-                meets = Bound(0.0, 0.0, f"{contact.name} {Label.MEETS}", "meets")
+                meets = Bound(0.0, 0.0, f"{contact.name} meets the ground", "meets")
                 meet.append((position[k] - at_end[k], meets))
                 meet.append((rate[k] * unit, meets))
         return [*stand, *meet]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any, TypeAlias
@@ -182,7 +182,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     InputError
         No frame takes off, a contact cannot be one, there is no gravity, or no standing posture is found.
     """
-    _check_robot_stands(problem)
+    check_robot_stands(problem)
     robot = problem.robot
     turns = round(problem.final.orientation / math.tau) - round(problem.initial.orientation / math.tau)
     _refuse_impossible_ends(problem, turns)
@@ -203,7 +203,8 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
             ends.append(start)
             ground_from_com = ground_below(robot, takeoff_contacts[0][0], start)
             unit = math.sqrt(-ground_from_com / float(problem.flight.gravity))
-            _check_frames(problem, takeoff_contacts, landing_contacts)
+            before_flight = chain.from_iterable(takeoff_contacts)
+            check_frames(problem, _frames_of(before_flight), _frames_of(landing_contacts[0]))
         is_last = number == len(flights) - 1
         of_takeoff = duration_bounds(request, "takeoff", len(takeoff))
         of_landing = duration_bounds(request, "landing", len(landing))
@@ -282,18 +283,24 @@ def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
         raise InputError(reason, element="flight.landing.height", advice=advice)
 
 
-def _check_frames(
-    problem: Problem, takeoff: Sequence[tuple[GroundContact, ...]], landing: Sequence[tuple[GroundContact, ...]]
-) -> None:
-    """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
+def check_frames(problem: Problem, takeoff: Iterable[str], landing: Iterable[str]) -> None:
+    """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then.
+
+    Parameters
+    ----------
+    takeoff, landing : frames that stand before the flight, and where it lands
+    """
     flight = problem.flight
-    before = list(chain.from_iterable(takeoff))
-    for side, requested, contacts in (("takeoff", flight.takeoff, before), ("landing", flight.landing, landing[0])):
-        frames = list(dict.fromkeys(chain.from_iterable(contact.frames for contact in contacts)))
+    for side, requested, names in (("takeoff", flight.takeoff, takeoff), ("landing", flight.landing, landing)):
+        frames = list(dict.fromkeys(names))
         if requested is not None and requested.frame not in frames:
             reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
             advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
             raise InputError(reason, element=f"flight.{side}.frame", advice=advice)
+
+
+def _frames_of(contacts: Iterable[GroundContact]) -> list[str]:
+    return list(chain.from_iterable(contact.frames for contact in contacts))
 
 
 def _fixed_momentum(problem: Problem, request: JumpRequest) -> float | None:
@@ -321,7 +328,7 @@ def side_setup(problem: Problem, request: JumpRequest, side: Side, meeting: Arra
     """
     robot = problem.robot
     takes_off = side == "takeoff"
-    _check_robot_stands(problem)
+    check_robot_stands(problem)
     frame = problem.takeoff.frame if takes_off else problem.landing.frame
     _check_frame_stands(robot, frame, side)
     target = _target_posture(problem, problem.initial, request.takeoff.from_)
@@ -371,7 +378,8 @@ def _check_frame_stands(robot: Robot, frame: str, side: Side) -> None:
         raise InputError(reason, element=f"flight.{side}", advice="name a foot there")
 
 
-def _check_robot_stands(problem: Problem) -> None:
+def check_robot_stands(problem: Problem) -> None:
+    """Refuse a robot without shapes, and a world without gravity."""
     problem.robot.check_shapes()
     if not problem.flight.gravity > 0:
         raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
@@ -388,10 +396,7 @@ def _side(
     is_requested = isinstance(request.takeoff.from_ if takes_off else request.landing.to, Mapping)
     if is_requested:
         posture_key = "jump.takeoff.from" if takes_off else "jump.landing.to"
-        for joint, angle, (low, high) in zip(robot.joints, target[1:], problem.position_limits, strict=True):
-            if not low <= angle <= high:
-                reason = f"{angle:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
-                raise InputError(reason, element=f"{posture_key}.{joint}")
+        refuse_beyond_ranges(problem, target[1:], posture_key)
     contacts = [_contacts(robot, names, target, contacts_key, request.feet) for names in groups]
     most = 2  # contacts of a phase, of which forces and closures of a planar robot can be told apart
     if any(len(of_phase) > most for of_phase in contacts):
@@ -422,6 +427,14 @@ def _side(
     if floating:
         raise InputError(floating, element=contacts_key, advice="name what is on the ground where it stands")
     return contacts, posture
+
+
+def refuse_beyond_ranges(problem: Problem, joints: Array, key: str) -> None:
+    """Refuse positions (n,) rad of planned joints, requested by a key, that are outside of their ranges."""
+    for name, angle, (low, high) in zip(problem.robot.joints, joints, problem.position_limits, strict=True):
+        if not low <= angle <= high:
+            reason = f"{angle:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
+            raise InputError(reason, element=f"{key}.{name}")
 
 
 def duration_bounds(request: JumpRequest, side: Side, phases: int) -> list[tuple[float, float] | None]:

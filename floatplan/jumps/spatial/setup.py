@@ -12,7 +12,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.phases import Side
 from floatplan.jumps.rounds import NodeMargins
-from floatplan.jumps.setup import duration_bounds, narrowed
+from floatplan.jumps.setup import check_frames, check_robot_stands, duration_bounds, narrowed, refuse_beyond_ranges
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
@@ -166,7 +166,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     unit = math.sqrt(float(ends.y[0, 2]) / float(problem.flight.gravity))
     time = problem.flight.duration
     flight_bounds = (time, time) if "duration" in request.fixed else None
-    _check_frames(problem, takeoff, landing)
+    check_frames(problem, [foot.frame for foot in takeoff[0]], [foot.frame for foot in landing[0]])
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
@@ -195,10 +195,8 @@ def feet_and_posture(problem: Problem, request: JumpRequest, side: End) -> tuple
 
 
 def _check_robot_stands(problem: Problem, request: JumpRequest) -> None:
-    """Refuse a robot without shapes, a world without gravity, and feet that are to roll."""
-    problem.robot.check_shapes()
-    if not problem.flight.gravity > 0:
-        raise InputError("nothing stands without gravity", element="flight.gravity", advice="give it, as 9.81")
+    """Refuse what stands in no plane either, and feet that are to roll."""
+    check_robot_stands(problem)
     if request.feet == "rolling":
         advice = "leave it out: feet rotate about their frames' origins"
         raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
@@ -325,10 +323,7 @@ def _standing(
     key = f"jump.{'landing' if named_after else side}.contacts"
     if isinstance(requested, Mapping):
         key = "jump.takeoff.from" if side == "takeoff" else "jump.landing.to"
-        for name, angle, (low, high) in zip(robot.joints, target, problem.position_limits, strict=True):
-            if not low <= angle <= high:
-                reason = f"{angle:.4g} rad is outside the joint's range, {low:.4g} to {high:.4g} rad"
-                raise InputError(reason, element=f"{key}.{name}")
+        refuse_beyond_ranges(problem, target, key)
     joints, height = standing_joints(robot, feet, attitude, target, np.asarray(problem.position_limits))
     kinematics = Kinematics(robot)
     kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, joints)
@@ -384,14 +379,3 @@ def _ends(
         if not first.suffix:
             origin[2] = problem.takeoff.position[-1] - first.depth
     return SpatialEnds(np.array(rows), places, displacement), origin
-
-
-def _check_frames(problem: Problem, takeoff: Sequence[tuple[Foot, ...]], landing: Sequence[tuple[Foot, ...]]) -> None:
-    """Refuse a frame with which the flight is to take off, and which never stands; or to land, and not stand then."""
-    flight = problem.flight
-    for side, requested, feet in (("takeoff", flight.takeoff, takeoff[0]), ("landing", flight.landing, landing[0])):
-        frames = list(dict.fromkeys(foot.frame for foot in feet))
-        if requested is not None and requested.frame not in frames:
-            reason = f"{requested.frame!r} is not among what stands there in the jump: {', '.join(frames)}"
-            advice = f"name one of these, or leave it out; jump.{side}.contacts says what stands"
-            raise InputError(reason, element=f"flight.{side}.frame", advice=advice)
