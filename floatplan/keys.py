@@ -107,7 +107,7 @@ def _with_meanings(docstring: str, stated: Mapping[str, str]) -> str:
         lines.append(line)
         meaning = stated.get(line.partition(" : ")[0])
         if meaning:
-            lines.append(f"    {meaning}.")
+            lines.append(f"    {meaning.replace('`', '``')}.")
     return "\n".join(lines)
 
 

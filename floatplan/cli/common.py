@@ -67,7 +67,7 @@ def flag(text: str, *names: str) -> Any:
 
 
 def key_help(key: str, more: str = "", left_out: str | None = None) -> str:
-    """What an option says that stands for a key of files: the meaning, the unit or the bounds, and what is left out.
+    """What an option says that stands for a key of files: meaning, unit or bounds, and what holds if it is left out.
 
     Parameters
     ----------
