@@ -21,7 +21,6 @@ from floatplan.arrays import read_only
 from floatplan.errors import InputError, refuse, single
 from floatplan.tables import LEAST, RANGES, Range
 
-LARGEST_SEED = 2**63 - 1  # [-] the largest 64-bit integer
 MOST_NUMBERS = 8  # [-] of a list in a line
 LINE = 160  # [-] characters of one
 Name = TypeVar("Name")
@@ -124,8 +123,8 @@ def whole(allowed: Range, advice: str | None = None) -> Check:
 
 
 FINITE = number(Range(-math.inf, math.inf, ""))
-SEED = whole(Range(0, LARGEST_SEED, ""))
-TRIES = whole(Range(1, 1000, ""))
+SEED = whole(RANGES["seed"])
+TRIES = whole(RANGES["starts"])
 
 
 def optional(check: Check) -> Check:

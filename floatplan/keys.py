@@ -20,42 +20,16 @@ import numpy as np
 from floatplan import arguments
 from floatplan.arguments import Check, Checked, either
 from floatplan.errors import InputError, refuse
-from floatplan.tables import RANGES, Range
+from floatplan.tables import RANGES, Key, Range
 
-ANGLE = "rad or deg"
-RATE = "rad/s or deg/s"
-ACCELERATION = "rad/s^2 or deg/s^2"
 SHAPES: Mapping[Any, Any] = {Mapping: Mapping, Sequence: (list, tuple), Literal: str}  # by the origin of a type
 NAMES = {str: "a text", (list, tuple): "a list"}
 ORIGINS: Mapping[Any, Any] = {dict: Mapping, list: Sequence}  # of types, by those of values in files
 STEPS: Mapping[Any, str] = {Mapping: ".*", Sequence: "[]"}  # to what is inside, by the origin of a type
+PARAMETERS = "Parameters\n----------"  # the head of a docstring's section
 JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean"}
 
 Table = TypeVar("Table", bound="Keyed")
-
-
-@dataclass(frozen=True)
-class Key:
-    """A key, as metadata of its field's type.
-
-    Attributes
-    ----------
-    meaning : for a person; what the class's docstring says of the parameter, if left out
-    unit : empty where it has none; angles are in the file's unit
-    numbers : range of its numbers, or its key in :data:`floatplan.tables.RANGES`; that of its own name if left out, and
-        a pair without one has that of a position
-    check : of the field, where its type and its numbers do not say all
-    """
-
-    meaning: str = ""
-    unit: str = ""
-    numbers: str | Range = ""
-    check: Check | None = None
-
-    @property
-    def about(self) -> str:
-        """Meaning and unit."""
-        return f"{self.meaning} [{self.unit}]" if self.unit else self.meaning
 
 
 KIND = Key("Which kind it is")  # of a table that stands for one of several classes
@@ -90,6 +64,7 @@ class Keyed(Checked):
         for base in reversed(cls.__mro__):
             documented |= _parameters(base)
         keys: dict[str, Key] = {}
+        stated: dict[str, str] = {}
         own_hints = {}
         checks_of_keys = {}
         other_checks = {}
@@ -98,7 +73,8 @@ class Keyed(Checked):
                 continue
             kind, note = get_args(hint)
             if isinstance(note, Key):
-                keys[name] = replace(note, meaning=note.meaning or documented.get(name, ""))
+                keys[name] = replace(note, meaning=_meaning(note.meaning, documented.get(name, "")))
+                stated[name] = note.meaning
                 own_hints[name] = kind
                 checks_of_keys[name] = note.check or _check(kind, note.numbers or name)
             else:
@@ -106,12 +82,10 @@ class Keyed(Checked):
         cls.keys = keys
         cls.hints = own_hints
         cls.checks = checks_of_keys | other_checks
-        if cls.__doc__ and cls.keys and not _parameters(cls):
-            lines = [cleandoc(cls.__doc__) + "\n", "Parameters", "----------"]
-            for name, key in cls.keys.items():
-                unit = f" : {key.unit}".replace(" or deg", "") if key.unit else ""
-                lines.append(f"{name}{unit}\n    {key.meaning}.")
-            cls.__doc__ = "\n".join(lines)
+        if cls.__doc__ and cls.keys:
+            docstring = cleandoc(cls.__doc__)
+            is_listed = PARAMETERS in docstring
+            cls.__doc__ = _with_meanings(docstring, stated) if is_listed else _with_parameters(docstring, cls.keys)
 
     @classmethod
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:
@@ -119,9 +93,36 @@ class Keyed(Checked):
         return [(row, cls.keys[row.name]) for row in fields(cls) if row.name in cls.keys]  # type: ignore[arg-type]
 
 
+def _meaning(stated: str, documented: str) -> str:
+    """What a key's row states and a docstring goes on with; that of a base class has the former already."""
+    if not stated or not documented:
+        return stated or documented
+    return documented if documented.startswith(stated) else f"{stated}. {documented}"
+
+
+def _with_meanings(docstring: str, stated: Mapping[str, str]) -> str:
+    """A docstring with what the rows of keys state, each at the head of its parameter's paragraph."""
+    lines: list[str] = []
+    for line in docstring.splitlines():
+        lines.append(line)
+        meaning = stated.get(line.partition(" : ")[0])
+        if meaning:
+            lines.append(f"    {meaning.replace('`', '``')}.")
+    return "\n".join(lines)
+
+
+def _with_parameters(docstring: str, keys: Mapping[str, Key]) -> str:
+    """A docstring without parameters, and those that its keys describe."""
+    lines: list[str] = []
+    for name, key in keys.items():
+        unit = f" : {key.unit}".replace(" or deg", "") if key.unit else ""
+        lines.append(f"{name}{unit}\n    {key.meaning}.")
+    return "\n".join([f"{docstring}\n\n{PARAMETERS}", *lines])
+
+
 def _parameters(of: type) -> dict[str, str]:
     """What a docstring says of each parameter, without the full stop at the end."""
-    docstring = cleandoc(vars(of).get("__doc__") or "").partition("Parameters\n----------\n")[2]
+    docstring = cleandoc(vars(of).get("__doc__") or "").partition(f"{PARAMETERS}\n")[2]
     entries = re.findall(r"^(\w+) : .*\n((?: {4}.*(?:\n|$))+)", docstring.partition("\n\n")[0], re.MULTILINE)
     return {name: " ".join(text.split()).rstrip(".").replace("``", "`") for name, text in entries}
 
@@ -384,10 +385,9 @@ def _table(kind: type[Keyed], about: str) -> dict[str, Any]:
     needed = list(properties)
     for row, key in kind.keyed_fields():
         name = in_files(row.name)
-        allowed = key.numbers or row.name
-        limits = RANGES.get(allowed) if isinstance(allowed, str) else allowed
+        limits = key.bounds(row.name)
         bounds: dict[str, float] = {}
-        if limits and limits.unit == key.unit:
+        if limits is not None:
             bounds |= {"minimum": limits.low} if math.isfinite(limits.low) else {}
             bounds |= {"maximum": limits.high} if math.isfinite(limits.high) else {}
         properties[name] = {**_form(kind.hints[row.name], bounds), "description": key.about}

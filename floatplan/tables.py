@@ -1,11 +1,13 @@
-"""What a problem can limit and minimise, and how large its numbers may be: one row each, read by all rooms.
+"""What a problem can limit and minimise, how large its numbers may be, and what keys mean that several rooms describe.
 
-A row names its quantity as :class:`~floatplan.motion.dynamics.FlightState` does.
+One row each, read by all rooms, and by ``floatplan --help``: this module imports nothing that takes long. A row names
+its quantity as :class:`~floatplan.motion.dynamics.FlightState` does.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal, TypeAlias, get_args
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal, TypeAlias, get_args
 
 # What is satisfied: one tolerance for one statement, the same for search and certificate. The search aims inside its
 # constraints (``back_off`` of ``kernel/tolerances.py``); what it ends with is judged by these, as the certificate does.
@@ -70,12 +72,33 @@ OBJECTIVES: tuple[Objective, ...] = (
 )  # in a plane and in space, that need nothing but the problem
 
 
+# Names among which arguments and options choose, and what each stands for.
+Engine: TypeAlias = Literal["pinocchio", "mujoco"]
+Stances: TypeAlias = Literal["bent", "planned"]
+RepairName: TypeAlias = Literal["retime", "raise", "auto"]
+CHOICES: Mapping[str, Mapping[str, str]] = {
+    "method": {"kernel": "floatplan's own", "reference": "the paper's, in Python"},
+    "simulator": {"pinocchio": "in the air only", "mujoco": "on the ground too, as jumps need"},
+    "workers": {"processes": "of this machine", "dask": "for many machines"},
+    "stances": {"bent": "to meet the flights", "planned": "within friction, torques and rates, by CasADi"},
+    "repair": {
+        "retime": "postures and heights stay",
+        "raise": "the duration stays",
+        "auto": "retime where limits hold, else raise",
+    },
+    "quaternion": {"xyzw": "the scalar last", "wxyz": "the scalar first"},
+}
+
+
 def describe_objectives(mark: str = "") -> str:
     """Name, meaning and unit of all objectives in a line, each name between two marks."""
     rows = [f"{mark}{name}{mark}: {row.description} ({row.unit})" for name, row in OBJECTIVE_TABLE.items()]
     return "; ".join(rows)
 
 
+# What an angular momentum may be instead of a number: in a plane, and in a plane or in space.
+MomentumWordInPlane: TypeAlias = Literal["midpoint", "free"]
+MomentumWord: TypeAlias = Literal[MomentumWordInPlane, "suggested"]
 LimitKey: TypeAlias = Literal["velocity", "acceleration", "torque", "orientation_rate"]
 
 
@@ -121,6 +144,9 @@ JOINT_LIMITS: tuple[LimitRow, ...] = tuple(row for row in _LIMITS if row.of == "
 
 
 LEAST = math.ulp(0.0)  # the least number above zero
+LARGEST_SEED = 2**63 - 1  # [-] the largest 64-bit integer
+LOWEST_DEGREE = 5  # [-] that the six boundary conditions (13) take
+HIGHEST_DEGREE = 15  # [-] above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
 
 
 @dataclass(frozen=True)
@@ -165,4 +191,107 @@ RANGES: dict[str, Range] = {
     "armature": Range(0.0, 1e6, "kg m^2"),
     "mass": Range(1e-15, 1e9, "kg"),
     "damping": Range(0.0, 1e9, "N m s/rad"),
+    "friction": Range(0.0, 10.0, ""),
+    "edge": Range(-10.0, 10.0, "m"),
+    "degree": Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""),
+    "starts": Range(1, 1000, ""),  # of a search, a jump or a row of a study
+    "seed": Range(0, LARGEST_SEED, ""),
+    "count": Range(1, LARGEST_SEED, ""),  # of what a study has
+}
+
+ANGLE = "rad or deg"
+RATE = "rad/s or deg/s"
+ACCELERATION = "rad/s^2 or deg/s^2"
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a table in files, as metadata of its field's type.
+
+    Attributes
+    ----------
+    meaning : for a person; what the class's docstring says of the parameter follows it in files
+    unit : empty where it has none; angles are in the file's unit
+    numbers : range of its numbers, or its key in :data:`RANGES`; that of its own name if left out, and a pair without
+        one has that of a position
+    check : of the field, from a value and the element that a message names to the value stored, where its type and its
+        numbers do not say all
+    default : of the field, of a key in :data:`KEY_TABLE`
+    """
+
+    meaning: str = ""
+    unit: str = ""
+    numbers: str | Range = ""
+    check: Callable[[Any, str], Any] | None = None
+    default: Any = None
+
+    @property
+    def about(self) -> str:
+        """Meaning and unit."""
+        return f"{self.meaning} [{self.unit}]" if self.unit else self.meaning
+
+    def bounds(self, name: str = "") -> Range | None:
+        """Return the range that it names, or that of a name; None of angles, whose unit a file chooses."""
+        allowed = self.numbers or name
+        limits = RANGES.get(allowed) if isinstance(allowed, str) else allowed
+        return limits if limits is not None and limits.unit == self.unit else None
+
+    def with_check(self, check: Callable[[Any, str], Any]) -> "Key":
+        """Return the same key with a check of its own."""
+        return replace(self, check=check)
+
+
+# Keys of problem and study files that the command line has options for, by their paths. The records of files take
+# their rows from here, and say in their docstrings only what is of files.
+KEY_TABLE: Mapping[str, Key] = {
+    "angles": Key("Unit of all angles and rates", default="rad"),
+    "start": Key("Orientation and joints at takeoff"),
+    "goal": Key("Orientation and joints at landing"),
+    **dict.fromkeys(
+        ("start.velocities", "goal.velocities"),
+        Key(
+            'Rates of the joints, written as positions are; or "takeoff" at the start, "landing" at the goal: those '
+            "with which the frame leaves, or meets, the still ground",
+            RATE,
+            default=0.0,
+        ),
+    ),
+    **dict.fromkeys(
+        ("start.accelerations", "goal.accelerations"),
+        Key('Accelerations of the joints, written as positions are; or "free"', ACCELERATION, default=0.0),
+    ),
+    "flight.duration": Key("Time from takeoff to landing", "s", "duration"),
+    "flight.angular_momentum": Key(
+        'About the centre of mass: a number, in space three; or "midpoint", "suggested" or, chosen by the '
+        'search, "free"',
+        "kg m^2/s",
+        default="midpoint",
+    ),
+    "flight.takeoff.frame": Key("Link or joint that leaves the ground last"),
+    "flight.landing.frame": Key("Link or joint that meets the ground first"),
+    "flight.horizontal_velocity": Key("Of the centre of mass", "m/s", default=0.0),
+    "motion.degree": Key(
+        'Degree of the polynomials: one number for all joints, one for each, or "auto"', numbers="degree", default=7
+    ),
+    "motion.objective": Key(f"What is least. {describe_objectives('`')}", default="coefficients"),
+    "robot.plane": Key('Horizontal and vertical axis, such as "xz"; chosen by the joints where left out'),
+    "robot.coupled": Key(
+        'Joints that follow others: a leader\'s name, with a minus where mirrored; or "mirror", left and right'
+    ),
+    "robot.locked": Key("Joints that stay where they are, by name", "as `angles`; m of those that slide"),
+    "robot.reference": Key(
+        "Posture of an SRDF file next to the URDF, or keyframe of the MJCF, where joints not planned are locked"
+    ),
+    "robot.balance_inertias": Key(
+        "Inertias that no body can have get equal principal moments, as MuJoCo's balanceinertia does"
+    ),
+    **dict.fromkeys(
+        ("jump.takeoff.contacts", "jump.landing.contacts"),
+        Key("Frames that stand in each phase, one or two in order of time, with those coupled to them"),
+    ),
+    "jump.takeoff.from": Key("Posture in which it stands, the base level", ANGLE, "positions", default="standing"),
+    "jump.friction": Key(
+        "Coefficient of the ground's friction", numbers=Range(LEAST, RANGES["friction"].high, ""), default=0.6
+    ),
+    "result.folder": Key("Where results go, from the working directory; else runs/<name of the study>"),
 }

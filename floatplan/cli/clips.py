@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, cast
 
 import typer
 
@@ -16,11 +16,11 @@ from floatplan.cli import ExitCode, common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
+from floatplan.tables import CHOICES, HIGHEST_DEGREE, LOWEST_DEGREE, Stances
 
 if TYPE_CHECKING:
     from floatplan.clips.repaired_flight import Choice
 
-ENDINGS = (".csv", ".npz", ".pkl", ".pickle")  # of files of recorded motions
 MOST_CLIPS = 10_000  # [-] of one command
 
 Files = Annotated[list[Path], typer.Argument(metavar="CLIP|DIR..", help="Recorded motions, or folders of them.")]
@@ -28,7 +28,9 @@ Model = Annotated[str, option("FILE", "URDF or MJCF of the robot that moves.")]
 Format = Annotated[
     str | None, option("NAME", "Of the file; detected by its name and its keys if left out.", "--format")
 ]
-Quaternion = Annotated[str | None, option("ORDER", "Of a CSV: xyzw or wxyz; detected by the feet if left out.")]
+Quaternion = Annotated[
+    str | None, common.choice_option("quaternion", "Of a CSV: ", "; detected by the feet if left out", "ORDER")
+]
 Fps = Annotated[float | None, option("HZ", "Frames a second of a file that does not say it; 30 if left out.")]
 Feet = Annotated[str | None, option("LINKS", "The feet's links, with commas; detected by their shapes if left out.")]
 Report = Annotated[bool, flag("Write runs/<name>/report.html too: curves and faults, flight by flight.")]
@@ -79,20 +81,16 @@ def clip_repair(
     file: Annotated[Path, typer.Argument(metavar="CLIP", help="A recorded motion.")],
     model: Model,
     choice: Annotated[
-        str,
-        option(
-            "NAME|SHARE", "'retime', 'raise', 'auto' (retime where limits hold, else raise), or from 0 to 1 between."
-        ),
+        str, common.choice_option("repair", more="; or from 0, the first, to 1, the second", metavar="NAME|SHARE")
     ] = "auto",
     flights: Annotated[
         str | None, option("N,..", "Flights to repair, from 0; the unphysical ones if left out.")
     ] = None,
     degree: Annotated[
-        int | None, option("K", "Of the polynomials; by the duration if left out.", min=6, max=15)
+        int | None,
+        option("K", "Of the polynomials; by the duration if left out.", min=LOWEST_DEGREE + 1, max=HIGHEST_DEGREE),
     ] = None,
-    stances: Annotated[
-        str, option("NAME", "'bent' to meet the flights, or 'planned', within friction, torques and rates: CasADi.")
-    ] = "bent",
+    stances: Annotated[str, common.choice_option("stances")] = "bent",
     report: Annotated[bool, flag("Write runs/<name>_repaired/report.html too: it plays both side by side.")] = False,
     rate: Annotated[float | None, option("HZ", "Frames a second of the output; the clip's own if left out.")] = None,
     problem: Annotated[int | None, option("N", "Write flight N as a problem file instead, and its reference.")] = None,
@@ -113,7 +111,6 @@ def clip_repair(
     """
     from floatplan.arguments import one_of
     from floatplan.clips.formats import LARGEST_CLIP
-    from floatplan.clips.repair import Stances
     from floatplan.clips.writing import write_clip
     from floatplan.files import read_regular, write_atomically
 
@@ -123,7 +120,7 @@ def clip_repair(
     )
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
-    way = cast("Stances", one_of(*get_args(Stances))(stances, "--stances"))
+    way = cast("Stances", one_of(*CHOICES["stances"])(stances, "--stances"))
     if way == "planned":
         common.needs_casadi("--stances")
     with progress("repairing", quiet):
@@ -162,10 +159,10 @@ def bench(
             "mass=5%,friction=20%,armature=0.005,noise=0.1deg,delay=4ms if left out.",
         ),
     ] = None,
-    friction: Annotated[float | None, option("MU", "Of the ground; 0.8 if left out.")] = None,
+    friction: Annotated[float | None, common.key_option("MU", "jump.friction", left_out="0.8")] = None,
     kp: Annotated[str | None, option("K|J=K,..", "Stiffness, N m/rad, of all joints or by name.")] = None,
     kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Of the robots and their noise.")] = 0,
+    seed: Annotated[int, common.count_option("seed", "Of the robots and their noise.")] = 0,
     form: Format = None,
     quaternion: Quaternion = None,
     fps: Fps = None,
@@ -250,12 +247,14 @@ def _numbers(words: str | None) -> tuple[int, ...] | None:
 
 def _clip_files(files: Sequence[Path]) -> list[Path]:
     """The files themselves, and those in folders, in the order of their names."""
+    from floatplan.clips.formats import CONTENTS
+
     clips: list[Path] = []
     for path in files:
         if path.is_dir():
-            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in ENDINGS)
+            inside = sorted(file for file in path.iterdir() if file.suffix.lower() in CONTENTS)
             if not inside:
-                raise InputError("holds no recorded motion", source=path, advice=f"these end in {', '.join(ENDINGS)}")
+                raise InputError("holds no recorded motion", source=path, advice=f"these end in {', '.join(CONTENTS)}")
             clips += inside
         else:
             clips.append(path)

@@ -19,6 +19,7 @@ from floatplan.cli.progress import log_on_stderr, progress
 from floatplan.cli.study import merge, studio, study
 from floatplan.errors import InputError, naming
 from floatplan.files import runs_folder
+from floatplan.tables import CHOICES
 
 COMPARISON_BUDGET = 2.0  # [s] for the plan that the figures are compared with
 
@@ -31,8 +32,8 @@ app = typer.Typer(
 )
 
 Source = Annotated[str, common.argument("PROBLEM.toml|ROBOT.urdf", "A problem file, or a robot.")]
-Seed = Annotated[int, typer.Option(min=0, help="Of the starts after the first.")]
-Starts = Annotated[int, typer.Option(min=1, max=1000, help="How many are tried.")]
+Seed = Annotated[int, common.count_option("seed", "Of the starts after the first.")]
+Starts = Annotated[int, common.count_option("starts", "How many are tried.", has_most=True)]
 
 
 def main() -> None:
@@ -72,12 +73,10 @@ def plan(
     figures: Annotated[bool, flag("Draw pictures too, into figures/.", "--figures/--no-figures")] = False,
     report: Annotated[bool, flag("Write report.html too: a page that plays the plan.", "--report")] = False,
     rate: Annotated[float, option("HZ", "Rows per second of trajectory.csv.")] = 1000.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the random starts.")] = 0,
-    starts: Annotated[int, typer.Option(min=1, help="Searches to make; the best plan is the result.")] = 1,
+    seed: Annotated[int, common.count_option("seed", "Of the random starts.")] = 0,
+    starts: Annotated[int, common.count_option("starts", "Searches to make; the best plan is the result.")] = 1,
     budget: Annotated[float | None, option("S", "Time after which no new search begins, s.")] = None,
-    method: Annotated[
-        str, option("NAME", "The planner: kernel, or reference, which is the paper's in Python.")
-    ] = "kernel",
+    method: Annotated[str, common.choice_option("method", "The planner: ")] = "kernel",
     certify: Annotated[
         bool, flag("Prove the plan, and put the certificate into its file.", "--certify/--no-certify")
     ] = True,
@@ -96,7 +95,7 @@ def plan(
     from floatplan.cli.results import ResultFile, check_directory, write_problem, write_results
     from floatplan.plans.trajectory import sample_times
 
-    one_of("kernel", "reference")(method, "--method")
+    one_of(*CHOICES["method"])(method, "--method")
     if method == "reference" and (starts != 1 or budget is not None):
         reason = "the reference method takes no --starts or --budget"
         raise InputError(reason, element="--method", advice="leave these out")
@@ -215,7 +214,7 @@ def launch(
     plan_file: common.PlanFile,
     urdf: common.Urdf = None,
     landing: Annotated[bool, flag("From the plan's landing to standing still, instead.", "--landing")] = False,
-    friction: Annotated[float | None, option("MU", "Of the ground; the problem's, or 0.6, if left out.")] = None,
+    friction: Annotated[float | None, common.key_option("MU", "jump.friction")] = None,
     seed: Seed = 0,
     starts: Starts = 3,
     json_output: common.Json = False,

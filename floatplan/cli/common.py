@@ -21,7 +21,7 @@ import floatplan as fp
 from floatplan.cli import ExitCode
 from floatplan.errors import PACKAGE, FloatplanError, InputError, escaped, near, printable
 from floatplan.files import is_file, read_json
-from floatplan.tables import describe_objectives
+from floatplan.tables import CHOICES, KEY_TABLE, RANGES
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -66,6 +66,46 @@ def flag(text: str, *names: str) -> Any:
     return typer.Option(*names, help=text)
 
 
+def key_help(key: str, more: str = "", left_out: str | None = None) -> str:
+    """What an option says that stands for a key of files: meaning, unit or bounds, and what holds if it is left out.
+
+    Parameters
+    ----------
+    key : of :data:`floatplan.tables.KEY_TABLE`
+    more : sentences that only the option needs, such as how it is typed
+    left_out : what holds without the option; by default the file's value, or the key's own default without a file
+    """
+    row = KEY_TABLE[key]
+    bounds = row.bounds()
+    default = f"{row.default:g}" if isinstance(row.default, float) else row.default
+    if left_out is None:
+        left_out = "" if default is None else f"the file's, else {default}"
+    facts = [row.unit if bounds is None else str(bounds), f"left out: {left_out}" if left_out else ""]
+    about = "; ".join(filter(None, facts))
+    sentences = [f"{row.meaning}.", more, f"[{about}]" if about else ""]
+    return " ".join(filter(None, sentences)).replace("`", "")
+
+
+def key_option(metavar: str, key: str, *names: str, more: str = "", left_out: str | None = None) -> Any:
+    """An option of a command that stands for a key of files; see :func:`key_help`."""
+    return option(metavar, key_help(key, more, left_out), *names)
+
+
+def choice_option(choices: str, lead: str = "", more: str = "", metavar: str = "NAME") -> Any:
+    """An option that takes one of the names of :data:`floatplan.tables.CHOICES`."""
+    *first, last = [f"'{name}' ({meaning})" for name, meaning in CHOICES[choices].items()]
+    return option(metavar, f"{lead}{', '.join(first)} or {last}{more}.")
+
+
+def count_option(numbers: str, text: str, *, has_most: bool = False) -> Any:
+    """An option that takes a whole number in a range of :data:`floatplan.tables.RANGES`.
+
+    More than the most is refused here where it ``has_most``; elsewhere by the function that the command calls.
+    """
+    allowed = RANGES[numbers]
+    return typer.Option(min=int(allowed.low), max=int(allowed.high) if has_most else None, help=text)
+
+
 MODEL = "URDF or MJCF of what reads the file: it has its joints, bodies and actuators, in its order."
 RobotSource = Annotated[
     str, argument("ROBOT", "A URDF, xacro or MJCF file, example-robot-data:PATH, or a NAME_description.")
@@ -88,51 +128,47 @@ def typed_option(name: str) -> str:
 
 
 class KeyOption(NamedTuple):
-    """An option that stands for a key of problem files: how its value is shown, what it is, the key, its type.
+    """An option that stands for a key of problem files: how its value is shown, the key, its type, what is its own.
 
     One of type ``bool`` is a flag.
     """
 
     metavar: str
-    help: str
     key: str
     kind: type = str
+    more: str = ""
+
+    @property
+    def help(self) -> str:
+        """What the key's row says, and the option's own sentence."""
+        return key_help(self.key, self.more)
 
 
 OPTIONS = {
-    "start": KeyOption("O,Q1,..", "Orientation, then the joints, at takeoff: -90,0,0 or '-90 0 0'.", "start"),
-    "goal": KeyOption("O,Q1,..", "The same at landing.", "goal"),
-    "duration": KeyOption("S", "Time of flight, s.", "flight.duration", float),
-    "start_velocities": KeyOption("V1,..", "Of the joints at takeoff.", "start.velocities"),
-    "goal_velocities": KeyOption("V1,..", "Of the joints at landing.", "goal.velocities"),
-    "start_accelerations": KeyOption("A1,..", "Of the joints at takeoff.", "start.accelerations"),
-    "goal_accelerations": KeyOption("A1,..", "Of the joints at landing.", "goal.accelerations"),
-    "angular_momentum": KeyOption("H", "kg m^2/s, or 'midpoint' (the default), or 'free'.", "flight.angular_momentum"),
-    "takeoff": KeyOption("FRAME", "Frame that leaves the ground last.", "flight.takeoff.frame"),
-    "landing": KeyOption("FRAME", "Frame that lands first.", "flight.landing.frame"),
-    "horizontal_velocity": KeyOption("V", "Of the centre of mass, m/s.", "flight.horizontal_velocity", float),
-    "degree": KeyOption("K", "Of the polynomials: one number, one per joint, or auto.", "motion.degree"),
-    "objective": KeyOption(
-        "NAME", f"What is least; the first if left out. {describe_objectives()}.", "motion.objective"
-    ),
+    "start": KeyOption("O,Q1,..", "start", more="Typed in this order: -90,0,0 or '-90 0 0'."),
+    "goal": KeyOption("O,Q1,..", "goal", more="Typed as --start."),
+    "duration": KeyOption("S", "flight.duration", float),
+    "start_velocities": KeyOption("V1,..", "start.velocities"),
+    "goal_velocities": KeyOption("V1,..", "goal.velocities"),
+    "start_accelerations": KeyOption("A1,..", "start.accelerations"),
+    "goal_accelerations": KeyOption("A1,..", "goal.accelerations"),
+    "angular_momentum": KeyOption("H", "flight.angular_momentum"),
+    "takeoff": KeyOption("FRAME", "flight.takeoff.frame"),
+    "landing": KeyOption("FRAME", "flight.landing.frame"),
+    "horizontal_velocity": KeyOption("V", "flight.horizontal_velocity", float),
+    "degree": KeyOption("K", "motion.degree"),
+    "objective": KeyOption("NAME", "motion.objective"),
 }
 ROBOT_OPTIONS = {
-    "plane": KeyOption("XZ", "The plane's axes, where the URDF leaves a choice.", "robot.plane"),
-    "coupled": KeyOption(
-        "F=L,..", "Joints that follow others: F=L, F=-L, F=0.5*L; or 'mirror': left and right.", "robot.coupled"
-    ),
-    "locked": KeyOption("J=A,..", "Joints that stay at an angle.", "robot.locked"),
-    "reference": KeyOption("NAME", "Posture of the SRDF file next to the URDF, for other joints.", "robot.reference"),
-    "balance_inertias": KeyOption(
-        "",
-        "Give inertias that no body can have equal moments, as MuJoCo's balanceinertia does.",
-        "robot.balance_inertias",
-        bool,
-    ),
+    "plane": KeyOption("XZ", "robot.plane"),
+    "coupled": KeyOption("F=L,..", "robot.coupled", more="Typed F=L, F=-L or F=0.5*L."),
+    "locked": KeyOption("J=A,..", "robot.locked"),
+    "reference": KeyOption("NAME", "robot.reference"),
+    "balance_inertias": KeyOption("", "robot.balance_inertias", bool),
 }
 Options = Annotated[Mapping[str, Any], OPTIONS]  # the options of the command line, as typed
 RobotOptions = Annotated[Mapping[str, Any], ROBOT_OPTIONS]
-Degrees = Annotated[bool, flag("Unit of all angles and rates on this command line.", "--degrees/--radians")]
+Degrees = Annotated[bool, flag(f"{KEY_TABLE['angles'].meaning} on this command line.", "--degrees/--radians")]
 
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:

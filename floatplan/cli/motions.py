@@ -10,8 +10,6 @@ from itertools import compress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
-import typer
-
 import floatplan as fp
 from floatplan.cli import common
 from floatplan.cli.common import flag, option
@@ -26,6 +24,12 @@ FlightPages = Annotated[
         "Put flights.html, with its pictures, into this folder; of a jump report.html and flight.gif too.",
         "--output",
         "-o",
+    ),
+]
+Engine = Annotated[
+    str | None,
+    common.choice_option(
+        "simulator", "The simulator: ", "; the former if left out, but of jumps, which need the latter"
     ),
 ]
 Feedback = Annotated[
@@ -74,9 +78,7 @@ def certify(
 def replay(
     motion_file: common.MotionFile,
     urdf: common.Urdf = None,
-    engine: Annotated[
-        str | None, option("NAME", "'pinocchio', the default, or 'mujoco'; of jumps always this.")
-    ] = None,
+    engine: Engine = None,
     perturb: Errors = "",
     feedback: Feedback = None,
     step: Annotated[float | None, option("S", "Longest step of MuJoCo, s; 5e-4 if left out.")] = None,
@@ -97,8 +99,10 @@ def replay(
         float,
         option("S", "Time after which no flight begins, s; with --replan on a plan, flights under way are dropped."),
     ] = 60.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of their errors and noise.")] = 0,
-    friction: Annotated[float | None, option("MU", "Of a jump's ground; that of its problem if left out.")] = None,
+    seed: Annotated[int, common.count_option("seed", "Of their errors and noise.")] = 0,
+    friction: Annotated[
+        float | None, common.key_option("MU", "jump.friction", more="For jumps only.", left_out="that of the problem")
+    ] = None,
     kp: JumpStiffness = None,
     kd: Annotated[str | None, option("K|J=K,..", "Their damping, N m s/rad.")] = None,
     authority: Annotated[

@@ -185,7 +185,8 @@ def _as_typed(error: InputError, options: Options, source: str) -> InputError:
     if isinstance(error, ProblemError):
         return ProblemError([_as_typed(single, options, source) for single in error.errors])
     key_path = error.element or ""
-    for option, (*_, key, _) in sorted(OPTIONS.items(), key=lambda item: -len(item[1].key)):
+    for option, row in sorted(OPTIONS.items(), key=lambda item: -len(item[1].key)):
+        key = row.key
         beyond = key_path.removeprefix(key).removeprefix(".")
         if key_path.startswith(key) and (source == SOURCE or option in options):
             element = ": ".join(filter(None, (f"--{option.replace('_', '-')}", beyond)))

@@ -13,7 +13,7 @@ import typer
 
 import floatplan as fp
 from floatplan.cli import common
-from floatplan.cli.common import flag, option
+from floatplan.cli.common import count_option, flag, key_option, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, install_advice
 from floatplan.files import json_value, write_atomically
@@ -23,6 +23,26 @@ if TYPE_CHECKING:
     from floatplan.motion.flight import Reachable
 
 LISTED = "-"  # stands for no file
+
+Takeoff = Annotated[str | None, key_option("FRAME", "flight.takeoff.frame")]
+Landing = Annotated[str | None, key_option("FRAME", "flight.landing.frame")]
+Duration = Annotated[float | None, key_option("S", "flight.duration")]
+Contacts = Annotated[
+    str | None, key_option("A,B;A", "jump.takeoff.contacts", more="The phases are those until takeoff.")
+]
+LandingContacts = Annotated[
+    str | None,
+    key_option(
+        "A;A,B",
+        "jump.landing.contacts",
+        more="The phases are those after landing.",
+        left_out="those until takeoff in reverse, front for rear",
+    ),
+]
+Posture = Annotated[
+    str | None,
+    key_option("J=A,..", "jump.takeoff.from", more="Typed by joint; those left out are chosen.", left_out=""),
+]
 
 
 def robots(json_output: common.Json = False) -> None:
@@ -174,24 +194,17 @@ def _facts_in_plane(robot: fp.Robot) -> dict[str, Any]:
 def init(
     robot: common.RobotSource,
     choices: common.RobotOptions,
-    takeoff: Annotated[str | None, option("FRAME", "The foot that leaves the ground last.")] = None,
-    landing: Annotated[str | None, option("FRAME", "The foot that meets the ground first.")] = None,
+    takeoff: Takeoff = None,
+    landing: Landing = None,
     turns: Annotated[
         # more is taken for degrees
         int | None, typer.Option(min=0, max=2, metavar="N", help="Whole turns, forwards; 0: a jump without.")
     ] = None,
     backwards: Annotated[bool, flag("Rotate backwards: once, unless --turns says more.", "--backwards")] = False,
-    duration: Annotated[float | None, option("S", "Time of flight, s.")] = None,
-    contacts: Annotated[
-        str | None,
-        option("A,B;A", "What stands until takeoff: frames of one phase or two, with those coupled to them."),
-    ] = None,
-    landing_contacts: Annotated[
-        str | None, option("A;A,B", "What stands after landing; left out, the same in reverse, front for rear.")
-    ] = None,
-    posture: Annotated[
-        str | None, option("J=A,..", "Positions of joints before the jump; those left out are chosen.")
-    ] = None,
+    duration: Duration = None,
+    contacts: Contacts = None,
+    landing_contacts: LandingContacts = None,
+    posture: Posture = None,
     stunt: Annotated[
         str | None,
         option("NAME", "A jump in space, such as roll or side; a wrong name lists them all."),
@@ -199,7 +212,7 @@ def init(
     degrees: common.Degrees = False,
     output: Annotated[Path | None, option("FILE.toml", "Left out, <robot>.toml here.", "--output", "-o")] = None,
     force: Annotated[bool, flag("Overwrite the file.", "--force")] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the postures tried.")] = 0,
+    seed: Annotated[int, count_option("seed", "Of the postures tried.")] = 0,
     quiet: common.Quiet = False,
 ) -> None:
     """Write a problem file for a robot: a jump with a whole rotation, else without, from standing to standing.

@@ -12,7 +12,7 @@ import typer
 
 import floatplan as fp
 from floatplan.cli import ExitCode, common
-from floatplan.cli.common import MODEL, flag, option
+from floatplan.cli.common import MODEL, choice_option, flag, key_option, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError, escaped, import_optional
 from floatplan.files import runs_folder
@@ -20,16 +20,18 @@ from floatplan.files import runs_folder
 if TYPE_CHECKING:
     from floatplan.studies.driver import Progress
 
+Output = Annotated[Path | None, key_option("DIR", "result.folder", "--output", "-o", more="It overrides the file's.")]
+
 
 def study(
     study_file: Annotated[str, common.argument("STUDY.toml", "A study file.")],
     restart: Annotated[bool, flag("Discard what the folder has, and begin again.", "--restart")] = False,
-    engine: Annotated[str, option("NAME", "'processes' of this machine, or 'dask' for many machines.")] = "processes",
+    engine: Annotated[str, choice_option("workers")] = "processes",
     scheduler: Annotated[
         str | None, option("ADDRESS", "Of dask's scheduler; a cluster on this machine if left out.")
     ] = None,
     jobs: Annotated[int | None, option("N", "Processes; as many as processors if left out.", min=1)] = None,
-    output: Annotated[Path | None, option("DIR", "Where results go; else as the file says.", "--output", "-o")] = None,
+    output: Output = None,
     shard: Annotated[
         str | None,
         option("K/N", "Plan the K-th of N shares of the rows alone, into a folder of its own: see study merge."),
@@ -87,7 +89,7 @@ def merge(
     shards: Annotated[
         list[Path] | None, typer.Argument(metavar="DIR", help="Of shards; those in the study's if left out.")
     ] = None,
-    output: Annotated[Path | None, option("DIR", "The study's; else as the file says.", "--output", "-o")] = None,
+    output: Output = None,
     json_output: common.Json = False,
     quiet: common.Quiet = False,
 ) -> None:

@@ -88,22 +88,14 @@ def read_recording(path: Path, name: str | None) -> tuple[str, Recording]:
         listed = ", ".join(READERS)
         raise InputError(f'no format "{name}" is known', element="format", advice=f"formats: {listed}")
     content = read_regular(path, LARGEST_CLIP, "a recorded motion")
-    if kind == ".csv":
-        return _read(path, name or "unitree-csv", _csv_table(content))
-    if kind == ".npz":
-        arrays = _archive(content)
-        return _read(path, name or _by_keys(arrays), arrays)
-    if kind in (".pkl", ".pickle"):
-        data = read_pickle(content)
-        if not isinstance(data, dict):
-            raise InputError("holds no dictionary", advice="give the file of one motion")
-        return _read(path, name or _by_keys(data), data)
-    raise InputError(f'a recorded motion has no name that ends in "{kind}"', advice="give .csv, .npz or .pkl")
-
-
-def _read(path: Path, name: str, data: Any) -> tuple[str, Recording]:
+    if kind not in CONTENTS:
+        reason = f'a recorded motion has no name that ends in "{kind}"'
+        raise InputError(reason, advice="give .csv, .npz or .pkl")
+    data = CONTENTS[kind](content)
     is_table = isinstance(data, np.ndarray)
-    if is_table != (name == "unitree-csv"):
+    of_tables = "unitree-csv"
+    name = name or (of_tables if is_table else _by_keys(data))
+    if is_table != (name == of_tables):
         raise InputError(f'a file "*{path.suffix}" is not of the format {name}', element="format")
     recording = READERS[name](data)
     _check(recording)
@@ -336,6 +328,20 @@ def _isaac_amp(data: Mapping[str, Any]) -> Recording:
     )
 
 
+def _pickled(content: bytes) -> dict[str, Any]:
+    """What a pickle holds by its keys."""
+    data = read_pickle(content)
+    if not isinstance(data, dict):
+        raise InputError("holds no dictionary", advice="give the file of one motion")
+    return data
+
+
+CONTENTS: Mapping[str, Callable[[bytes], Any]] = {  # how files are read, by how their names end
+    ".csv": _csv_table,
+    ".npz": _archive,
+    ".pkl": _pickled,
+    ".pickle": _pickled,
+}
 READERS: dict[str, Callable[[Any], Recording]] = {
     "unitree-csv": _unitree,
     "mjlab-npz": _mjlab,

@@ -21,6 +21,7 @@ from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.links import missing_meshes
+from floatplan.tables import CHOICES
 
 
 @one_thread
@@ -219,7 +220,7 @@ def _check_ranges(robot: Robot, positions: Array) -> None:
 
 def _quaternion_order(recording: Recording, order: str | None) -> tuple[str, str]:
     """The order of the quaternion's numbers, "" where neither file nor caller says it; and what is remarked of it."""
-    if order is not None and order not in ("xyzw", "wxyz"):
+    if order is not None and order not in CHOICES["quaternion"]:
         raise InputError(f'"{order}" is no order of a quaternion', element="quaternion", advice="give xyzw or wxyz")
     of_format = recording.quaternion_order
     if order and of_format and order != of_format:

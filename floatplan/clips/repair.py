@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +24,9 @@ from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.model import casadi
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
-from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE
-from floatplan.tables import GRAVITY, Range
+from floatplan.tables import CHOICES, GRAVITY, HIGHEST_DEGREE, LOWEST_DEGREE, Range, Stances
 
 STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
-Stances: TypeAlias = Literal["bent", "planned"]
 FORCE_STEP = 0.01  # [s] between the instants at which they are
 
 
@@ -182,7 +180,7 @@ def repair_clip(
     before = check_clip(clip, gravity)
     chosen = _chosen(before, flights)
     planner = None
-    if one_of(*get_args(Stances))(stances, "stances") == "planned":
+    if one_of(*CHOICES["stances"])(stances, "stances") == "planned":
         casadi()
         planner = StancePlanner(clip, gravity, tuple(chosen))
     repaired = {}

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -34,14 +34,14 @@ from floatplan.problem.parts import ClipReference, Flight, Landing, Limits, Moti
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
-from floatplan.tables import GRAVITY, Range
+from floatplan.tables import CHOICES, GRAVITY, Range, RepairName
 
-Choice: TypeAlias = Literal["retime", "raise", "auto"] | float
+Choice: TypeAlias = RepairName | float
 SHARES = {
     "retime": 0.0,
     "raise": 1.0,
 }  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
-CHOICE = one_of(*SHARES, "auto", or_number=number(Range(0.0, 1.0, "")))
+CHOICE = one_of(*CHOICES["repair"], or_number=number(Range(0.0, 1.0, "")))
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
 # [s] of a repaired flight: its clip is searched for flights at instants of its own, and may lose one at each end
 SHORTEST = LEAST_DURATION + 2.0 / SAMPLING.rate

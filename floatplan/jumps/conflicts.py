@@ -20,8 +20,9 @@ from floatplan.jumps.flight import scaled_limits
 from floatplan.jumps.model import casadi
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.variables import JumpSolution
-from floatplan.problem.jump import LARGEST_FRICTION, JumpRequest
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
+from floatplan.tables import RANGES
 
 
 class LimitKind(NamedTuple):
@@ -325,7 +326,7 @@ def relaxed(problem: Problem, conflicts: Sequence[Conflict], beyond: float) -> t
             ranges = ends + (factor - 1) / 2 * np.ptp(ends, axis=1)[:, None] * [-1, 1]
             limits = replace(limits, position=ranges.tolist())
         elif kind == "friction":
-            most = min(math.ceil(100 * beyond * (1 + share) * request.friction) / 100, LARGEST_FRICTION)
+            most = min(math.ceil(100 * beyond * (1 + share) * request.friction) / 100, RANGES["friction"].high)
             words.append(f"friction {most:g}")
             request = replace(request, friction=most)
         elif kind == "ground":

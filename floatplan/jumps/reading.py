@@ -26,7 +26,7 @@ from floatplan.plans.reading import LARGEST, check_size, record_from_dict, recor
 from floatplan.plans.record import POINT, TRIPLE, KeyedTable, RobotRecord, table
 from floatplan.pool import one_thread
 from floatplan.problem.file import problem_from_dict
-from floatplan.problem.jump import LARGEST_FRICTION, JumpRequest
+from floatplan.problem.jump import JumpRequest
 from floatplan.robot import Robot
 from floatplan.robot.shapes.solids import frame_position
 from floatplan.robot.standing import SOLE_ENDS, TIP, Spot
@@ -62,7 +62,7 @@ STANCE_IN_SPACE = KeyedTable(
     {
         "side": one_of("takeoff", "landing"),
         "contacts": many(FOOT, "tables"),
-        "friction": number(Range(0.0, LARGEST_FRICTION, "")),
+        "friction": number("friction"),
         "axes": one_of(*map("".join, itertools.permutations("xyz"))),
         **dict.fromkeys(ARRAYS_IN_SPACE, many(lambda value, _: value, "numbers")),
     },

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from floatplan.arguments import SEED, Check, Checked, function, optional, positive, whole
+from floatplan.arguments import SEED, TRIES, Check, Checked, function, optional, positive, whole
 from floatplan.tables import Range
 
 MOST_JOBS = 64  # [-] processes
-MOST_SOLVED = 1000  # [-] solved starts to choose the best from
 ATTEMPTS = 300  # [-] most starts tried at each degree
 JOBS = whole(Range(1, MOST_JOBS, ""))
 
@@ -47,7 +46,7 @@ class SearchOptions(Checked):
 
     checks: ClassVar[Mapping[str, Check]] = {
         "seed": SEED,
-        "starts": whole(Range(1, MOST_SOLVED, "")),
+        "starts": TRIES,
         "budget": optional(positive(unit="s")),
         "progress": optional(function),
         "attempts": optional(whole(Range(1, ATTEMPTS, ""))),

@@ -14,7 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from floatplan.arguments import (
     FINITE,
@@ -35,13 +35,16 @@ from floatplan.arguments import number as number_in
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.files import json_value, write_atomically
-from floatplan.keys import Key, Keyed, is_needed
+from floatplan.keys import Keyed, is_needed
 from floatplan.tables import (
     FLIGHT_EVENTS,
     JOINT_LIMITS,
     JOINT_VALUES,
     MOST_OBSTACLES,
     OBJECTIVE_TABLE,
+    Key,
+    MomentumWord,
+    MomentumWordInPlane,
     Range,
     RobotKind,
 )
@@ -398,7 +401,7 @@ def momentum_in_space(value: Any, element: str) -> None:
     if isinstance(value, list | tuple):
         TRIPLE(value, element)
     else:
-        one_of("midpoint", "free", "suggested", or_number=number)(value, element)
+        one_of(*get_args(MomentumWord), or_number=number)(value, element)
 
 
 def speed_in_space(value: Any, element: str) -> None:
@@ -442,7 +445,7 @@ def _check_obstacle(
 OF_FORMAT: dict[str, dict[str, Check]] = {  # what the two formats tell in other ways
     FORMAT: {
         "orientation": number,
-        "angular_momentum": one_of("midpoint", "free", or_number=number),
+        "angular_momentum": one_of(*get_args(MomentumWordInPlane), or_number=number),
         "position": POINT,
         "horizontal_velocity": number,
         "obstacle": _obstacle,

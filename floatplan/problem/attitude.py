@@ -11,7 +11,8 @@ from typing import Annotated, Any, ClassVar, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array, read_only
-from floatplan.keys import ANGLE, Key, Keyed
+from floatplan.keys import Keyed
+from floatplan.tables import ANGLE, Key
 
 Triple: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]

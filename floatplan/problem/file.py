@@ -14,7 +14,7 @@ from floatplan.arguments import FINITE, attributes, by_name, in_short, made, opt
 from floatplan.arguments import path as as_path
 from floatplan.errors import InputError, naming, refuse, single
 from floatplan.files import json_value, parsed_toml, read_text, write_atomically
-from floatplan.keys import Key, Keyed, json_schema, read_tables, table_of, tables
+from floatplan.keys import Keyed, json_schema, read_tables, table_of, tables
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Flight, JointState, Limits, Motion, Obstacle, Posture, SelfClearance
 from floatplan.problem.problem import Problem
@@ -25,9 +25,9 @@ from floatplan.robot.chosen import chosen_robot
 from floatplan.robot.robot import Coupling, Robot
 from floatplan.robot.urdf.inertias import Payload, payloads
 from floatplan.robot.urdf.tree import is_address, refuse_bare_name
-from floatplan.tables import FLIGHT_EVENTS, ROBOT_KINDS, Base, RobotKind, Unit
+from floatplan.tables import FLIGHT_EVENTS, KEY_TABLE, ROBOT_KINDS, Base, Key, RobotKind, Unit
 
-Angles: TypeAlias = Annotated[Unit, Key("Unit of all angles and rates in this file")]
+Angles: TypeAlias = Annotated[Unit, KEY_TABLE["angles"]]
 Name: TypeAlias = Annotated[
     str | None, Key("Of the problem, and of the folder of its results; the file's name where left out")
 ]
@@ -43,25 +43,18 @@ class RobotRequest(Keyed):
         Key("Path from this file's folder; or `example-robot-data:` and a path there, or a name of robot_descriptions"),
     ] = None
     mjcf: Annotated[str | None, Key("Instead of `urdf`: path or address of an MJCF file, which MuJoCo compiles")] = None
-    plane: Annotated[
-        str | None, Key('Horizontal and vertical axis, such as "xz"; chosen by the joints where left out')
-    ] = None
+    plane: Annotated[str | None, KEY_TABLE["robot.plane"]] = None
     joints: Annotated[
         Sequence[str] | None,
         Key("Joints to plan, in the order of all lists; all that rotate about the plane's normal if left out"),
     ] = None
-    coupled: Annotated[
-        Mapping[str, str | Coupling] | Literal["mirror"],
-        Key('Joints that follow others: a leader\'s name (with a minus, mirrored), a table, or "mirror"'),
-    ] = field(default_factory=dict)
-    locked: Annotated[
-        Mapping[str, float],
-        Key("Joints that stay where they are, by name", "as `angles`; m of those that slide", check=by_name(FINITE)),
-    ] = field(default_factory=dict)
-    reference: Annotated[
-        str | None,
-        Key("Posture of an SRDF file next to the URDF, or keyframe of the MJCF, where joints not planned are locked"),
-    ] = None
+    coupled: Annotated[Mapping[str, str | Coupling] | Literal["mirror"], KEY_TABLE["robot.coupled"]] = field(
+        default_factory=dict
+    )
+    locked: Annotated[Mapping[str, float], KEY_TABLE["robot.locked"].with_check(by_name(FINITE))] = field(
+        default_factory=dict
+    )
+    reference: Annotated[str | None, KEY_TABLE["robot.reference"]] = None
     armature: Annotated[
         float | Mapping[str, float] | None,
         Key("Inertia of rotors as their joints feel it: of every motor, or by joint", "kg m^2"),
@@ -70,10 +63,7 @@ class RobotRequest(Keyed):
         float | Mapping[str, float] | None,
         Key("Torque lost by a joint's rate, in simulators: of every motor, or by joint", "N m s/rad"),
     ] = None
-    balance_inertias: Annotated[
-        bool | None,
-        Key("Whether inertias that no body can have get equal principal moments, as MuJoCo's balanceinertia does"),
-    ] = None
+    balance_inertias: Annotated[bool | None, KEY_TABLE["robot.balance_inertias"]] = None
     payload: Annotated[
         Payload | Sequence[Payload] | None,
         Key("Point mass that a link carries, or a list of them", check=optional(payloads)),
@@ -98,10 +88,10 @@ class ProblemTables(Keyed):
     """A problem file less its ``[robot]``."""
 
     name: Name = None
-    angles: Angles = "rad"
+    angles: Angles = KEY_TABLE["angles"].default
     ground: Annotated[bool, Key("Whether the robot stays above the line that it takes off from")] = False
-    start: Annotated[Posture, Key("Takeoff")]
-    goal: Annotated[Posture, Key("Landing")]
+    start: Annotated[Posture, KEY_TABLE["start"]]
+    goal: Annotated[Posture, KEY_TABLE["goal"]]
     flight: Annotated[Flight, Key("The flight")]
     motion: Annotated[Motion, Key("How joints may move, and what is best")] = field(default_factory=Motion)
     limits: Annotated[Limits, Key("What motors and joints can do, at all times")] = field(default_factory=Limits)
@@ -143,7 +133,7 @@ class RobotFile(Keyed):
     """A file that names a robot, and asks nothing of it yet."""
 
     name: Name = None
-    angles: Angles = "rad"
+    angles: Angles = KEY_TABLE["angles"].default
     robot: Annotated[RobotRequest, Key("The robot")]
 
 

@@ -7,9 +7,9 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from floatplan.arguments import by_name, number, optional, pair, positive
 from floatplan.errors import InputError
-from floatplan.keys import ANGLE, Key, Keyed
+from floatplan.keys import Keyed
 from floatplan.robot.robot import Robot
-from floatplan.tables import LEAST, Range
+from floatplan.tables import ANGLE, KEY_TABLE, LEAST, Key, Range
 
 Standing: TypeAlias = Literal["standing"] | Mapping[str, float]
 Ending: TypeAlias = Literal["standing", "periodic"] | Mapping[str, float]
@@ -17,7 +17,6 @@ Groups: TypeAlias = Sequence[tuple[str, ...]]
 Durations: TypeAlias = Sequence[Sequence[float]]
 
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
-LARGEST_FRICTION = 10.0  # [-] of a friction coefficient
 MOST_PHASES = 2  # [-] on each side of the flight
 MOST_FLIGHTS = 20  # [-] of a sequence: its program grows with each
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
@@ -52,9 +51,8 @@ class JumpSide(Keyed):
     Parameters
     ----------
     contacts : sequence of sequences of str, optional
-        Of each phase, one or two in order of time, the frames that stand, with those coupled to them; of a sole heel
-        and toe, ``FRAME.toe`` its toe only. A foot that has left does not return. Left out before takeoff: all feet,
-        and those on the side to which it turns; after landing: those of takeoff, in reverse.
+        A sole's frame is its heel and toe, ``FRAME.toe`` its toe only. A foot that has left does not return. Left out
+        before takeoff: all feet, and those on the side to which it turns; after landing: those of takeoff, in reverse.
     durations : sequence of pairs, s, optional
         Of each phase: least and largest.
     height : float, m, optional
@@ -62,9 +60,9 @@ class JumpSide(Keyed):
         where one ends.
     """
 
-    contacts: Annotated[Groups | None, Key()] = None
+    contacts: Annotated[Groups | None, KEY_TABLE["jump.takeoff.contacts"]] = None
     durations: Annotated[Durations | None, Key(unit="s", numbers="duration")] = None
-    height: Annotated[float | None, Key(unit="m", numbers=Range(-10.0, 10.0, "m"))] = None
+    height: Annotated[float | None, Key(unit="m", numbers="edge")] = None
     outer: ClassVar[int] = 0
     wrong: ClassVar[str] = "come to the ground before takeoff"  # of a frame that does not stand then
 
@@ -100,12 +98,11 @@ class JumpTakeoff(JumpSide):
     ----------
     contacts, durations, height : as of :class:`JumpSide`
     from_ : "standing", or mapping of joints to rad; in files it is ``from``
-        Posture it stands in, the base level: by joint, those left out being where the reference posture has them, or
-        "standing", the nearest to that which is static; knees that would be straight, where feet that are points stand
-        as one, are bent for it.
+        By joint, those left out being where the reference posture has them, or "standing", the nearest to that which
+        is static; knees that would be straight, where feet that are points stand as one, are bent for it.
     """
 
-    from_: Annotated[Standing, Key(unit=ANGLE, numbers="positions")] = "standing"
+    from_: Annotated[Standing, KEY_TABLE["jump.takeoff.from"]] = KEY_TABLE["jump.takeoff.from"].default
 
 
 @dataclass(frozen=True)
@@ -127,9 +124,8 @@ class JumpLanding(JumpSide):
     displacement: Annotated[
         tuple[float, float] | None,
         Key(
-            "In space: from standing to standing, along x and y",
-            "m",
-            check=optional(pair(number(Range(-10.0, 10.0, "m")))),
+            unit="m",
+            check=optional(pair(number("edge"))),
         ),
     ] = None
     outer: ClassVar[int] = -1
@@ -167,7 +163,6 @@ class JumpRequest(Keyed):
     Parameters
     ----------
     friction : float
-        Coefficient of the ground.
     margin : mapping
         Shares of the limits that stances may use: of ``torque``, curves of torque and speed too, and ``velocity``.
     fixed : sequence of str
@@ -202,7 +197,7 @@ class JumpRequest(Keyed):
         A value is wrong, or a foot would leave the ground and return, or come and leave again.
     """
 
-    friction: Annotated[float, Key(numbers=Range(LEAST, LARGEST_FRICTION, ""))] = 0.6
+    friction: Annotated[float, KEY_TABLE["jump.friction"]] = KEY_TABLE["jump.friction"].default
     margin: Annotated[Mapping[str, float], Key(numbers=Range(LEAST, 1.0, ""), check=_margin)] = field(
         default_factory=lambda: dict(MARGIN)
     )
@@ -214,7 +209,7 @@ class JumpRequest(Keyed):
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, 0.5, "rad"))] = 0.07
     flights: Annotated[Sequence[JumpFlight] | None, Key()] = None
-    edge: Annotated[float | None, Key(unit="m", numbers=Range(-10.0, 10.0, "m"))] = None
+    edge: Annotated[float | None, Key(unit="m")] = None
 
     @property
     def rise(self) -> float:

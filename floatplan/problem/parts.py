@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Annotated, ClassVar, Literal, Self, TypeAlias, cast
+from typing import Annotated, ClassVar, Literal, Self, TypeAlias, cast, get_args
 
 import numpy as np
 
@@ -26,11 +26,25 @@ from floatplan.arguments import (
 )
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.keys import ACCELERATION, ANGLE, RATE, Key, Keyed
+from floatplan.keys import Keyed
 from floatplan.problem.attitude import Attitude, Triple
-from floatplan.tables import FLIGHT_EVENTS, GRAVITY, Objective, Range, describe_objectives
+from floatplan.tables import (
+    ACCELERATION,
+    ANGLE,
+    FLIGHT_EVENTS,
+    GRAVITY,
+    KEY_TABLE,
+    RANGES,
+    RATE,
+    Key,
+    MomentumWord,
+    MomentumWordInPlane,
+    Objective,
+)
 
 JointValues: TypeAlias = Mapping[str, float] | Sequence[float] | Array | float
+JointRates: TypeAlias = JointValues | Literal["takeoff", "landing"]
+JointAccelerations: TypeAlias = JointValues | Literal["free"]
 Pair: TypeAlias = tuple[float, float]
 
 
@@ -64,10 +78,6 @@ def pair_or_three(key: str) -> Check:
     return check
 
 
-LOWEST_DEGREE = 5  # [-] that the six boundary conditions (13) take
-HIGHEST_DEGREE = 15  # [-] above it, the doubles of a plan file no longer hold (13) and the orientation to 1e-8 rad
-
-
 @dataclass(frozen=True, eq=False)
 class Posture(Keyed):
     """Base orientation and joints at one end of the flight, as the user gives them.
@@ -79,19 +89,18 @@ class Posture(Keyed):
     positions : mapping, (n,) sequence, or one number for all joints, rad
         Of the joints: by name, a list in joint order, or one number for all.
     velocities : as positions, rad/s
-        Rates of the joints, written as positions are. Or "takeoff" at the start, "landing" at the goal: those with
-        which the takeoff frame leaves, or the landing frame meets, the still ground, with the least largest share of
-        the joints' limits; they follow from the angular momentum.
+        Of these, the ones with the least largest share of the joints' limits; they follow from the angular momentum.
     accelerations : as positions, rad/s^2
-        Of the joints, written as positions are; or "free".
     settled : pair of (n,) sequences, optional
         Velocities and accelerations that a plan has come to, where these are words; the planner fills it in.
     """
 
     orientation: Annotated[float | Attitude, Key(unit=ANGLE, check=in_plane_or_space("orientation", attitude))]
     positions: Annotated[JointValues, Key(unit=ANGLE)]
-    velocities: Annotated[JointValues | Literal["takeoff", "landing"], Key(unit=RATE)] = 0.0
-    accelerations: Annotated[JointValues | Literal["free"], Key(unit=ACCELERATION)] = 0.0
+    velocities: Annotated[JointRates, KEY_TABLE["start.velocities"]] = KEY_TABLE["start.velocities"].default
+    accelerations: Annotated[JointAccelerations, KEY_TABLE["start.accelerations"]] = KEY_TABLE[
+        "start.accelerations"
+    ].default
     settled: Annotated[
         tuple[JointValues | None, JointValues | None] | None, optional(pair(optional(by_joint(FINITE)), "sequences"))
     ] = None
@@ -106,8 +115,8 @@ class Posture(Keyed):
         cls,
         orientation: float,
         positions: JointValues,
-        velocities: JointValues | Literal["takeoff", "landing"] = 0.0,
-        accelerations: JointValues | Literal["free"] = 0.0,
+        velocities: JointRates = 0.0,
+        accelerations: JointAccelerations = 0.0,
     ) -> Posture:
         """Return the posture whose angles and rates are in degrees: deg, deg/s, deg/s^2.
 
@@ -151,7 +160,7 @@ class JointState:
 class Takeoff(Keyed):
     """The frame that leaves the ground last, and where it is at t = 0, m (horizontal, vertical); x, y, z in space."""
 
-    frame: Annotated[str, Key("Name of a link or joint")]
+    frame: Annotated[str, KEY_TABLE["flight.takeoff.frame"]]
     position: Annotated[
         Pair | Triple,
         Key("Where the frame is at takeoff: horizontal, vertical; x, y, z in space", "m", check=pair_or_three("place")),
@@ -170,7 +179,7 @@ class Landing(Keyed):
     Left out, its link's shapes stand on the ground where the problem has one; else the height is 0.
     """
 
-    frame: Annotated[str, Key("Name of a link or joint")]
+    frame: Annotated[str, KEY_TABLE["flight.landing.frame"]]
     height: Annotated[
         float | None, Key("Of the frame at landing; that of the ground, or of its takeoff, where left out", "m")
     ] = None
@@ -183,45 +192,43 @@ class Flight(Keyed):
     Parameters
     ----------
     duration : float, s
-        From takeoff to landing.
     angular_momentum : float, kg m^2/s, "midpoint" or "free"
-        About the centre of mass and the plane's normal; "midpoint" is (10), the middle of (9), which motions that do
-        not reverse need. Where it is "free" the search chooses it, in (9) or outside. In space 0, or three floats in
-        the world's axes, or "suggested", with which the joints' nominal motion reaches the goal, and which "midpoint"
-        means there; or "free", about that.
+        In a plane it is about its normal, "midpoint" is (10), the middle of (9), which motions that do not reverse
+        need, and "free" is in (9) or outside. In space the numbers are along the world's axes, or 0 for all three;
+        "suggested" is that with which the joints' nominal motion reaches the goal, "midpoint" means the same there,
+        and "free" is about that.
     takeoff : Takeoff, optional
         The frame that leaves the ground last; the base link at the origin where left out.
     landing : Landing, optional
         The frame that lands first; the takeoff frame where left out: at the height it left, or resting on the ground
         where the problem has one.
     horizontal_velocity : float, m/s
-        Of the centre of mass; two floats in space, along x and y.
+        In space two numbers, along x and y.
     gravity : float, m/s^2
         Downwards.
     """
 
-    duration: Annotated[float, Key(unit="s")]
+    duration: Annotated[float, KEY_TABLE["flight.duration"]]
     angular_momentum: Annotated[
-        float | Triple | Literal["midpoint", "free", "suggested"],
-        Key(
-            unit="kg m^2/s",
-            check=in_plane_or_space(
-                "angular_momentum", pair(number("angular_momentum"), count=3), "midpoint", "free", "suggested"
-            ),
+        float | Triple | MomentumWord,
+        KEY_TABLE["flight.angular_momentum"].with_check(
+            in_plane_or_space("angular_momentum", pair(number("angular_momentum"), count=3), *get_args(MomentumWord))
         ),
-    ] = "midpoint"
+    ] = KEY_TABLE["flight.angular_momentum"].default
     takeoff: Annotated[Takeoff | None, Key()] = None
     landing: Annotated[Landing | None, Key()] = None
     horizontal_velocity: Annotated[
         float | Pair,
-        Key(unit="m/s", check=in_plane_or_space("horizontal_velocity", pair(number("horizontal_velocity")))),
-    ] = 0.0
+        KEY_TABLE["flight.horizontal_velocity"].with_check(
+            in_plane_or_space("horizontal_velocity", pair(number("horizontal_velocity")))
+        ),
+    ] = KEY_TABLE["flight.horizontal_velocity"].default
     gravity: Annotated[float, Key(unit="m/s^2", check=number("gravity", advice="downwards is positive"))] = GRAVITY
 
     @property
-    def momentum_in_plane(self) -> float | Literal["midpoint", "free"]:
+    def momentum_in_plane(self) -> float | MomentumWordInPlane:
         """The angular momentum of a flight in a plane."""
-        return cast('float | Literal["midpoint", "free"]', self.angular_momentum)
+        return cast("float | MomentumWordInPlane", self.angular_momentum)
 
     @property
     def speed_in_plane(self) -> float:
@@ -272,29 +279,28 @@ class Motion(Keyed):
     Parameters
     ----------
     degree : int, (n,) ints, or "auto"
-        k_i of (12), the polynomials' degree: one for all, one for each joint, or "auto", which starts at 7 and raises
-        it where nothing else helps.
+        It is k_i of (12); "auto" starts at 7 and raises it where nothing else helps.
     objective : str
-        What is least; "coefficients" is (17).
+        Of these, "coefficients" is (17).
     clip : ClipReference, optional
-        The recorded motion that the objective "clip" is about.
+        The recorded motion that the objective ``clip`` is about.
     """
 
     degree: Annotated[
         int | Sequence[int] | Literal["auto"],
-        Key(
-            check=by_joint(
+        KEY_TABLE["motion.degree"].with_check(
+            by_joint(
                 whole(
-                    Range(LOWEST_DEGREE, HIGHEST_DEGREE, ""),
+                    RANGES["degree"],
                     "six boundary conditions per joint need degree 5; one more at least is needed to steer, (16)",
                 ),
                 "auto",
                 mapping=False,
             )
         ),
-    ] = 7
-    objective: Annotated[Objective, Key(f"What is least. {describe_objectives('`')}")] = "coefficients"
-    clip: Annotated[ClipReference | None, Key("The recorded motion that the objective `clip` is about")] = None
+    ] = KEY_TABLE["motion.degree"].default
+    objective: Annotated[Objective, KEY_TABLE["motion.objective"]] = KEY_TABLE["motion.objective"].default
+    clip: Annotated[ClipReference | None, Key()] = None
 
     def contradictions(self) -> Iterator[tuple[str, str]]:
         """The objective "clip" needs a recorded motion, and no other has one."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 from floatplan.arguments import shortened
-from floatplan.keys import Key
 from floatplan.problem.attitude import Triple
 from floatplan.problem.parts import Obstacle, RoundBar, RoundObstacle, Wall
+from floatplan.tables import Key
 
 NO_VOLUME = "is 0, and what has no volume keeps nothing away"
 
@@ -21,12 +21,9 @@ class SpatialObstacle(Obstacle):
 
     Parameters
     ----------
-    margin : float, m
-        Distance to keep from it, the paper's epsilon.
+    margin, window : as of :class:`Obstacle`
     velocity : (float, float, float), m/s
         Of one that moves: x, y, z; it is where it is written at takeoff.
-    window : (float, float), s, optional
-        When it exists: from, to, since takeoff; for the whole flight, where left out.
     """
 
     velocity: Annotated[Triple, Key(unit="m/s")] = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # not two

@@ -24,7 +24,8 @@ To add what goes wrong:
 - in `closed_loop.py`, where it changes when the robot lands: the centre of mass is then measured;
 - its words in `cli/motions.py`, `docs/in_flight.md` and, of jumps, `docs/howto/flip_in_mujoco.md`.
 
-To add an engine: a class with the members of `PinocchioRobot`, and its name in `engines.py`.
+To add an engine: a class with the members of `PinocchioRobot`, and its name in
+`Engine` and `CHOICES` of `tables.py`.
 
 Symbols, in SI units and radians throughout:
 

@@ -23,14 +23,14 @@ from floatplan.plans.planned_motion import least_distances
 from floatplan.pool import one_thread
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.control_loop import Corrections, JointControl, Motors, Sensors
-from floatplan.simulation.engines import Engine, FlyingRobot, check_engine, flying_robot
+from floatplan.simulation.engines import FlyingRobot, check_engine, flying_robot
 from floatplan.simulation.gains import BANDWIDTH, FASTEST, critical_gains, joint_inertia
 from floatplan.simulation.integration import State, runge_kutta_step
 from floatplan.simulation.perturbation import OF_JUMPS, Perturbation, given_perturbation
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.results import ClosedLoop, PlanLandings, SimulatedFlight, Trace
 from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
-from floatplan.tables import Range
+from floatplan.tables import Engine, Range
 
 PERIOD = 1e-3  # [s] of the joints' control
 MOST_FLIGHTS = 10_000  # [-] of one call

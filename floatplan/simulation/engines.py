@@ -1,7 +1,7 @@
 """What computes a flight: accelerations by Pinocchio or by MuJoCo, under torques that are functions of time."""
 
 from functools import lru_cache
-from typing import Literal, TypeAlias, get_args
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -15,8 +15,7 @@ from floatplan.simulation.perturbation import Sample
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import ReducedModel
 from floatplan.simulation.spatial_motion import quaternion_rate, rotation_matrix
-
-Engine: TypeAlias = Literal["pinocchio", "mujoco"]
+from floatplan.tables import CHOICES, Engine
 
 
 class PinocchioRobot:
@@ -56,7 +55,7 @@ FlyingRobot: TypeAlias = PinocchioRobot | MujocoRobot  # a robot in free flight,
 
 def check_engine(name: str) -> Engine:
     """Return the engine of that name; InputError where there is none."""
-    engine: Engine = one_of(*get_args(Engine))(name, "engine")
+    engine: Engine = one_of(*CHOICES["simulator"])(name, "engine")
     return engine
 
 

@@ -126,7 +126,7 @@ def replay_jump(
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     jump = _jump_to_fly(jump)
-    friction = jump.request.friction if friction is None else number(Range(0.0, 10.0, ""))(friction, "friction")
+    friction = jump.request.friction if friction is None else number("friction")(friction, "friction")
     control, tried = _control(jump, gains, replan, perturbation, progress)
     corrected: list[SimulatedFlight[SimulatedJump]] = []
     uncorrected: list[SimulatedFlight[SimulatedJump]] = []

@@ -25,7 +25,7 @@ from floatplan.plans.record import PlanRecord
 from floatplan.pool import one_thread
 from floatplan.robot.planar.model import BASE_COORDINATES
 from floatplan.robot.robot import Robot
-from floatplan.simulation.engines import Engine, FlyingRobot, JointTorques, check_engine, flying_robot
+from floatplan.simulation.engines import FlyingRobot, JointTorques, check_engine, flying_robot
 from floatplan.simulation.free_flight import SpatialLanding, fly_with_free_base
 from floatplan.simulation.gains import FASTEST, critical_gains, joint_inertia
 from floatplan.simulation.integration import (
@@ -43,6 +43,7 @@ from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, 
 from floatplan.simulation.recorded_motion import RecordedMotion
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
+from floatplan.tables import Engine
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
 

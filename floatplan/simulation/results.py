@@ -11,10 +11,10 @@ import numpy as np
 from floatplan.arguments import Outlined
 from floatplan.arrays import Array, BoolArray
 from floatplan.files import json_value
-from floatplan.simulation.engines import Engine
 from floatplan.simulation.mujoco_model import balanced_in_words
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.simulation.simulated_jump import SimulatedJump
+from floatplan.tables import Engine
 
 Motion = TypeVar("Motion")
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from datetime import timedelta
 from typing import Any
 
-from floatplan.arguments import optional
+from floatplan.arguments import one_of, optional
 from floatplan.errors import FloatplanError, InputError, import_optional, printable
 from floatplan.planning.kernel_input.numbers import is_batchable_family
 from floatplan.planning.options import JOBS, MOST_JOBS
@@ -22,6 +22,7 @@ from floatplan.pool import processes, same_modules
 from floatplan.studies.file import StudyFile
 from floatplan.studies.folder import Range, StudyFolder, decoded
 from floatplan.studies.rows import PlannedChunk, lost_row, packed, planned_rows, row_check
+from floatplan.tables import CHOICES
 
 FIRST_CHUNK = 64  # [-] rows of the first chunks where rows are planned in batches; else one
 MOST_IN_CHUNK = 32_768  # [-] rows
@@ -117,9 +118,7 @@ def started(engine: str, jobs: int | None, scheduler: str | None, executor: Exec
     InputError
         There is no such engine, or it cannot be started.
     """
-    engines = ("processes", "dask")
-    if engine not in engines:
-        raise InputError(f"must be {' or '.join(map(repr, engines))}, not {engine!r}", element="engine")
+    one_of(*CHOICES["workers"])(engine, "engine")
     if scheduler is not None and engine != "dask":
         raise InputError("is for the engine dask", element="scheduler", advice="--engine dask")
     count = optional(JOBS)(jobs, "jobs") or processors()

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from floatplan.arguments import LARGEST_SEED, without
+from floatplan.arguments import without
 from floatplan.arrays import Array, IntArray
 from floatplan.certificate.certificate import certify
 from floatplan.errors import FloatplanError, InputError, printable
@@ -28,7 +28,7 @@ from floatplan.studies.file import OF_JUMPS, StudyFile, Values, versions
 from floatplan.studies.folder import read_table, table_of, written
 from floatplan.studies.peaks import ORDERS, ManyPeaks, can_measure, many_peaks
 from floatplan.studies.schema import PlanTable
-from floatplan.tables import OBJECTIVE_TABLE
+from floatplan.tables import LARGEST_SEED, OBJECTIVE_TABLE
 
 STATUSES = (*SOLVED, "not_found", "impossible", "error")
 LONGEST_EXPLANATION = 400  # [-] characters

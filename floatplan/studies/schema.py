@@ -8,17 +8,16 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeAlias, Union, get_args, get_origin
 
-from floatplan.arguments import LARGEST_SEED, attributes, without
+from floatplan.arguments import attributes, without
 from floatplan.errors import InputError
-from floatplan.keys import Key, Keyed, entry_of, in_files, json_schema
+from floatplan.keys import Keyed, entry_of, in_files, json_schema
 from floatplan.planning.many import UNSOLVED
-from floatplan.planning.options import ATTEMPTS, MOST_SOLVED
+from floatplan.planning.options import ATTEMPTS
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Flight, Limits, Motion, Posture, SelfClearance
-from floatplan.tables import RANGES, Range
+from floatplan.tables import KEY_TABLE, RANGES, Key, Range
 
 SAMPLING_KEYS = ("sampling", "samples", "seed")
-COUNTS = Range(1, LARGEST_SEED, "")
 VALUES = Range(-math.inf, math.inf, "")  # the number that varies has a range of its own
 Kind: TypeAlias = Literal["grid", "random", "sobol"]
 
@@ -29,16 +28,14 @@ class RangeTable(Keyed):
 
     from_: Annotated[float, Key("Least value, in the problem file's unit", numbers=VALUES)]
     to: Annotated[float, Key("Largest value", numbers=VALUES)]
-    count: Annotated[int | None, Key("Values of a grid, both ends among them", numbers=COUNTS)] = None
+    count: Annotated[int | None, Key("Values of a grid, both ends among them")] = None
 
 
 @dataclass(frozen=True)
 class PlanTable(Keyed):
     """How hard to try."""
 
-    starts: Annotated[
-        int, Key("Solved starts to choose the best from; of jumps, starts at most", numbers=Range(1, MOST_SOLVED, ""))
-    ] = 1
+    starts: Annotated[int, Key("Solved starts to choose the best from; of jumps, starts at most")] = 1
     prove: Annotated[bool, Key("Whether to prove each plan")] = False
     attempts: Annotated[
         int, Key("Unsolved starts at a degree, after which a row is abandoned", numbers=Range(1, ATTEMPTS, ""))
@@ -56,7 +53,7 @@ class PlanTable(Keyed):
 class ResultTable(Keyed):
     """Where results go, and which map to draw."""
 
-    folder: Annotated[str | None, Key("From the working directory; runs/<name of this file> if left out")] = None
+    folder: Annotated[str | None, KEY_TABLE["result.folder"]] = None
     map: Annotated[tuple[str, str, str] | None, Key("Keys that vary across and up, and a column as colour")] = None
 
 
@@ -69,8 +66,8 @@ class StudyTables(Keyed):
         Mapping[str, RangeTable | Sequence[float]], Key("Numbers of the problem file by their paths", numbers=VALUES)
     ]
     sampling: Annotated[Kind, Key("All combinations, or sampled points")] = "grid"
-    samples: Annotated[int | None, Key("Rows to draw", numbers=COUNTS)] = None
-    seed: Annotated[int, Key("Of the sampled rows, and of random starts", numbers=Range(0, LARGEST_SEED, ""))] = 0
+    samples: Annotated[int | None, Key("Rows to draw", numbers="count")] = None
+    seed: Annotated[int, Key("Of the sampled rows, and of random starts")] = 0
     plan: Annotated[PlanTable, Key("How hard to try")] = field(default_factory=PlanTable)
     result: Annotated[ResultTable, Key("Where results go, and which map is plotted")] = field(
         default_factory=ResultTable

@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 import floatplan as fp
 from floatplan.errors import printable
-from floatplan.problem.jump import MARGIN
+from floatplan.problem.jump import MARGIN, JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
 from floatplan.studio.curves import bar_style, curves_card, instant_mark, phase_colours
@@ -19,7 +19,7 @@ from floatplan.studio.planning import Actions
 from floatplan.studio.session import Document, Session, View
 from floatplan.studio.stage import Player, Stage
 from floatplan.studio.tasks import COLUMNS, ROWS
-from floatplan.tables import LIMIT_TABLE, OBJECTIVES, LimitKey
+from floatplan.tables import KEY_TABLE, LIMIT_TABLE, OBJECTIVES, LimitKey, MomentumWordInPlane
 
 SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 A_NUMBER = "a number"
@@ -207,11 +207,13 @@ class Controls:
         self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
         hint = "Angular momentum: the middle of what suits joints that do not turn back "
         hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
-        self.inputs.choice("h is", ("midpoint", "free", A_NUMBER), _momentum_word, self._momentum_edit, hint)
+        self.inputs.choice(
+            "h is", (*get_args(MomentumWordInPlane), A_NUMBER), _momentum_word, self._momentum_edit, hint
+        )
         path = "flight.angular_momentum"
         self._momentum = self.inputs.slider("h, kg m²/s", (path,), low - half, high + half, get=self._momentum_of)
         path = "flight.horizontal_velocity"
-        hint = "Of the centre of mass, horizontal."
+        hint = f"{KEY_TABLE[path].meaning}, horizontal."
         self.inputs.slider("speed, m/s", (path,), speed - ENDS.speed, speed + ENDS.speed, hint=hint)
         self.inputs.choice(
             "least",
@@ -293,13 +295,14 @@ class JumpTab:
             self._style = gui.add_html("")
             hint = "How long all phases last, by the bar of their ends: dragging one fixes all."
             inputs.tick("fixed", lambda problem: edits.phase_ends(problem) is not None, self._fix, hint)
-        inputs.slider("friction", ("jump.friction",), *ENDS.friction, hint="Coefficient of the ground.")
+        inputs.slider("friction", ("jump.friction",), *ENDS.friction, hint=f"{KEY_TABLE['jump.friction'].meaning}.")
         hint = "Of the limits, what stances may use."
         for name in MARGIN:
             inputs.slider(f"{name}, %", (f"jump.margin.{name}",), ENDS.least_margin, 1.0, 0.01, hint)
         hint = "Height that what does not stand keeps above the ground."
         inputs.slider("clearance, mm", ("jump.clearance",), 0.0, ENDS.clearance, 1e-3, hint)
-        for key, words in (("objective", ("torque", "limits")), ("feet", ("auto", "rolling", "points"))):
+        for key in ("objective", "feet"):
+            words = [word for word in get_args(JumpRequest.hints[key]) if word != "point"]  # it has "points"
             inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
 
     def draw(self, view: View) -> None:

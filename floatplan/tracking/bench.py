@@ -152,7 +152,7 @@ def bench(
     start_time = clock.perf_counter()
     flights = whole(Range(1, MOST_FLIGHTS, ""))(flights, "flights")
     seed = SEED(seed, "seed")
-    friction = number(Range(0.0, 10.0, ""))(friction, "friction")
+    friction = number("friction")(friction, "friction")
     progress = optional(function)(progress, "progress")
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a takeoff is what the stance makes of it", "leave it out")

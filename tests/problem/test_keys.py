@@ -1,16 +1,8 @@
-"""One record of the keys of problem files: checks, tables, options and plan files follow it."""
+"""One record of the keys of problem files, which plan files follow."""
 
 import floatplan as fp
-from floatplan.cli.common import OPTIONS
 from floatplan.plans.record import SHARED, problem_table
 from floatplan.problem import parts
-from floatplan.problem.file import TABLES
-
-
-def test_options_stand_for_keys():
-    for option in OPTIONS.values():
-        place, _, name = (key := option.key).rpartition(".")
-        assert key in TABLES if not place else name in TABLES[place][0].keys
 
 
 def test_plan_files_hold_the_keys_of_problem_files():

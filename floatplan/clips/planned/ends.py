@@ -17,8 +17,9 @@ from floatplan.motion.spatial.rotations import unwrapped_angles
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
-from floatplan.problem.parts import HIGHEST_DEGREE, LOWEST_DEGREE, Landing, Takeoff
+from floatplan.problem.parts import Landing, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.tables import HIGHEST_DEGREE, LOWEST_DEGREE
 
 
 @dataclass(frozen=True, eq=False)

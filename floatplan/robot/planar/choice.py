@@ -13,9 +13,9 @@ import numpy as np
 from floatplan.arguments import FINITE, either, without
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError
-from floatplan.keys import ANGLE, Key, Keyed
+from floatplan.keys import Keyed
 from floatplan.robot.urdf.tree import UrdfJoint, UrdfTree
-from floatplan.tables import LARGEST_TILT, Unit
+from floatplan.tables import ANGLE, LARGEST_TILT, Key, Unit
 
 USUAL_PLANES = {"x": "yz", "y": "xz", "z": "xy"}  # by the normal's letter
 MOST_LEANING = math.sqrt(0.5)  # [-] cosine between a vertical and the upward line of the file

@@ -10,8 +10,9 @@ import pinocchio as pin
 from floatplan.arguments import by_name, made, many
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, refuse
-from floatplan.keys import Key, Keyed, Reader
+from floatplan.keys import Keyed, Reader
 from floatplan.robot.urdf.tree import LARGEST, Inertial, Origin, UrdfTree, rigid_body
+from floatplan.tables import Key
 
 NEGLIGIBLE = 1e-12  # [kg m^2] a grain of sand's; a fault smaller than this is noise around zero
 
