@@ -13,7 +13,7 @@ from floatplan.jumps.launches import in_space
 from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess
-from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
+from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution, lifted_share
 from floatplan.jumps.spatial.setup import spatial_setup
 
 
@@ -51,6 +51,50 @@ def test_it_rolls_and_stands(roll):
     weight = roll.robot.mass * 9.81
     forces = roll.forces([0.0, roll.duration])
     assert np.abs(sum(forces.values()) - [0.0, 0.0, weight]).max() < 1e-6 * weight
+
+
+def heights_of_feet(jump, shares):
+    """Heights over the ground of the lowest foot, m, at shares of the flight."""
+    flight = jump.timed_flights[0]
+    state = jump.state_of(flight.state(flight.begin + shares * flight.plan.duration))
+    geometry = jump.geometry
+    feet = geometry.links_of(jump.contacts)
+    heights = [lowest for link, lowest in geometry.lowest(geometry.locate(state)) if link in feet]
+    return np.min(heights, axis=0) - jump.ground
+
+
+def test_feet_in_flight_keep_off_the_ground_that_the_plan_has_for_obstacles(roll):
+    """Half-spaces, one after the other, are below the feet where these stand, and above the ground between."""
+    obstacles = roll.flight.problem.obstacles
+    windows = np.array([obstacle.window for obstacle in obstacles])
+    assert windows[0, 0] == 0.0
+    assert windows[-1, 1] == pytest.approx(roll.flight.duration)
+    assert np.array_equal(windows[1:, 0], windows[:-1, 1])
+    levels = np.array([obstacle.point[2] for obstacle in obstacles]) - roll.ground
+    assert levels[0] < 0 > levels[-1]
+    shares = np.linspace(0.0, 1.0, 101)
+    at_shares = np.searchsorted(windows[:-1, 1], shares * roll.flight.duration)
+    middle = (shares >= 0.3) & (shares <= 0.7)
+    assert (levels[at_shares][middle] > 5e-3).all()
+    assert (heights_of_feet(roll, shares) > levels[at_shares] - 1e-6).all()
+
+
+@pytest.mark.long
+def test_feet_of_a_half_turn_do_not_skim(root):
+    """Nothing but rows of heights lifts them: they were within 3 mm of the ground from takeoff to landing."""
+    turn = fp.jump(root / "problems" / "jumps" / "space" / "a1_half_turn.toml")
+    assert turn.ok, turn.explanation
+    assert heights_of_feet(turn, np.linspace(0.3, 0.7, 81)).min() > 0.012
+
+
+def test_the_lift_of_feet_grows_from_both_ends_of_the_flight():
+    shares = np.linspace(0.0, 1.0, 101)
+    lifts = np.array([lifted_share(share) for share in shares])
+    assert lifts[0] == lifts[-1] == 0.0
+    assert (lifts[25:76] == 1.0).all()
+    assert (np.diff(lifts[:26]) > 0).all()
+    assert lifts == pytest.approx(lifts[::-1])
+    assert lifted_share(1e-3) < 1e-4  # feet leave the ground at rest
 
 
 def test_momentum_changes_by_what_the_feet_exert(roll):

@@ -1,5 +1,6 @@
 """The flight of a jump in space: an ordinary problem whose both ends are those of the stances."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,6 @@ from floatplan.problem.parts import Flight, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.problem.spatial_obstacles import HalfSpace
 from floatplan.robot.shapes.solids import frame_position
-from floatplan.tables import POINT_FEET
 
 
 def flight_problem(
@@ -65,29 +65,26 @@ def _frame_origin(mechanics: Mechanics, y: Array, foot: Foot) -> Array:
 def _grounds(
     program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds
 ) -> list[HalfSpace]:
-    """Half-spaces below the links' capsules, which are thicker than what stands, one for each time of the flight.
+    """Half-spaces below the links' capsules, one for each time of the flight: the plan's feet are lifted too.
 
-    While the program's feet are clearly lifted it is as high as the ground, or nearly; at the ends, interval by
-    interval, as deep as the program's capsules are.
+    Each is as high as three quarters of the height that the lowest capsule has in the program, up to the program's
+    lift; at both ends, where capsules that are thicker than what stands are in the ground, a little below them.
     """
     motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes])
     motion[:, :, [0, -1]] = ends.motion
     ground = float(solution.origin[2])
     above = _lowest(program, mechanics, motion) - ground
-    dip = 1e-3  # [m] between nodes, of feet next to the ground: their shapes are inside the capsules
-    clearly = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
-    lifted = np.flatnonzero(above > np.clip(above.max() / 2, POINT_FEET, clearly))
-    first, last = (int(lifted[0]), int(lifted[-1])) if len(lifted) > 1 else (0, 0)
-    duration = float(solution.durations[program.flight])
-    intervals = len(above) - 1
-    spans = [(index, index + 1, dip) for index in range(intervals) if not first <= index < last]
-    if last > first:
-        spans.append((first, last, POINT_FEET))
+    gap = 1e-3  # [m] below capsules in the ground, which may be as much lower between nodes
+    share = 0.75  # [-] of the program's height: polynomials have fewer variables than its nodes
+    least = np.minimum(above[1:], above[:-1])  # of an interval
+    levels = np.where(least > 0, share * np.minimum(least, program.bounds.lift), least) - gap
+    levels = (ground + levels).round(4)
+    borders = np.linspace(0.0, float(solution.durations[program.flight]), len(above))
+    changes = np.flatnonzero(np.diff(levels)) + 1
     grounds = []
-    for begin, end, margin in sorted(spans):
-        level = ground + min(0.0, above[begin : end + 1].min() - margin)
-        window = (duration * begin / intervals, duration * end / intervals)
-        grounds.append(HalfSpace(point=(0.0, 0.0, round(level, 4)), window=window))
+    for first, last in itertools.pairwise([0, *changes.tolist(), len(levels)]):
+        window = (float(borders[first]), float(borders[last]))
+        grounds.append(HalfSpace(point=(0.0, 0.0, float(levels[first])), window=window))
     return grounds
 
 

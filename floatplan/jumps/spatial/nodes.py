@@ -20,7 +20,7 @@ class SpatialBounds:
     position : (n, 2) rad
     friction : [-]
     clearance : m, of what is no foot from the ground
-    lift : m, of feet in the middle of the flight
+    lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     tilt : rad, of the middle one of the base's angles
     """

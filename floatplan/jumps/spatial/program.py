@@ -306,13 +306,11 @@ class SpatialProgram:
 
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
         """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
-        air_lift = 0.003  # [m] of feet in the air in stance
-        share = 0.0
-        if self.flight >= 0:
+        lift = 0.003  # [m] of feet in the air in stance
+        in_flight = self.flight >= 0 and self.borders[self.flight] < node < self.borders[self.flight + 1]
+        if in_flight:
             share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
-        in_flight = 0.0 < share < 1.0
-        arc = 16 * (share * (1 - share)) ** 2 if in_flight else 0.0
-        lift = self.bounds.lift * min(1.0, arc) if in_flight else air_lift
+            lift = self.bounds.lift * lifted_share(share)
         least_of = {"link": self.bounds.clearance, "foot": lift, "corner": -self.bounds.dip}
         return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
 
@@ -490,6 +488,16 @@ class SpatialProgram:
             iterations=iterations,
             converged=converged,
         )
+
+
+def lifted_share(share: float) -> float:
+    """Share of the lift that feet have at a share of the flight: all of it between its quarters.
+
+    Before and after, it grows with the square of the time, since feet are still when they leave and meet the ground.
+    """
+    quarter = 0.25
+    growing = share * (1 - share) / (quarter * (1 - quarter))
+    return min(1.0, growing**2)
 
 
 def solved_again(
