@@ -20,7 +20,7 @@ from floatplan.clips.clip import Clip
 from floatplan.clips.fall import fit_fall
 from floatplan.clips.judge import FlightJudgement
 from floatplan.clips.repair import ClipRepair, FlightRepair, repair_clip
-from floatplan.clips.repaired_flight import repair_flight
+from floatplan.clips.repaired_flight import plan_flight_anew
 from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.motion.spatial.kinematics import body_poses, centre_of_mass
 
@@ -157,7 +157,7 @@ def momentum_spread(clip: Clip, each: FlightRepair) -> float:
 def plan_seconds(clip: Clip, judged: FlightJudgement) -> float:
     """Processor time, s, of planning one flight again, with whatever is prepared once for a clip."""
     begin = time.process_time()
-    repair_flight(clip, judged)
+    plan_flight_anew(clip, judged)
     return time.process_time() - begin
 
 

@@ -20,7 +20,7 @@ from floatplan.certificate.spatial.flight import fly
 from floatplan.certificate.spatial.robot import cached_robot
 from floatplan.robot.urdf.packages import robot_content
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.spatial_motion import RecordedSpatialMotion, angle_between
+from floatplan.simulation.spatial_motion import SpatialPlanMotion, angle_between
 
 TIGHTEST = 2.3e-14  # [-] error of a step, the least that DOP853 takes
 LINKS = 12  # joints of a chain
@@ -67,7 +67,7 @@ def proof_of(plan: fp.Plan) -> Proof:
     path = plan.robot.path
     with np.errstate(all="ignore"):
         enclosed = fly(cached_robot(robot_content(path), path, record.robot), record, (), BUDGET)
-    motion = RecordedSpatialMotion(record, reduced_model(plan.robot, float(record.com["gravity"])))
+    motion = SpatialPlanMotion(record, reduced_model(plan.robot, float(record.com["gravity"])))
     attitude = motion.attitudes(np.asarray(record.angular_momentum), TIGHTEST)
     return Proof(
         verdict=certificate.verdict,

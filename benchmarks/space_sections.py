@@ -19,7 +19,7 @@ from floatplan.motion.flight import flight_of
 from floatplan.motion.sine_polynomial import WrittenMotion
 from floatplan.planning.variables import decision_variables
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.spatial_motion import RecordedSpatialMotion, angle_between
+from floatplan.simulation.spatial_motion import SpatialPlanMotion, angle_between
 
 URDF = PROBLEMS.parent / "urdf"
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
@@ -245,7 +245,7 @@ def _exactness(count: int) -> None:
             for key in ("velocities", "accelerations")
         ]
         flown, tracked = fp.replay(plan), fp.replay(plan, feedback=TRACKED / plan.duration)
-        by_equation = RecordedSpatialMotion(
+        by_equation = SpatialPlanMotion(
             plan.record, reduced_model(plan.robot, float(plan.record.com["gravity"]))
         ).attitude
         turned = max(

@@ -74,7 +74,7 @@ OBJECTIVES: tuple[Objective, ...] = (
 
 # Names among which arguments and options choose, and what each stands for.
 Engine: TypeAlias = Literal["pinocchio", "mujoco"]
-Stances: TypeAlias = Literal["bent", "planned"]
+StanceMethod: TypeAlias = Literal["bent", "planned"]
 RepairName: TypeAlias = Literal["retime", "raise", "auto"]
 CHOICES: Mapping[str, Mapping[str, str]] = {
     "method": {"kernel": "floatplan's own", "reference": "the paper's, in Python"},

@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 
 from floatplan.jumps.reading import load_jump
-from floatplan.simulation import jump_flight
+from floatplan.simulation import jump_run
 from floatplan.simulation.contact.model import ContactRobot
 from floatplan.simulation.contact.tracked_motion import PERIOD
-from floatplan.simulation.gains import first_gains
+from floatplan.simulation.gains import gains_of_jump
 from floatplan.simulation.mujoco_model import STEP
 from floatplan.simulation.perturbation import given_perturbation
 
@@ -45,9 +45,9 @@ def flown(jump: Any, integrator: str, step: float) -> list[tuple[float, float, b
             rows.append((self.data.time, momentum, bool(self.data.ncon)))
             return moved
 
-    vars(jump_flight)["ContactRobot"] = Recorded
-    control = jump_flight.JumpControl(jump, first_gains(jump), None)
-    control.fly_jump(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
+    vars(jump_run)["ContactRobot"] = Recorded
+    control = jump_run.JumpControl(jump, gains_of_jump(jump), None)
+    control.run_jump(given_perturbation(""), jump.request.friction, seed=0, number=0, correct=False)
     return rows
 
 

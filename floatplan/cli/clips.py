@@ -16,7 +16,7 @@ from floatplan.cli import ExitCode, common
 from floatplan.cli.common import flag, option
 from floatplan.cli.progress import progress
 from floatplan.errors import InputError
-from floatplan.tables import CHOICES, HIGHEST_DEGREE, LOWEST_DEGREE, Stances
+from floatplan.tables import CHOICES, HIGHEST_DEGREE, LOWEST_DEGREE, StanceMethod
 
 if TYPE_CHECKING:
     from floatplan.clips.repaired_flight import Choice
@@ -107,7 +107,7 @@ def clip_repair(
 
     "retime" keeps postures and heights, so that a flight takes as long as its fall; "raise" keeps its duration, and the
     robot rises higher. Flights that are physical are left as they are; a clip without others is written as it is. Exit
-    code 1 where a flight is not repairable, and the reason is printed.
+    code 1 where a flight is not repairable, or one of the result is unphysical, and the reason is printed.
     """
     from floatplan.arguments import one_of
     from floatplan.clips.formats import LARGEST_CLIP
@@ -120,7 +120,7 @@ def clip_repair(
     )
     if problem is not None:
         _write_problem(clip, problem, choice, degree, output)
-    way = cast("Stances", one_of(*CHOICES["stances"])(stances, "--stances"))
+    way = cast("StanceMethod", one_of(*CHOICES["stances"])(stances, "--stances"))
     if way == "planned":
         common.needs_casadi("--stances")
     with progress("repairing", quiet):
@@ -174,7 +174,7 @@ def bench(
     """Let disturbed robots follow motions in MuJoCo with contact, by one fixed controller, and count who lands.
 
     Each motor gets the motion's torque, of recorded motions by inverse dynamics, and feedback of its joint. Of several
-    files one table, the worst first. Exit code 1 where fewer than nine of ten flights of a motion land.
+    files one table, the worst first. Exit code 1 where fewer than nine of ten robots land with a motion.
     """
     from floatplan.arguments import without_none
     from floatplan.cli.option_values import gain

@@ -368,6 +368,15 @@ def repair_summary(repair: fp.ClipRepair, path: Path, page: Path | None = None) 
                     "yellow",
                 )
             )
+    reasons += [
+        Text(
+            f"{judged.flight.begin:.2f} to {judged.flight.end:.2f} s of the result is unphysical: "
+            f"{'; '.join(judged.faults)}",
+            "red",
+        )
+        for judged in repair.after.flights
+        if judged.verdict == "unphysical"
+    ]
     words = f"{clip.path.name}: {_counted(len(rows), 'flight')} of {len(repair.flights)} to repair"
     return Group(
         Text(escaped(words), f"bold {COLOURS['good' if repair.ok else 'bad']}"),

@@ -1,7 +1,17 @@
 """Recorded motions of robots: read, judged whether their flights can fly, repaired so that they do, and written back.
 
 Motions that learners are fed with are often recorded of people and carried over to a robot. In the air such a motion
-obeys two laws or none: the centre of mass falls on a parabola, and the angular momentum about it is constant.
+obeys two laws or none: the centre of mass falls on a parabola, and the angular momentum about it is constant. What is
+computed, and why so: `docs/theory/clips.md`.
+
+- `formats.py`, `pickles.py`, `loading.py`: files in, by format; `writing.py`: files out.
+- `clip.py`: frames, robot, ground; `curve.py`: the motion between the frames; `flights.py`: feet, ground, flights.
+- `fall.py`: the parabola of the centre of mass; `turning.py`: the base's rotation by one momentum; `judge.py`: the
+  verdict on a flight; `check.py`: on all flights of a clip; `page.py`: the page about it.
+- `repair.py`: the repair of a clip and the report on it; `repaired_flight.py`: a flight planned anew; `timing.py`: the
+  clip's time around it; `bent_stances.py`: stances that meet it; `stance_forces.py`: what these would take;
+  `repaired_motion.py`: all of it as one motion; `repair_page.py`: the page about it.
+- `planned/`: stances that are planned instead of bent, by the program of jumps' stances.
 
 Symbols and frames
 ------------------

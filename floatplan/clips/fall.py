@@ -22,8 +22,8 @@ class Fall:
     fall : m/s^2, downwards
     interval : m/s^2, half of the confidence interval; infinite where there are too few frames
     sideways : m/s^2, the acceleration across
-    rms : m, root mean square of what is left, of one coordinate
-    noise : m, the same of what changes from frame to frame
+    rms : m, root mean square of the residuals, of one coordinate; NaN of three frames or fewer
+    noise : m, root mean square of the changes of residuals from frame to frame, of one coordinate
     least_noise : m, of the centre of mass in a frame: digits of files, and splines between frames
     coefficients : (3, 3)
         Position, velocity and half the acceleration (by row), at the middle of the flight.
@@ -49,18 +49,19 @@ class Fall:
 
     @property
     def squares(self) -> float:
-        """The sum of the squares of what is left, m^2."""
+        """Sum of the squares of the residuals, m^2."""
         return 3.0 * max(len(self.times) - 3, 0) * self.rms**2
 
     @property
     def tolerance(self) -> float:
-        """By how much it may be off, m/s^2."""
+        """By how much the fall may differ from gravity, and an acceleration sideways from zero, m/s^2."""
         return max(0.5, self.interval)  # [m/s^2] whatever the noise
 
     @property
     def on_parabola(self) -> bool:
-        """Whether the centre of mass is as near to it as its noise allows."""
-        return not self.rms > max(3e-3, NOISE_FACTOR * self.noise)  # [m] of any robot
+        """Whether the centre of mass is as near to the parabola as its noise allows, or nothing tells otherwise."""
+        allowed = max(3e-3, NOISE_FACTOR * self.noise)  # [m] of any robot
+        return bool(np.isnan(self.rms)) or self.rms <= allowed
 
 
 def fit_fall(times: Array, places: Array) -> Fall:

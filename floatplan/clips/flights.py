@@ -23,6 +23,9 @@ from floatplan.robot.shapes.solids import LinkSolid
 FOOT_CLEARANCE = 0.02  # [m] over the ground, above which a foot is in the air
 LEAST_DURATION = 0.1  # [s] of a flight: a shorter one is noise of the frames
 STILL = 0.25  # [m/s] of a foot's lowest point: slower, it stands
+STANCE_SPAN = 0.3  # [s] before and after a flight, in which its stances are judged and shown, and their forces computed
+RANGE_MARGIN = 0.15  # [rad] that ranges of plans reach beyond the clip's positions: at its edge a joint cannot move
+CHECKED = 101  # [-] instants at which a planned flight or stance is compared with the clip
 BASE_BODY = 1  # the model's joint that carries the base
 
 
@@ -158,15 +161,20 @@ class Scene:
             foot_heights=foot_heights,
             foot_velocities=foot_velocities,
             other_heights=heights[:, others],
-            # bodies other than feet have coarser shapes; above 0.1 m they are clear, as ankles are always lower
+            # Shapes of other bodies are coarser: each must be as high as it usually is over the robot's lowest point,
+            # but at least 2 cm, and at most 10 cm.
             other_clearances=np.clip(usual[others], FOOT_CLEARANCE, 0.1),
             ground=_ground(times, foot_heights, np.linalg.norm(foot_velocities, axis=2), ground_height),
         )
 
+    @cached_property
+    def clearances(self) -> Array:
+        """Heights (K, F) of the feet's lowest points over the ground at the scene's instants, m."""
+        return np.asarray(self.foot_heights - self.ground.heights[:, None])
+
     def foot_clearances(self, times: Array) -> Array:
-        """Heights (K, F) of the feet's lowest points over the ground at times (K,), s, of the clip, m."""
-        over_ground = self.foot_heights - self.ground.heights[:, None]
-        return np.stack([np.interp(times, self.times, column) for column in over_ground.T], axis=1)
+        """Heights (N, F) of the feet's lowest points over the ground at times (N,), s, of the clip, m."""
+        return np.stack([np.interp(times, self.times, column) for column in self.clearances.T], axis=1)
 
     def in_the_air(self, clearance: float = FOOT_CLEARANCE) -> BoolArray:
         """Whether nothing touches the ground, (K,): feet are higher over it than a clearance, m.
@@ -188,7 +196,10 @@ class Scene:
         return tuple(flight for flight in flights if flight.duration >= LEAST_DURATION)
 
     def longest(self, flight: ClipFlight) -> ClipFlight:
-        """The time about a flight in which feet are low, but may be in the air already, or still."""
+        """The longer stretch around a flight in which all feet are more than 5 mm up.
+
+        The flight may have begun before feet pass 2 cm, and may end after they do.
+        """
         for longer in self._longest_flights:
             if longer.begin <= flight.begin and flight.end <= longer.end:
                 return longer
@@ -221,6 +232,14 @@ class Scene:
         first_frame = int(np.ceil(begin * fps - 1e-9))
         last_frame = min(int(np.floor(end * fps + 1e-9)), self.curve.frames - 1)
         return ClipFlight(begin=begin, end=end, first=first_frame, last=last_frame)
+
+
+def free_time(flights: Sequence[ClipFlight], number: int, duration: float) -> tuple[float, float]:
+    """When the flight before a flight ends, and the one after it begins, s; ends of the clip where there is none."""
+    return (
+        flights[number - 1].end if number else 0.0,
+        flights[number + 1].begin if number + 1 < len(flights) else duration,
+    )
 
 
 def _stretches(true: BoolArray) -> list[tuple[int, int]]:
@@ -333,7 +352,7 @@ def _base_ends_a_limb(robot: Robot) -> bool:
 
 
 def _lowest_limbs(robot: Robot, by_body: dict[int, list[LinkSolid]], usual: Array, extent: float) -> list[int]:
-    """Bodies that end a limb, the base too where it ends one, and are often near the robot's lowest point.
+    """Bodies that end a limb, the base too where it ends a limb, and are often near the robot's lowest point.
 
     Raises
     ------
@@ -398,11 +417,11 @@ def _is_long_stand(times: Array, height: Array, first: int, last: int) -> bool:
 
 def _level(times: Array, still_times: Array, still_heights: Array) -> Array:
     """The middle (K,) of the lower heights within the window about each instant."""
-    percent = 50.0 * 0.7  # [%] of the heights of feet that stand: a foot that is still in the air is higher
+    percent = 35.0  # [%] of the heights of still feet: below the median, since a foot still in the air is higher
     levels = np.full(len(times), np.nan)
     first = np.searchsorted(still_times, times - SAMPLING.ground_window)
     end = np.searchsorted(still_times, times + SAMPLING.ground_window)
-    step = max(int(SAMPLING.ground_window * SAMPLING.rate / 30), 1)  # it hardly changes within a twentieth of a second
+    step = round(0.05 * SAMPLING.rate)  # instants, of 0.05 s: the ground hardly changes within
     level_of: dict[tuple[int, int], float] = {}  # by the first and the end of those in the window
     for k in {*range(0, len(times), step), len(times) - 1}:
         window = int(first[k]), int(end[k])

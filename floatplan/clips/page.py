@@ -13,8 +13,8 @@ from floatplan.arguments import html_table
 from floatplan.arrays import Array
 from floatplan.clips.check import ClipCheck
 from floatplan.clips.fall import Fall
-from floatplan.clips.flights import FOOT_CLEARANCE
-from floatplan.clips.judge import STANCE_SPAN, FlightJudgement
+from floatplan.clips.flights import FOOT_CLEARANCE, STANCE_SPAN
+from floatplan.clips.judge import FlightJudgement
 from floatplan.files import write_atomically
 from floatplan.view.report.report import asset, filled, policy
 

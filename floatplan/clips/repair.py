@@ -4,48 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from floatplan.arguments import FINITE, many, one_of, optional, whole
+from floatplan.clips.bent_stances import angle_between, foot_misses
 from floatplan.clips.check import ClipCheck, check_clip, or_none, share_table
 from floatplan.clips.clip import Clip
-from floatplan.clips.flights import ClipFlight
+from floatplan.clips.flights import STANCE_SPAN, ClipFlight
 from floatplan.clips.formats import check_rate
 from floatplan.clips.judge import FlightJudgement
-from floatplan.clips.planned.stances import ClipStance, StancePlanner
-from floatplan.clips.repaired_flight import CHOICE, Choice, RepairedFlight, repair_flight
+from floatplan.clips.planned.planner import ClipStance, StancePlanner
+from floatplan.clips.repaired_flight import CHOICE, Choice, PlannedFlight, plan_flight_anew
 from floatplan.clips.repaired_motion import RepairedMotion
 from floatplan.clips.stance_forces import STEPS, StanceFigures, stance_figures
-from floatplan.clips.stances import angle_between, foot_misses
 from floatplan.errors import InputError
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.model import casadi
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.pool import one_thread
-from floatplan.tables import CHOICES, GRAVITY, HIGHEST_DEGREE, LOWEST_DEGREE, Range, Stances
+from floatplan.tables import CHOICES, GRAVITY, HIGHEST_DEGREE, LOWEST_DEGREE, Range, StanceMethod
 
-STANCE_SPAN = 0.3  # [s] before and after a flight, in which forces of the stances are looked at
-FORCE_STEP = 0.01  # [s] between the instants at which they are
+FORCE_STEP = 0.01  # [s] between the instants of a stance at which forces of the ground are computed
 
 
 @dataclass(frozen=True, eq=False)
 class FlightRepair:
-    """What was done about one flight: None of ``repaired`` where it was left as it is.
+    """The report on one flight of a clip: what planning it anew gave, and how the result fits into the clip.
 
     Attributes
     ----------
     flight : ClipFlight
-    repaired : RepairedFlight, optional
+    repaired : PlannedFlight, optional
+        None where the flight was not to be repaired.
     seam_base, seam_turn, seam_foot : m, rad, m
-        Largest jump of base and attitude at its ends, and by how much feet before and after are off the clip's.
+        Largest jump of the base's position and attitude at the flight's ends; largest distance of a foot that stands
+        before or after the flight from where the clip has it.
     stance : StanceFigures, optional
-    stances : of takeoff and landing, where they were to be planned; one between two flights is of both
+        Of bent stances before and after the flight; None where the flight was not replaced.
+    stances : tuple of ClipStance
+        Those of takeoff and landing, where stances were to be planned. A stance between two flights is listed by both.
     """
 
     flight: ClipFlight
-    repaired: RepairedFlight | None
+    repaired: PlannedFlight | None
     seam_base: float = 0.0
     seam_turn: float = 0.0
     seam_foot: float = 0.0
@@ -98,15 +102,24 @@ class ClipRepair:
     before : ClipCheck
     flights : tuple of FlightRepair
         Of every flight of the clip, in the order of time.
+    result : Clip
+        The repaired clip; that of ``before`` where nothing was changed.
     """
 
     before: ClipCheck
     flights: tuple[FlightRepair, ...]
+    result: Clip
+
+    @cached_property
+    def after(self) -> ClipCheck:
+        """The check of the result, computed on first use."""
+        return self.before if self.result is self.before.clip else check_clip(self.result, self.before.gravity)
 
     @property
     def ok(self) -> bool:
-        """Whether every flight that was unphysical is repaired."""
-        return all(flight.repaired is None or flight.repaired.repairable for flight in self.flights)
+        """Whether every flight that was to be repaired is, and no flight of the result is unphysical."""
+        repaired = all(flight.repaired is None or flight.repaired.repairable for flight in self.flights)
+        return repaired and self.after.ok
 
     @property
     def changed(self) -> bool:
@@ -135,7 +148,7 @@ def repair_clip(
     degree: int | None = None,
     rate: float | None = None,
     gravity: float = GRAVITY,
-    stances: Stances = "bent",
+    stances: StanceMethod = "bent",
 ) -> tuple[Clip, ClipRepair]:
     """Make the flights of a clip fly.
 
@@ -150,19 +163,21 @@ def repair_clip(
         "retime", to 1, which is "raise", for a duration between both, or "auto": retime where the robot's limits hold,
         else raise
     flights : numbers of flights, optional
-        To repair, whatever their verdict; the unphysical ones where left out.
+        To repair, whatever their verdict; the unphysical ones where left out. Unphysical flights that are not among
+        these are left as they are, and the repair is not ``ok``.
     degree : of the polynomials, optional
     rate : Hz, optional
         Frames a second of the repaired clip; the clip's own where left out.
     gravity : m/s^2
     stances : "bent", so that they meet the flights; or "planned": within friction, torques and rates of the robot, near
-        to the clip, and checked 2000 times a second. That needs CasADi, and some seconds for each. Flights begin and
-        end with still feet then. Where there is none it is bent, and :class:`FlightRepair` says why.
+        to the clip, and checked 2000 times a second. Planning needs CasADi, and some seconds for each stance, and
+        flights begin and end with still feet. Where no stance can be planned it is bent, and :class:`FlightRepair`
+        says why.
 
     Returns
     -------
     Clip
-        The same object where nothing is changed. It has ``velocities`` too.
+        The same object where nothing is changed. A changed clip has ``velocities`` too.
     ClipRepair
 
     Raises
@@ -183,47 +198,49 @@ def repair_clip(
     if one_of(*CHOICES["stances"])(stances, "stances") == "planned":
         casadi()
         planner = StancePlanner(clip, gravity, tuple(chosen))
-    repaired = {}
+    planned = {}
     for number in chosen:
-        repaired[number] = _repaired_flight(clip, before.flights[number], number, (choice, degree, gravity), planner)
-    good = {number: flight for number, flight in repaired.items() if flight.repairable}
+        planned[number] = _plan_flight(clip, before.flights[number], number, choice, degree, gravity, planner)
+    good = {number: flight for number, flight in planned.items() if flight.repairable}
     plans = {number: flight.plan for number, flight in good.items() if flight.plan is not None}
-    left = {number: FlightRepair(flight, repaired.get(number)) for number, flight in enumerate(clip.flights)}
+    reports = {number: FlightRepair(flight, planned.get(number)) for number, flight in enumerate(clip.flights)}
     if not plans and rate in (None, clip.fps):
-        return clip, ClipRepair(before, tuple(left.values()))
+        return clip, ClipRepair(before, tuple(reports.values()), clip)
     replaced = [good[number].flight if number in good else flight for number, flight in enumerate(clip.flights)]
     planned_stances = [] if planner is None else planner.planned(plans)
     motion = RepairedMotion(clip, plans, replaced, planned_stances)
-    repairs = {}
     for number, flight in good.items():
         own = [] if planner is None else planner.of_flight(number, planned_stances)
-        repairs[number] = replace(_flight_repair(motion, clip, number, flight, gravity), stances=tuple(own))
-    return motion.clip(rate or clip.fps), ClipRepair(before, tuple((left | repairs).values()))
+        reports[number] = replace(_report(motion, clip, number, flight, gravity), stances=tuple(own))
+    result = motion.clip(rate or clip.fps)
+    return result, ClipRepair(before, tuple(reports.values()), result)
 
 
-def _repaired_flight(
+def _plan_flight(
     clip: Clip,
     judged: FlightJudgement,
     number: int,
-    how: tuple[Choice, int | None, float],
+    choice: Choice,
+    degree: int | None,
+    gravity: float,
     planner: StancePlanner | None,
-) -> RepairedFlight:
-    """The repair of a flight: between still feet where stances are planned, and there is such a flight."""
+) -> PlannedFlight:
+    """Plan a flight anew; with still feet at its ends where stances are to be planned and such a flight exists."""
     if planner is not None and number in planner.flights:
         reason = ""
-        # [m] by which the base is lowered where feet are still: of nearly straight legs rates exceed their limits
+        # [m] by which the base is lowered where feet are still: the rates of nearly straight legs exceed their limits
         for lowered in (0.0, 0.01, 0.02, 0.03):
             still = replace(judged, flight=planner.flights[number])
             try:
-                repaired = repair_flight(clip, still, *how, planner.ends(number, lowered))
+                planned = plan_flight_anew(clip, still, choice, degree, gravity, planner.ends(number, lowered))
             except NoExactStanceError as error:
                 reason = reason or str(error)
                 break
-            if repaired.repairable:
-                return repaired
-            reason = reason or repaired.reason
+            if planned.repairable:
+                return planned
+            reason = reason or planned.reason
         planner.give_up(number, f"no flight with still feet at its ends: {reason}")
-    return repair_flight(clip, judged, *how)
+    return plan_flight_anew(clip, judged, choice, degree, gravity)
 
 
 def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
@@ -236,13 +253,11 @@ def _chosen(check: ClipCheck, flights: Sequence[int] | None) -> list[int]:
     return sorted(set(flights))
 
 
-def _flight_repair(
-    motion: RepairedMotion, clip: Clip, number: int, repaired: RepairedFlight, gravity: float
-) -> FlightRepair:
-    """The report on a repaired flight: its seams, and the forces of the stances before and after."""
-    plan = repaired.plan
-    assert plan is not None, "the flight is repaired"
-    flight = repaired.flight
+def _report(motion: RepairedMotion, clip: Clip, number: int, planned: PlannedFlight, gravity: float) -> FlightRepair:
+    """The report on a flight that was replaced: its seams, and the forces of the stances before and after."""
+    plan = planned.plan
+    assert plan is not None, "the flight is replaced"
+    flight = planned.flight
     begin = motion.begins[number]
     ends = np.array([flight.begin, flight.end])
     q = motion.ends[number]
@@ -262,7 +277,7 @@ def _flight_repair(
     ]
     return FlightRepair(
         flight=flight,
-        repaired=repaired,
+        repaired=planned,
         seam_base=base,
         seam_turn=max(turns),
         seam_foot=float(foot_misses(clip, clip_times, configurations).max(initial=0.0)),

@@ -11,7 +11,6 @@ import numpy as np
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
-from floatplan.clips.check import check_clip
 from floatplan.clips.clip import Clip
 from floatplan.clips.formats import continuous_signs
 from floatplan.clips.page import clip_words, flights_table, percent
@@ -25,7 +24,7 @@ from floatplan.view.report.data import moving_robot
 from floatplan.view.report.report import page
 from floatplan.view.solids import rendered_solids
 
-STANCE_SPAN = 0.5  # [s] before the first flight that is changed, and after the last, that is played
+PLAYED_AROUND = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
 TITLES = (
     *("flight, s", "done", "duration, s", "joints, deg rms", "base, deg", "torque", "rate", "feet off, mm"),
@@ -44,11 +43,10 @@ def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> P
     path : of the page
     """
     clip = repair.before.clip
-    after = check_clip(repaired, repair.before.gravity)
     parts = ["<h2>what was changed</h2>", html_table("", [_row(flight) for flight in repair.flights], TITLES)]
     parts += [f"<p>{html.escape(sentence)}</p>" for sentence in _sentences(repair)]
     parts += ["<h2>before</h2>", clip_words(repair.before), flights_table(repair.before)]
-    parts += ["<h2>after</h2>", flights_table(after)]
+    parts += ["<h2>after</h2>", flights_table(repair.after)]
     pair = []
     for name, shown in (("before", clip), ("after", repaired)):
         begin, end = _played(shown, repair)
@@ -125,8 +123,8 @@ def _played(clip: Clip, repair: ClipRepair) -> tuple[float, float]:
     changed = [number for number, flight in enumerate(repair.flights) if flight.repaired is not None]
     if not changed or len(clip.flights) != len(repair.flights):
         return 0.0, min(clip.duration, LONGEST)
-    begin = max(clip.flights[changed[0]].begin - STANCE_SPAN, 0.0)
-    return begin, min(clip.flights[changed[-1]].end + STANCE_SPAN, clip.duration, begin + LONGEST)
+    begin = max(clip.flights[changed[0]].begin - PLAYED_AROUND, 0.0)
+    return begin, min(clip.flights[changed[-1]].end + PLAYED_AROUND, clip.duration, begin + LONGEST)
 
 
 def motion_data(clip: Clip, begin: float, end: float) -> dict[str, Any]:

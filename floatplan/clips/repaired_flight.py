@@ -18,7 +18,7 @@ from floatplan.arguments import number, one_of
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
 from floatplan.clips.fall import fit_longer_fall
-from floatplan.clips.flights import LEAST_DURATION, SAMPLING, ClipFlight
+from floatplan.clips.flights import CHECKED, LEAST_DURATION, RANGE_MARGIN, SAMPLING, ClipFlight
 from floatplan.clips.judge import FlightJudgement, com_of_frames, largest_share
 from floatplan.clips.planned.ends import StillEnds
 from floatplan.clips.timing import fall_duration
@@ -37,32 +37,28 @@ from floatplan.robot.urdf.base import FREE_FLYER as BASE
 from floatplan.tables import CHOICES, GRAVITY, Range, RepairName
 
 Choice: TypeAlias = RepairName | float
-SHARES = {
-    "retime": 0.0,
-    "raise": 1.0,
-}  # [-] of the clip's own duration in that of the repaired flight; the remainder is the fall's
+# [-] weight of the clip's own duration in that of the planned flight; the remainder is that of the fall's duration
+CLIP_WEIGHTS = {"retime": 0.0, "raise": 1.0}
 CHOICE = one_of(*CHOICES["repair"], or_number=number(Range(0.0, 1.0, "")))
 NODES = 24  # [-] of the quadrature at which the clip is read, and rates at the ends are fitted
 # [s] of a repaired flight: its clip is searched for flights at instants of its own, and may lose one at each end
 SHORTEST = LEAST_DURATION + 2.0 / SAMPLING.rate
-RANGE_MARGIN = 0.15  # [rad] that a range reaches beyond the clip's own positions: at its edge a joint cannot move
-CHECKED = 101  # [-] instants at which the flight is compared with the clip
 
 
 @dataclass(frozen=True, eq=False)
-class RepairedFlight:
-    """A flight of a clip and the plan that replaces it.
+class PlannedFlight:
+    """What planning a flight of a clip anew gave.
 
     Attributes
     ----------
     flight : ClipFlight
     plan : Plan, optional
         None where there is none.
-    choice : "retime", "raise", or a number between both
-    joints_rms, joints_largest : rad, by which joints differ from the clip's
-    base_largest : rad, by which the base's attitude does, along the way
-    rate_share, torque_share : the largest share of a limit, and whose; None without limits
-    reason : why it is not repaired; "" where it is
+    choice : "retime", "raise", or a number from 0, retime, to 1, raise
+    joints_rms, joints_largest : rad, root mean square and largest difference of the plan's joints from the clip's
+    base_largest : rad, largest angle between the plan's and the clip's attitude of the base, along the flight
+    rate_share, torque_share : the largest share of a limit that a motor takes, and its name; None without limits
+    reason : why the plan cannot replace the flight; "" where it can
     """
 
     flight: ClipFlight
@@ -86,38 +82,39 @@ class RepairedFlight:
         return not self.reason
 
 
-def repair_flight(
+def plan_flight_anew(
     clip: Clip,
     judged: FlightJudgement,
     choice: Choice = "auto",
     degree: int | None = None,
     gravity: float = GRAVITY,
     ends: StillEnds | None = None,
-) -> RepairedFlight:
+) -> PlannedFlight:
     """Plan a flight of a clip anew.
 
     Parameters
     ----------
     judged : FlightJudgement
         The flight and its verdict.
-    choice : "retime", "raise", a share between them, or "auto": the first of both that keeps the robot's limits, else
-        the nearer one
+    choice : "retime", "raise", a number between 0, retime, and 1, raise, or "auto": the first of both that keeps the
+        robot's limits, else the nearer one
     degree : of the polynomials (12); by the flight's duration where left out
     gravity : m/s^2
-    ends : with which still feet leave and arrive, optional
+    ends : the postures of takeoff and landing with feet that are still, optional
     """
-    shares: tuple[str | float, ...] = tuple(SHARES) if choice == "auto" else (choice,)
-    tried: list[RepairedFlight] = []
-    for share in shares:
-        repaired = _planned(clip, judged, share, degree, gravity, ends)
-        if repaired.repairable:
-            return repaired
-        tried.append(repaired)
-    return min(tried, key=lambda repaired: (repaired.plan is None, _largest_share(repaired), repaired.joints_largest))
+    choices: tuple[str | float, ...] = tuple(CLIP_WEIGHTS) if choice == "auto" else (choice,)
+    tried: list[PlannedFlight] = []
+    for one_choice in choices:
+        planned_flight = _planned(clip, judged, one_choice, degree, gravity, ends)
+        if planned_flight.repairable:
+            return planned_flight
+        tried.append(planned_flight)
+    return min(tried, key=lambda flight: (flight.plan is None, _largest_use(flight), flight.joints_largest))
 
 
-def _largest_share(used: RepairedFlight | FlightJudgement) -> float:
-    shares = (used.rate_share, used.torque_share)
+def _largest_use(planned_flight: PlannedFlight) -> float:
+    """The largest share of a limit, of rates and torques, that a flight takes; 0 without limits."""
+    shares = (planned_flight.rate_share, planned_flight.torque_share)
     return max((share[0] for share in shares if share is not None), default=0.0)
 
 
@@ -128,7 +125,7 @@ def _planned(
     degree: int | None,
     gravity: float,
     ends: StillEnds | None,
-) -> RepairedFlight:
+) -> PlannedFlight:
     """Plan with one choice: within the limits where the nearest motion exceeds them, or is expected to.
 
     Where there is none within them, the nearest motion tells by how much.
@@ -155,7 +152,7 @@ def _planned(
     if not plan.ok:
         return _none(flight, choice, f"no flight was found: {plan.explanation}")
     nearest = _judged(clip, flight, choice, plan)
-    if expects_more or not _is_limited(_largest_share(nearest)):
+    if expects_more or not _is_limited(_largest_use(nearest)):
         return nearest
     within = plan_within(near=plan)
     return _judged(clip, flight, choice, within) if within.ok else nearest
@@ -175,8 +172,8 @@ def _is_limited(share: float) -> bool:
     return 1.0 < share <= hopeless
 
 
-def _none(flight: ClipFlight, choice: str | float, reason: str) -> RepairedFlight:
-    return RepairedFlight(flight, None, choice, math.nan, math.nan, math.nan, None, None, reason)
+def _none(flight: ClipFlight, choice: str | float, reason: str) -> PlannedFlight:
+    return PlannedFlight(flight, None, choice, math.nan, math.nan, math.nan, None, None, reason)
 
 
 def _limits_within(robot: Robot, share: float) -> dict[str, Any]:
@@ -194,8 +191,9 @@ def _finite_limits(motors: Sequence[str], limits: Array) -> dict[str, float]:
 def repaired_duration(clip: Clip, judged: FlightJudgement, choice: str | float, gravity: float = GRAVITY) -> float:
     """How long a flight of a clip takes when it is repaired, s: that of its fall over its own heights, or the clip's.
 
-    A share is one between both. Where the centre of mass is on a parabola, that tells its heights: noise of the frames
-    at its ends and top would change the duration. So would that of few frames; those continue it in which feet are low.
+    With a number as ``choice`` it is between both. Where the centre of mass is on a parabola, its heights are those of
+    the parabola: noise of the frames at takeoff, top and landing would change the duration. The parabola of few frames
+    is noisy too: frames next to the flight in which feet are low are added as far as they are on it.
     """
     flight = judged.flight
     times = flight.begin + flight.duration * np.linspace(0.0, 1.0, CHECKED)
@@ -207,9 +205,9 @@ def repaired_duration(clip: Clip, judged: FlightJudgement, choice: str | float, 
         heights = fall.at(times)[:, 2]
     else:
         heights = centre_of_mass(clip.robot, clip.curve.poses(times))[:, 2]
-    share = SHARES[choice] if isinstance(choice, str) else choice
+    weight = CLIP_WEIGHTS[choice] if isinstance(choice, str) else choice
     falling = fall_duration(float(heights[0]), float(heights.max()), float(heights[-1]), gravity)
-    return share * flight.duration + (1.0 - share) * falling
+    return weight * flight.duration + (1.0 - weight) * falling
 
 
 def flight_problem(
@@ -227,7 +225,8 @@ def flight_problem(
     duration : s, of the plan
     degree : of the polynomials (12); by the flight's duration where left out
     gravity : m/s^2
-    share_of_limits : of rates and torques of the robot's file, within which it is to stay; without them if left out
+    share_of_limits : of the rates and torques of the robot's file, within which the plan is to stay; without these
+        limits if left out
     """
     robot = clip.robot
     ends = np.array([flight.begin, flight.end])
@@ -336,7 +335,7 @@ def _attitudes_of_ends(clip: Clip, flight: ClipFlight) -> tuple[Attitude, Attitu
     return first, last
 
 
-def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> RepairedFlight:
+def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> PlannedFlight:
     """Compare a plan with the flight of the clip, and with the robot's limits."""
     robot = clip.robot
     s = np.linspace(0.0, 1.0, CHECKED)
@@ -365,7 +364,7 @@ def _judged(clip: Clip, flight: ClipFlight, choice: str | float, plan: Plan) -> 
     if largest > math.radians(30.0):  # a flight with a larger change is another motion
         joint = robot.model_joints[int(np.abs(change).max(axis=0).argmax())]
         reasons.append(f"{joint} would move {math.degrees(largest):.0f} degrees from the clip")
-    return RepairedFlight(
+    return PlannedFlight(
         flight=flight,
         plan=plan,
         choice=choice,

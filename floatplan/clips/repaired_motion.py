@@ -9,11 +9,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array, BoolArray, read_only
+from floatplan.clips.bent_stances import Seam, stance_configurations, velocity_difference
 from floatplan.clips.clip import Clip
-from floatplan.clips.flights import ClipFlight
+from floatplan.clips.flights import ClipFlight, free_time
 from floatplan.clips.formats import continuous_signs
-from floatplan.clips.planned.stances import ClipStance
-from floatplan.clips.stances import Seam, stance_configurations, velocity_difference
+from floatplan.clips.planned.planner import ClipStance
 from floatplan.clips.timing import RAMP, Clock
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.plans.plan import Plan
@@ -24,7 +24,7 @@ STEP = 1e-4  # [s] of differences, by which velocities in stances are computed
 def plan_motion(plan: Plan, times: Array) -> tuple[Array, Array]:
     """Configurations (K, 7 + J) of a plan at times (K,), s, as clips have them, and velocities (K, 6 + J).
 
-    Those of the base are in its own axes.
+    The base's velocities are in its own axes.
     """
     motion = plan.full_motion(times)
     configurations = np.concatenate((motion.base_position, motion.base_quaternion, motion.positions), axis=1)
@@ -37,14 +37,14 @@ class RepairedMotion:
     Parameters
     ----------
     clip : Clip
-    plans : by the number of the flight
-    flights : of the clip, instead of which they are; its own if left out
-    stances : that are planned, optional
+    plans : number of a flight -> Plan that replaces it
+    flights : of the clip, as the plans replace them; the clip's own if left out
+    stances : planned stances, optional
 
     Attributes
     ----------
-    begins : s, of each plan, by the number of its flight
-    ends : (2, 7 + J), configurations of each plan at takeoff and landing
+    begins : number of a flight -> when its plan begins, s
+    ends : number of a flight -> (2, 7 + J), configurations of each plan at takeoff and landing
     """
 
     def __init__(
@@ -81,8 +81,7 @@ class RepairedMotion:
         clip = self._clip
         flights = self._flights
         flight = flights[number]
-        before = flights[number - 1].end if number else 0.0
-        after = flights[number + 1].begin if number + 1 < len(flights) else clip.duration
+        before, after = free_time(flights, number, clip.duration)
         ends = np.array([flight.begin, flight.end])
         attitudes = of_quaternions(configurations[:, 3:7])
         clearances = clip.scene.foot_clearances(ends)
@@ -151,43 +150,40 @@ class RepairedMotion:
             if inside.any():
                 yield stance, inside
 
-    def _in_flight(self, times: Array) -> Iterator[tuple[Plan, BoolArray, Array]]:
-        """Plans, which of times (K,) are within each, and these in the plan's own time, s."""
+    def _planned(self, times: Array) -> Iterator[tuple[BoolArray, Array, Array]]:
+        """Planned flights and stances: which of times (K,) are within each, configurations and velocities there."""
         for number, plan in self._plans.items():
             local = times - self.begins[number]
             inside = (local >= 0) & (local <= plan.duration)
             if inside.any():
-                yield plan, inside, local[inside]
+                yield inside, *plan_motion(plan, local[inside])
+        for stance, inside in self._in_stances(times):
+            yield inside, *self._stance_motion(stance, times[inside])
 
     def configurations(self, times: Array) -> Array:
         """Configurations (K, 7 + J) at times (K,), s."""
         configurations = np.empty((len(times), self._clip.robot.model.nq))
-        stands = np.ones(len(times), np.bool_)
-        for plan, inside, local in self._in_flight(times):
-            configurations[inside], _ = plan_motion(plan, local)
-            stands &= ~inside
-        for stance, inside in self._in_stances(times):
-            configurations[inside], _ = self._stance_motion(stance, times[inside])
-            stands &= ~inside
-        at = times[stands]
-        configurations[stands] = stance_configurations(self._clip, self.clock.to_clip(at), at, self._seams)
+        is_bent = np.ones(len(times), np.bool_)
+        for inside, q, _ in self._planned(times):
+            configurations[inside] = q
+            is_bent &= ~inside
+        at = times[is_bent]
+        configurations[is_bent] = stance_configurations(self._clip, self.clock.to_clip(at), at, self._seams)
         return configurations
 
     def motion(self, times: Array) -> tuple[Array, Array]:
         """Configurations (K, 7 + J) at times (K,), s, and velocities (K, 6 + J) of Pinocchio's model.
 
-        Velocities of plans are their own, those of stances are from differences.
+        Velocities of planned flights and stances are their own, those of bent stances are from differences.
         """
         configurations = np.empty((len(times), self._clip.robot.model.nq))
         velocities = np.empty((len(times), self._clip.robot.model.nv))
-        stands = np.ones(len(times), np.bool_)
-        for plan, inside, local in self._in_flight(times):
-            configurations[inside], velocities[inside] = plan_motion(plan, local)
-            stands &= ~inside
-        for stance, inside in self._in_stances(times):
-            configurations[inside], velocities[inside] = self._stance_motion(stance, times[inside])
-            stands &= ~inside
-        at = times[stands]
+        is_bent = np.ones(len(times), np.bool_)
+        for inside, q, v in self._planned(times):
+            configurations[inside] = q
+            velocities[inside] = v
+            is_bent &= ~inside
+        at = times[is_bent]
         early = np.clip(at - STEP, 0.0, self.clock.duration)
         late = np.clip(at + STEP, 0.0, self.clock.duration)
         before, middle, after = np.split(self.configurations(np.concatenate((early, at, late))), 3)
@@ -195,12 +191,12 @@ class RepairedMotion:
         turned = Rotation.from_quat(before[:, 3:7]).inv() * Rotation.from_quat(after[:, 3:7])
         linear = Rotation.from_quat(middle[:, 3:7]).apply((after[:, :3] - before[:, :3]) / passed, inverse=True)
         joints = (after[:, 7:] - before[:, 7:]) / passed
-        configurations[stands] = middle
-        velocities[stands] = np.concatenate((linear, turned.as_rotvec() / passed, joints), axis=1)
+        configurations[is_bent] = middle
+        velocities[is_bent] = np.concatenate((linear, turned.as_rotvec() / passed, joints), axis=1)
         return configurations, velocities
 
     def clip(self, rate: float) -> Clip:
-        """The same as a clip of so many frames a second."""
+        """The motion as a clip of ``rate`` frames a second."""
         clip = self._clip
         times = np.arange(int(np.floor(self.clock.duration * rate + 1e-6)) + 1) / rate
         q, v = self.motion(times)

@@ -26,8 +26,8 @@ class StanceFigures:
 
     Attributes
     ----------
-    vertical_least : least vertical force of the ground, in shares of the weight; negative where that would be adhesive
-    friction : the largest share of horizontal in vertical force; infinite where it would have to be adhesive
+    vertical_least : least vertical force of the ground, in shares of the weight; negative where it would be adhesive
+    friction : the largest share of horizontal in vertical force; infinite where the ground would have to be adhesive
     pressure_outside : m, by which the centre of pressure is outside of the feet that stand, at most
     """
 

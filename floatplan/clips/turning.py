@@ -72,7 +72,7 @@ class JointFit:
 
 
 @dataclass(frozen=True, eq=False)
-class TurnFit:
+class RotationFit:
     """The turning with one angular momentum that is nearest to a clip's attitudes.
 
     Attributes
@@ -81,18 +81,19 @@ class TurnFit:
     rms : rad, root mean square of what is left of the attitudes
     noise : rad, the same of their own noise
     residuals : (K, 3) rad, in the world, at the frames
-    turning : Turning
+    motion : Turning
+        The attitude as a function of time.
     """
 
     angular_momentum: Array
     rms: float
     noise: float
     residuals: Array
-    turning: Turning
+    motion: Turning
 
     @property
     def tolerance(self) -> float:
-        """By how much they may be off, rad."""
+        """Root mean square, rad, that residuals of a flight may have."""
         counted_noise = min(self.noise, float(np.deg2rad(0.5)))  # [rad] more noise is a fault, and excuses nothing
         return max(float(np.deg2rad(0.5)), NOISE_FACTOR * counted_noise)  # [rad] root mean square, whatever the noise
 
@@ -128,26 +129,26 @@ def possible_degrees(frames: int) -> tuple[int, ...]:
 
 def nearest_turning(
     dynamics: SpatialDynamics, times: Array, positions: Array, attitudes: Array
-) -> tuple[JointFit, TurnFit | None]:
-    """Fit joints and turning; where that is a fault, with other degrees too: the frames may not tell which is right."""
+) -> tuple[JointFit, RotationFit | None]:
+    """Fit joints and turning; where residuals are a fault, with other degrees too: frames may not tell the best."""
     joints = fit_joints(times, positions)
-    turning = fit_turning(dynamics, joints, times, attitudes)
+    rotation = fit_turning(dynamics, joints, times, attitudes)
     possible = possible_degrees(len(times))
     chosen = possible.index(joints.degree)
     for step in FIT.other_degrees:
-        if turning is not None and turning.rms <= turning.tolerance:
+        if rotation is not None and rotation.rms <= rotation.tolerance:
             break
         if not 0 <= chosen + step < len(possible):
             continue
         other = fit_joints(times, positions, possible[chosen + step])
-        other_turning = fit_turning(dynamics, other, times, attitudes)
-        if other_turning is not None and (turning is None or other_turning.rms < turning.rms):
+        other_rotation = fit_turning(dynamics, other, times, attitudes)
+        if other_rotation is not None and (rotation is None or other_rotation.rms < rotation.rms):
             joints = other
-            turning = other_turning
-    return joints, turning
+            rotation = other_rotation
+    return joints, rotation
 
 
-def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attitudes: Array) -> TurnFit | None:
+def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attitudes: Array) -> RotationFit | None:
     """Fit takeoff attitude and angular momentum, by Gauss and Newton, to attitudes (K, 3, 3) at times (K,), s.
 
     None where no such motion can be integrated.
@@ -179,12 +180,12 @@ def fit_turning(dynamics: SpatialDynamics, joints: JointFit, times: Array, attit
     except IntegrationError:
         return None
     freedom = max(3 * len(times) - 6, 1)
-    return TurnFit(
+    return RotationFit(
         angular_momentum=momentum,
         rms=float(np.sqrt(3.0 * (residuals**2).sum() / freedom)),
         noise=frame_noise(residuals),
         residuals=residuals,
-        turning=turning,
+        motion=turning,
     )
 
 

@@ -16,7 +16,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import MotionSample, Trajectory, phase_of, sampled
 from floatplan.robot.planar.model import BASE_COORDINATES as BASE
 from floatplan.robot.robot import Robot
-from floatplan.simulation.gains import BANDWIDTH, Gain, first_gains, joint_inertia, requested_gains
+from floatplan.simulation.gains import BANDWIDTH, Gain, gains_of_jump, joint_inertia, requested_gains
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +126,9 @@ def exported(
 
     There are gains where there is one, or where the motion is a jump, which no motor tracks without. Defaults of a
     jump are those with which :func:`floatplan.replay_jump` begins to search,
-    :func:`floatplan.simulation.gains.first_gains`. Of a plan the default stiffness of a joint is ``BANDWIDTH**2`` times
-    the inertia that it moves at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and its
-    default damping the critical one, ``2 sqrt(kp inertia)``.
+    :func:`floatplan.simulation.gains.gains_of_jump`. Of a plan the default stiffness of a joint is ``BANDWIDTH**2``
+    times the inertia that it moves at the start while the robot floats, as that of :func:`floatplan.closed_loop`, and
+    its default damping the critical one, ``2 sqrt(kp inertia)``.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def exported(
         motion.refuse_unless_ok("export")
     result = Exported(motion, model=model)
     if isinstance(motion, JumpMotion):
-        return replace(result, gains=read_only(first_gains(motion, (kp, kd))))
+        return replace(result, gains=read_only(gains_of_jump(motion, (kp, kd))))
     if kp is None and kd is None:
         return result
     posture = np.zeros(motion.problem.robot.model.nv)

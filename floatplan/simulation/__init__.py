@@ -3,26 +3,37 @@
 `replay.py` reads only records. Control loops use the plan or the jump itself, `closed_loop.py` a replanner also where
 nothing is corrected.
 
-- `reduced_model.py`: the robot of a flight in Pinocchio; `recorded_motion.py`, `spatial_motion.py`: the motion that a
-  plan file states, its torques by inverse dynamics, and how it takes off.
-- `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints.
+- `reduced_model.py`: the robot of a flight in Pinocchio; `plan_motion.py`, `spatial_motion.py`: the motion that a plan
+  file states, its torques by inverse dynamics, and how it takes off.
+- `perturbation.py`: what a plan does not know, sampled by seed; `gains.py`: stiffness and damping of joints;
+  `limits.py`: how much one call simulates.
 - `engines.py`: accelerations by Pinocchio or MuJoCo; `integration.py`: Runge-Kutta methods; `mujoco_model.py`: the one
   model for MuJoCo, on a planar base or on a free joint; `contact`: the same with feet, links and the
   ground, and a motion as controllers track it there, a jump or a recorded one.
 - `replay.py`: torques as functions of time, integrated far more finely than anything that it checks;
   `free_flight.py`: a plan in a plane with its base free in space.
-- `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` flies plans by it,
-  `jump_flight.py` motions on the ground, of which `jump_replay.py` takes jumps; `results.py`: how such flights landed,
-  `simulated_jump.py`: the motion that a robot made of a jump.
+- `control_loop.py`: control at a fixed period: measure, correct, control, move. `closed_loop.py` runs plans by it,
+  `motion_run.py` motions on the ground, `jump_run.py` jumps among these with corrections in flight, and
+  `jump_replay.py` many robots of a jump; `results.py`: how such runs landed, `simulated_jump.py`: the motion that a
+  robot made of a jump.
 
-To add what goes wrong:
+A flight is a time in the air, of which a motion may have several. A run is one robot's way through the whole motion;
+in public names the number of runs is `flights`.
 
-- in `perturbation.py` its row in `KINDS`, its name in `MEASURED`, `OF_TAKEOFF` or `OF_JUMPS` where it is one of these,
-  a field of `Perturbation` and one of `Sample`, and its factors at the end of `sampled`, so that others stay the same;
+To add what goes wrong in a simulation (`--perturb`):
+
+- in `perturbation.py` its row in `KINDS`; its name in `MEASURED`, `OF_TAKEOFF` or `WITH_CONTACT` where it is one of
+  these; a field of `Perturbation` and one of `Sample`; and its random numbers at the end of `sampled`, sampled only
+  `if` its size is not zero, so that robots and noise of all seeds stay as they were;
 - what feels it: `Sample.perturbed` and with it `PinocchioRobot` of `engines.py`; `MujocoSpec` of `mujoco_model.py`;
   `ContactRobot` of `contact/model.py`; at takeoff `perturbed_takeoff`, in measurements `Sensors` of `control_loop.py`;
+  what changes in the course of a run, a push for instance, is set in each period of `MotionControl.track` of
+  `motion_run.py`;
 - in `closed_loop.py`, where it changes when the robot lands: the centre of mass is then measured;
-- its words in `cli/motions.py`, `docs/in_flight.md` and, of jumps, `docs/howto/flip_in_mujoco.md`.
+- its words in `cli/motions.py`, `cli/clips.py` and `docs/in_flight.md`, of motions with contact in
+  `docs/howto/flip_in_mujoco.md`, `docs/howto/bench.md` and the docstrings of `bench` and `replay_jump`, and in
+  `CHANGELOG.md`;
+- a row of `tests/simulation/test_perturbation.py`.
 
 To add an engine: a class with the members of `PinocchioRobot`, and its name in
 `Engine` and `CHOICES` of `tables.py`.

@@ -10,6 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+from scipy.spatial.transform import Rotation
 
 from floatplan.arrays import Array
 from floatplan.jumps.spatial.stance import continuous
@@ -28,12 +29,10 @@ class PlanarBase:
     ----------
     size : B
     rotations : how many numbers rotate it
-    astray : angle from the planned orientation, rad, beyond which a robot does not stand in it
     """
 
     size = BASE_COORDINATES
     rotations = 1
-    astray = 0.5
 
     def joined(self, q: Array, v: Array) -> Array:
         """Return the state (2, B + J) of a configuration and its velocity."""
@@ -71,9 +70,9 @@ class PlanarBase:
         """Return the orientation at landing that is required."""
         return problem.final.orientation
 
-    def apart(self, one: Any, other: Any) -> float:
-        """Return the angle between two orientations, rad, whole turns included."""
-        return abs(float(one - other))
+    def apart(self, positions: Array, planned: Array) -> Array:
+        """Return the angles (N,) between the bases of two motions (N, B + J), rad, whole turns included."""
+        return np.abs(self.attitudes(positions) - self.attitudes(planned))
 
     def continuous(self, positions: Array) -> Array:
         """Return configurations (N, 3 + J) of a motion, whose orientation goes on from one to the next."""
@@ -85,7 +84,6 @@ class SpatialBase:
 
     size = 7
     rotations = 3
-    astray = np.pi / 2  # feet that slid may have yawed it
     quaternion = slice(3, 7)
     angular = slice(4, 7)
 
@@ -127,9 +125,19 @@ class SpatialBase:
         """Return the attitude at landing that is required, a quaternion."""
         return required(problem.final.attitude).quaternion
 
-    def apart(self, one: Any, other: Any) -> float:
-        """Return the angle between two quaternions of one motion, rad: 360 degrees in between change the sign."""
-        return float(2 * np.arccos(np.clip(one @ other, -1.0, 1.0)))
+    def apart(self, positions: Array, planned: Array) -> Array:
+        """Return the angles (N,) between the bases of two motions (N, 7 + J), rad, whole turns included.
+
+        Attitudes do not tell whole turns, and the signs of quaternions only whether their number is odd. So the
+        rotation from the planned to the real base is integrated: the sum of its small rotations from one instant to the
+        next, which are vectors, tells the number of whole turns; the attitudes tell the remainder.
+        """
+        rotations = Rotation.from_quat(positions[:, self.quaternion])
+        error = rotations * Rotation.from_quat(planned[:, self.quaternion]).inv()
+        steps = (error[1:] * error[:-1].inv()).as_rotvec()
+        swept = np.linalg.norm(np.cumsum(np.concatenate((error[:1].as_rotvec(), steps)), axis=0), axis=1)
+        whole_turns = 2 * np.pi * np.round(swept / (2 * np.pi))
+        return np.asarray(np.abs(whole_turns + np.copysign(error.magnitude(), swept - whole_turns)))
 
     def continuous(self, positions: Array) -> Array:
         """Return configurations (N, 7 + J) of a motion, whose quaternions do not change their signs."""
@@ -141,4 +149,4 @@ BaseStates: TypeAlias = PlanarBase | SpatialBase
 
 def base_states(reduced: ReducedModel) -> BaseStates:
     """Return how the states of a robot hold its base."""
-    return PlanarBase() if reduced.model.nq == reduced.model.nv else SpatialBase()
+    return SpatialBase() if reduced.is_spatial else PlanarBase()

@@ -26,16 +26,14 @@ from floatplan.simulation.control_loop import Corrections, JointControl, Motors,
 from floatplan.simulation.engines import FlyingRobot, check_engine, flying_robot
 from floatplan.simulation.gains import BANDWIDTH, FASTEST, critical_gains, joint_inertia
 from floatplan.simulation.integration import State, runge_kutta_step
-from floatplan.simulation.perturbation import OF_JUMPS, Perturbation, given_perturbation
+from floatplan.simulation.limits import BUDGET, MOST_FLIGHTS, MOST_PERIODS
+from floatplan.simulation.perturbation import WITH_CONTACT, Perturbation, given_perturbation
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
-from floatplan.simulation.results import ClosedLoop, PlanLandings, SimulatedFlight, Trace
-from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
+from floatplan.simulation.results import ClosedLoop, PlanLandings, SimulatedRun, Trace
+from floatplan.simulation.spatial_motion import perturbed_takeoff, plan_file_motion
 from floatplan.tables import Engine, Range
 
 PERIOD = 1e-3  # [s] of the joints' control
-MOST_FLIGHTS = 10_000  # [-] of one call
-MOST_PERIODS = 100_000  # [-] of a flight
-BUDGET = 60.0  # [s]
 
 
 @one_thread
@@ -82,7 +80,7 @@ def closed_loop(
     seed = SEED(seed, "seed")
     budget = optional(positive(unit="s"))(budget, "budget")
     perturbation = given_perturbation(perturb)
-    perturbation.refuse(OF_JUMPS, "is for jumps")
+    perturbation.refuse(WITH_CONTACT, "is for jumps")
     plan = as_plan(plan)
     most = MOST_PERIODS * PERIOD
     if plan.duration > most:
@@ -90,8 +88,8 @@ def closed_loop(
     deadline = math.inf if budget is None else start_time + budget
     loop = _Loop(plan, rate, perturbation, feedback, engine, deadline)
     shown = 24  # flights whose paths are in the result
-    corrected: list[SimulatedFlight[Trace]] = []
-    uncorrected: list[SimulatedFlight[Trace]] = []
+    corrected: list[SimulatedRun[Trace]] = []
+    uncorrected: list[SimulatedRun[Trace]] = []
     with contextlib.suppress(_OutOfTimeError):
         for flight in range(flights):
             with_corrections = loop.fly(seed, flight, correct=True)
@@ -109,8 +107,8 @@ def closed_loop(
         seed=seed,
         perturbation=perturbation,
         joints=loop.reduced.joints,
-        corrected=PlanLandings.of(corrected),
-        uncorrected=PlanLandings.of(uncorrected),
+        corrected=PlanLandings.of([run.landing for run in corrected]),
+        uncorrected=PlanLandings.of([run.landing for run in uncorrected]),
         statuses=dict(sum((flight.statuses for flight in corrected), Counter[str]())),
         update_seconds=np.concatenate([flight.seconds for flight in corrected]),
         plan_torque_peak=loop.plan_torque_peak,
@@ -139,7 +137,7 @@ class _Loop:
         self.reduced = reduced_model(plan.robot, plan.ballistics.gravity)
         self.base = base_states(self.reduced)
         self.goal = self.base.goal(plan.problem)
-        start = recorded_motion(plan.record, self.reduced).joints(0.0)
+        start = plan_file_motion(plan.record, self.reduced).joints(0.0)
         self.gains = critical_gains(feedback, joint_inertia(self.reduced.model, start.positions))
         robot = plan.robot
         names = self.reduced.joints
@@ -151,7 +149,7 @@ class _Loop:
         )
         self.plan_torque_peak = self.motor_columns @ plan.peaks.motor_torque
 
-    def fly(self, seed: int, number: int, correct: bool) -> SimulatedFlight[Trace]:
+    def fly(self, seed: int, number: int, correct: bool) -> SimulatedRun[Trace]:
         """Fly one robot."""
         reduced = self.reduced
         sample = self.perturbation.sampled(seed, number, len(reduced.joints), reduced.model.njoints)
@@ -174,7 +172,7 @@ class _Loop:
         flying = flying_robot(self.engine, self.plan.robot, reduced, sample)
         robot = _FallingRobot(flying, reduced, flying.own_state(*takeoff))
         peak = np.zeros(len(reduced.joints))
-        for tick in control.fly(robot, PERIOD):
+        for tick in control.periods(robot, PERIOD):
             if not tick.finite:
                 raise FloatplanError(f"the flight cannot be integrated: it diverged {tick.now:.3g} s after takeoff")
             if tick.number % 100 == 0:  # reading the clock takes time
@@ -188,7 +186,7 @@ class _Loop:
         shown = np.append(np.arange(0, len(times) - 1, 5), len(times) - 1)
         log = np.array(corrections.log).reshape(-1, 3)
         posture = self.plan.problem.final.positions
-        return SimulatedFlight(
+        return SimulatedRun(
             landing={
                 "orientation": float(self.base.off(positions[-1:], self.goal)[0]),
                 "joints": max(float(off.max(initial=0.0)) for off in reduced.off_goal(joints[-1], posture)),

@@ -34,7 +34,7 @@ class SimulatedRobot(Protocol):
 
 
 class Guide(Protocol):
-    """What the joints are to do in the course of a flight."""
+    """What the joints are to do in the course of a run."""
 
     @property
     def end(self) -> float:
@@ -52,26 +52,26 @@ class Guide(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Motors:
-    """What each joint (J,) can: ``effort``, N m, and at a speed v no more than ``stall - slope |v|``."""
+    """Largest torque of each joint (J,): ``effort``, N m, and at a speed v no more than ``stall - slope |v|``."""
 
     effort: Array
     stall: Array
     slope: Array
 
     def limited(self, torques: Array, velocities: Array) -> Array:
-        """Torques (J,) as far as motors can at velocities (J,)."""
+        """Torques (J,), limited to what motors can give at velocities (J,)."""
         most = np.minimum(self.effort, np.maximum(self.stall - self.slope * np.abs(velocities), 0.0))
         return np.asarray(np.clip(torques, -most, most))
 
     def share(self, torques: Array, velocities: Array) -> float:
-        """The largest of the torques over what its motor can."""
+        """The largest ratio of a torque to what its motor can give at its speed."""
         size = np.abs(torques)
         slowed = self.slope * np.abs(velocities)
         return float(np.maximum(size / self.effort, (size + slowed) / self.stall).max())
 
 
 class Sensors:
-    """All states of a flight so far: ``states`` as they were, ``measured`` with noise; (2, B + J) each.
+    """All states of a run so far, (2, B + J) each: ``states`` without noise, ``measured`` with noise.
 
     ``delay`` is the number of periods after which a controller has a measurement.
     """
@@ -97,15 +97,16 @@ class Sensors:
 
 
 class Corrections:
-    """Corrections of a flight, from late measurements; the replanner is one that was reset.
+    """Corrections of a flight, from delayed measurements, by a replanner that was reset.
 
-    A correction is due every so many whole periods, at the replanner's rate where that is possible, else less often.
+    A correction is due every few whole periods: at the replanner's rate where that is possible, else less often.
 
     Attributes
     ----------
-    statuses : how often a correction had which
+    statuses : status -> number of corrections that had it
     seconds : processor time of each correction
-    log : time, s, predicted miss, rad, in space its size, and whether the motion was changed (1 or 0), of each
+    log : of each correction its time, s, the predicted miss (in space its size), rad, and whether the motion was
+        changed (1 or 0)
     """
 
     def __init__(
@@ -118,8 +119,8 @@ class Corrections:
     ) -> None:
         """Corrections of a flight that takes off at ``begin``, s.
 
-        ``com`` measures position and velocity of the centre of mass, in a plane by its axes, from a state as it was and
-        as it was measured.
+        ``com`` measures position and velocity of the centre of mass, in a plane along its axes, from a state without
+        noise and with noise.
         """
         self.replanner = replanner
         self.reduced = reduced
@@ -135,7 +136,7 @@ class Corrections:
 
     @property
     def landing(self) -> float:
-        """When the flight should end, s, as corrections expect it."""
+        """When the flight should end, s, as its corrections expect."""
         return self.begin + self.replanner.landing
 
     def correct(self, tick: int, now: float, sensors: Sensors) -> None:
@@ -166,10 +167,14 @@ class Corrections:
 
 @dataclass(frozen=True, eq=False)
 class Tick:
-    """One period of a flight: its number and beginning, s; the state then, and torques (J,), N m.
+    """One period of a run.
 
-    ``requested`` are those before, ``torques`` those after the motors' limits. ``finite`` is whether the state at its
-    end is.
+    Attributes
+    ----------
+    number, now : number of the period, and its beginning, s
+    state : (2, B + J), at its beginning
+    requested, torques : (J,) N m, before and after the motors' limits
+    finite : whether the state at its end is finite
     """
 
     number: int
@@ -182,10 +187,10 @@ class Tick:
 
 @dataclass(eq=False)
 class JointControl:
-    """A robot's control: a guide, feedback with its gains, and motors of some strength (J,).
+    """Control of a robot's joints: a guide's targets, feedback with its gains, and motors of some strength (J,).
 
-    ``feedback_delay`` is the number of periods after which feedback has a measurement; ``errors`` are those of the
-    joints (2, J) so far in the flight.
+    ``feedback_delay`` is the number of periods after which feedback has a measurement; ``errors`` (2, J) are those of
+    positions and rates in each period so far.
     """
 
     guide: Guide
@@ -195,8 +200,8 @@ class JointControl:
     feedback_delay: int = 0
     errors: list[Array] = field(default_factory=list)
 
-    def fly(self, robot: SimulatedRobot, period: float) -> Iterator[Tick]:
-        """Fly a robot until the guide's end, or until it diverges, and yield each period; the last may be shorter."""
+    def periods(self, robot: SimulatedRobot, period: float) -> Iterator[Tick]:
+        """Control a robot until the guide's end, or it diverges, and yield each period; the last may be shorter."""
         rounding = 1e-9  # [s] before the end, from which on no other period begins
         for number in count():
             now = number * period

@@ -12,7 +12,7 @@ from floatplan.robot.robot import Robot
 from floatplan.simulation.integration import Dynamics, State
 from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec
 from floatplan.simulation.perturbation import Sample
-from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.plan_motion import PlanFileMotion
 from floatplan.simulation.reduced_model import ReducedModel
 from floatplan.simulation.spatial_motion import quaternion_rate, rotation_matrix
 from floatplan.tables import CHOICES, Engine
@@ -63,7 +63,7 @@ def flying_robot(engine: Engine, robot: Robot, reduced: ReducedModel, sample: Sa
     """Return a perturbed robot on the base that its reduced model has; errors as of :class:`MujocoSpec`."""
     if engine == "pinocchio":
         return PinocchioRobot(reduced, sample)
-    return MujocoRobot(MujocoSpec(robot, reduced, sample, free=reduced.model.nq > reduced.model.nv))
+    return MujocoRobot(MujocoSpec(robot, reduced, sample, free=reduced.is_spatial))
 
 
 class JointTorques:
@@ -73,7 +73,7 @@ class JointTorques:
     compensate what joints that move as planned lose by damping and friction; what joints lose is subtracted.
     """
 
-    def __init__(self, motion: RecordedMotion, strength: Array, gains: Array | None) -> None:
+    def __init__(self, motion: PlanFileMotion, strength: Array, gains: Array | None) -> None:
         self.reduced = motion.reduced
         self.strength = strength
         self.gains = gains

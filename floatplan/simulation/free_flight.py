@@ -20,7 +20,7 @@ from floatplan.simulation.engines import JointTorques
 from floatplan.simulation.gains import critical_gains
 from floatplan.simulation.mujoco_model import MujocoRobot, MujocoSpec, rigid_joints
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.simulation.recorded_motion import RecordedPlanarMotion
+from floatplan.simulation.plan_motion import PlanarPlanMotion
 from floatplan.simulation.reduced_model import reduced_model
 from floatplan.simulation.spatial_motion import perturbed_takeoff
 
@@ -75,7 +75,7 @@ def fly_with_free_base(
     """
     reduced = reduced_model(robot, float(record.com["gravity"]), rigid=rigid_joints(robot))
     sample = perturbation.sampled(seed, 0, len(reduced.joints), reduced.model.njoints)
-    motion = RecordedPlanarMotion(record, reduced)
+    motion = PlanarPlanMotion(record, reduced)
     flying = MujocoRobot(MujocoSpec(robot, reduced, sample, free=True))
     couplings = {*robot.coupled, *(coupling.leader for coupling in robot.coupled.values())}
     always = {*robot.locked, *couplings}

@@ -1,4 +1,13 @@
-"""Stiffness and damping by which joints follow their paths: torques ``kp (q_d - q) + kd (q_d' - q')``, N m."""
+"""Stiffness and damping by which joints follow their paths: torques ``kp (q_d - q) + kd (q_d' - q')``, N m.
+
+| gains | by which rule |
+| --- | --- |
+| `critical_gains` | critical for a bandwidth and the inertias of joints: feedback of plans in the air |
+| `uniform_gains` | the same for all joints, by their inertia in flight and the robot's weight: the bench |
+| `gains_of_jump` | `uniform_gains` for a jump: exports, and where `search_gains` of `jump_replay.py` begins |
+| `gains_by_phase` | by joint and phase of a jump, for a bandwidth: `replay --feedback` |
+| `requested_gains` | what a user requests, of all joints or of some by name |
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
@@ -86,11 +95,11 @@ def fastest_bandwidth(delay: float, period: float) -> float:
 def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (P, 2, J) of all joints that move, in each phase of a jump.
 
-    In the air they are critical, for the inertia that each joint turns afloat, its rotor included, mean of the
-    flight. A foot that weighs little has little of both, and with these a robot on flat soles tips over: an ankle must
-    bear it. Where feet stand, the joints above them accelerate far less: in a stance each has 1.5 times the weight
-    times its height for a stiffness or more, as far as it can have that with the bandwidth. Legs that do not stand are
-    as in the air.
+    In the air gains are critical for the inertia that each joint accelerates while the robot floats, its rotor
+    included, averaged over the flight. A light foot so has little stiffness and damping, and a robot on flat soles
+    would tip over its ankles. Where feet stand, the joints above them accelerate far less: in a stance each joint has a
+    stiffness of at least 1.5 times the robot's weight times the height of its centre of mass, as far as the bandwidth
+    allows. Legs that do not stand have the gains of the air.
 
     Parameters
     ----------
@@ -102,8 +111,8 @@ def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:
     afloat = np.mean(inertias, axis=0)
     in_air = critical_gains(bandwidth, afloat)
     enough = 1.5  # [-] of the stiffness with which it does not fall over slowly
-    # What is 5 ms late needs a lead of as much, and damps with what is above. Much more rings where a foot touches the
-    # ground but does not yet stand.
+    # Delay and half of a period are 5 ms: they cancel 5 ms of lead, and the remaining 2 ms damp. Much more lead rings
+    # where a foot touches the ground but does not stand yet.
     lead = 7e-3  # [s] damping over stiffness
     feet = feet_spheres(jump)
     tipping = _tipping_stiffness(jump.robot, _weight(jump), jump.before[0].ground, jump.at(0.0).positions[0])
@@ -149,22 +158,23 @@ def requested_gains(joints: Sequence[str], requested: Gain | None, element: str,
     return gains
 
 
-def first_gains(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
-    """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints of a jump that move: :func:`usual_gains`."""
+def gains_of_jump(jump: JumpMotion, requested: Gains = (None, None)) -> Array:
+    """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints of a jump that move: :func:`uniform_gains`."""
     standing = jump.at(0.0).positions[0]
     ground = jump.before[0].ground
-    return usual_gains(jump.robot, _weight(jump), ground, standing, _postures_in_flight(jump), requested)
+    return uniform_gains(jump.robot, _weight(jump), ground, standing, _postures_in_flight(jump), requested)
 
 
-def usual_gains(
+def uniform_gains(
     robot: Robot, weight: float, ground: float, standing: Array, in_flight: Array, requested: Gains = (None, None)
 ) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (2, J) of all joints that move, as requested.
 
-    What is left out is the same of all: a stiffness by which the lightest joint in flight has the bandwidth of late
-    feedback, but at least the weight times its height where the robot stands, which it falls over without; and a
-    damping that is nearly critical. The lightest bounds them all, for damping of more than its inertia over the delay
-    rings. InputError where a requested one is wrong.
+    Gains that are not requested are the same for all joints: a stiffness with which the joint that accelerates the
+    least inertia in flight has the bandwidth that delayed measurements allow, but at least the robot's weight times the
+    height of its centre of mass where it stands, without which it falls over; and a damping that is nearly critical.
+    The lightest joint bounds all, since damping of more than its inertia over the delay rings. InputError where a
+    requested gain is wrong.
 
     Parameters
     ----------
@@ -175,7 +185,7 @@ def usual_gains(
     in_flight : (K, nq)
     requested : two floats or mappings, optional
     """
-    late_bandwidth = 125.0  # [rad/s] of measurements that are 4 ms late, constant for 2 ms: 0.6 over the delay
+    late_bandwidth = 125.0  # [rad/s] 0.97 of `fastest_bandwidth(4e-3, 2e-3)`, at which late feedback rings
     damping_time = 0.017  # [s] damping over stiffness: nearly critical
     model = robot.model
     tipping = _tipping_stiffness(robot, weight, ground, standing)

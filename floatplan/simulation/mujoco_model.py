@@ -144,7 +144,7 @@ class MujocoRobot:
         own_q[:3] = q[:3]
         own_v[:3] = v[:3]
         if self.free:
-            own_q[3:7] = np.roll(q[3:7], 1)
+            own_q[:7] = free_base(q)
             own_v[:3] = pin.Quaternion(q[3:7]).matrix() @ v[:3]
             own_v[3:6] = v[3:6]
         own_q[self.positions] = q[len(q) - len(self.positions) :]
@@ -160,6 +160,11 @@ class MujocoRobot:
             base_q = np.concatenate((base_q, quaternion.coeffs()))
             base_v = np.concatenate((quaternion.matrix().T @ base_v, own_v[3:6]))
         return np.append(base_q, own_q[self.positions]), np.append(base_v, own_v[self.velocities])
+
+
+def free_base(configurations: Array) -> Array:
+    """Positions and quaternions w, x, y, z (.., 7) of bases, as MuJoCo has them, of configurations (.., 7 + J)."""
+    return np.asarray(configurations[..., [0, 1, 2, 6, 3, 4, 5]])
 
 
 def rigid_joints(robot: Robot) -> set[str]:

@@ -22,29 +22,30 @@ KINDS: dict[str, tuple[Check, dict[str, float]]] = {  # what a number may be, an
     "rate_noise": (optional(number(Range(0.0, 1.0, "rad/s"))), {"deg/s": math.radians(1), "rad/s": 1.0, "": 1.0}),
     "delay": (number(Range(0.0, 1.0, "s")), {"ms": 1e-3, "s": 1.0, "": 1.0}),
 }
-MEASURED = ("noise", "rate_noise", "delay")  # of corrections and feedback at a rate, not of a replay
-OF_TAKEOFF = ("h", "rise")  # which a jump makes by itself
-OF_JUMPS = ("friction", "armature")
+MEASURED = ("noise", "rate_noise", "delay")  # of measurements, which `fp.replay` without `--replan` has no use for
+OF_TAKEOFF = ("h", "rise")  # of plans only: the stance of a jump makes its takeoff
+WITH_CONTACT = ("friction", "armature")  # of motions with contact: jumps, and clips on the bench
 
 
 @dataclass(frozen=True)
 class Perturbation(Checked):
-    """Sizes of what differs between the flights and the plan; of relative errors each has a random sign.
+    """Sizes of what differs between the simulated robots and the model; each relative error has a random sign.
 
     Attributes
     ----------
     h, mass, inertia, torque, rise : relative
-        Of the angular momentum at takeoff; of every body's mass with its inertia; of mass and of inertia of every body,
-        independently; of every joint's torque; of the vertical velocity at takeoff, with which the centre of mass is
-        measured too.
+        ``h`` is of the angular momentum at takeoff; ``mass`` of each body's mass and moment of inertia, by one factor;
+        ``inertia`` of both too, by two independent factors; ``torque`` of each joint's torque; ``rise`` of the vertical
+        velocity at takeoff, with which the centre of mass is measured too.
     friction : relative
-        Of the ground under a jump.
+        Of the ground under a jump or a clip.
     armature : kg m^2
-        Of all joints of a jumping robot, on top of the problem's; each robot has an even share of it, of its own.
+        Of all joints of a robot on the ground, in addition to the model's; each robot has its own, uniformly
+        distributed between 0 and this.
     noise, rate_noise : rad, rad/s
-        Standard deviations of all measured angles and rates; the latter ten times the former, in 1/s, where left out.
+        Standard deviations of all measured angles and rates; left out, ``rate_noise`` is 10/s times ``noise``.
     delay : s
-        Between a measurement and the correction that uses it; in a jump also the joints' feedback.
+        Between a measurement and the correction that uses it; on the ground also between it and the joints' feedback.
 
     Raises
     ------
@@ -76,27 +77,38 @@ class Perturbation(Checked):
         per_second = 10.0  # [1/s] over that of angles
         return per_second * self.noise if self.rate_noise is None else self.rate_noise
 
-    def sampled(self, seed: int, flight: int, joints: int, bodies: int) -> Sample:
-        """Sample the factors of one flight; the same for the same numbers."""
-        rng = np.random.default_rng((seed, flight))
+    def sampled(self, seed: int, number: int, joints: int, bodies: int) -> Sample:
+        """Sample the robot of one run; the same for the same numbers."""
+        rng = np.random.default_rng((seed, number))
 
         def factors(size: float, count: int) -> Array:
             return np.asarray(1.0 + size * rng.choice((-1.0, 1.0), count))
 
-        # In this order, in which the generator's numbers are taken.
+        # The order decides which random numbers each gets, and where the noise of measurements begins. The first five
+        # are always sampled; what was added later only where its size is not zero, so that robots and noise of a
+        # seed stay as they were.
         momentum = float(factors(self.h, 1)[0])
-        # `inertia` is of both, independently; `mass` is the same factor on both.
-        mass = factors(self.inertia, bodies)
-        inertia = factors(self.inertia, bodies)
+        # `inertia` is of mass and moment of inertia, independently; `mass` is the same factor on both.
+        mass_of_inertia = factors(self.inertia, bodies)
+        moment_of_inertia = factors(self.inertia, bodies)
         torque = factors(self.torque, joints)
         rise = float(factors(self.rise, 1)[0])
-        of_both = factors(self.mass, bodies) if self.mass else np.ones(bodies)
+        mass_and_moment = factors(self.mass, bodies) if self.mass else np.ones(bodies)
         friction = float(factors(self.friction, 1)[0]) if self.friction else 1.0
         armature = float(rng.uniform(0.0, self.armature)) if self.armature else 0.0
-        return Sample(momentum, mass * of_both, inertia * of_both, torque, rise, friction, armature, rng)
+        return Sample(
+            momentum=momentum,
+            mass=mass_of_inertia * mass_and_moment,
+            inertia=moment_of_inertia * mass_and_moment,
+            torque=torque,
+            rise=rise,
+            friction=friction,
+            armature=armature,
+            noise=rng,
+        )
 
     def in_words(self) -> list[str]:
-        """Each of them that is not zero, with its size in the unit that is named first."""
+        """Name, size and unit of each that is not zero; the unit is the first of its row in ``KINDS``."""
         words = []
         for name, size in asdict(self).items():
             if size:
@@ -105,7 +117,7 @@ class Perturbation(Checked):
         return words
 
     def refuse(self, kinds: Iterable[str], reason: str, advice: str | None = None) -> None:
-        """Raise InputError where one of these kinds, which make no sense here, is not zero."""
+        """Raise InputError where the size of one of these kinds is not zero."""
         for name in kinds:
             if getattr(self, name):
                 raise InputError(reason, element=f"perturb: {name}", advice=advice)
@@ -113,7 +125,7 @@ class Perturbation(Checked):
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Factors of one flight: of h, of the bodies' masses and inertias (njoints,), of torques (m,), rise and friction.
+    """The robot of one run: factors of h, bodies' masses and inertias (njoints,), torques (m,), rise and friction.
 
     ``armature`` is in kg m^2; ``noise`` is the generator of the measurements' noise.
     """

@@ -45,6 +45,11 @@ class ReducedModel:
         """Number of the joint of ``model`` that carries the base's link."""
         return len(self.model.names) - 1 - len(self.losses[0])
 
+    @property
+    def is_spatial(self) -> bool:
+        """Whether the base moves in space: a configuration holds its attitude as a quaternion."""
+        return bool(self.model.nq > self.model.nv)
+
     @cached_property
     def of_joints(self) -> tuple[slice, slice]:
         """Entries of configurations and of velocities that are joints; the others are the base's."""

@@ -39,10 +39,10 @@ from floatplan.simulation.integration import (
     whole_step,
 )
 from floatplan.simulation.mujoco_model import STEP, balanced_in_words
-from floatplan.simulation.perturbation import MEASURED, OF_JUMPS, Perturbation, given_perturbation
-from floatplan.simulation.recorded_motion import RecordedMotion
+from floatplan.simulation.perturbation import MEASURED, WITH_CONTACT, Perturbation, given_perturbation
+from floatplan.simulation.plan_motion import PlanFileMotion
 from floatplan.simulation.reduced_model import reduced_model
-from floatplan.simulation.spatial_motion import perturbed_takeoff, recorded_motion
+from floatplan.simulation.spatial_motion import perturbed_takeoff, plan_file_motion
 from floatplan.tables import Engine
 
 TOLERANCE = 1e-6  # [rad] of orientation and joints at the landing
@@ -204,11 +204,11 @@ def replay(
         raise InputError(f"{step} s makes more than {MOST_STEPS} steps", element="step", advice="give a longer one")
     if robot is None:
         robot = recorded_robot(record.robot, file)
-    perturbation.refuse(OF_JUMPS, "is for jumps")
+    perturbation.refuse(WITH_CONTACT, "is for jumps")
     perturbation.refuse(MEASURED, "is for flights with corrections", "add --replan")
     reduced = reduced_model(robot, float(record.com["gravity"]))
     sample = perturbation.sampled(seed, 0, len(reduced.joints), reduced.model.njoints)
-    motion = recorded_motion(record, reduced)
+    motion = plan_file_motion(record, reduced)
     takeoff = perturbed_takeoff(record, reduced, sample)
     gains = None if feedback is None else critical_gains(feedback, joint_inertia(reduced.model, takeoff[0]))
     flying = flying_robot(engine, robot, reduced, sample)
@@ -280,7 +280,7 @@ def landing_rows(results: Sequence[Replay]) -> list[tuple[str, str, str]]:
     return [(name, f"{np.median(values):.3g} {unit}", f"{values.max():.3g} {unit}") for name, values, unit in errors]
 
 
-def _growth(motion: RecordedMotion, configurations: Array, times: Array) -> tuple[Growth, float]:
+def _growth(motion: PlanFileMotion, configurations: Array, times: Array) -> tuple[Growth, float]:
     """Errors of configurations at times along the flight, and the sensitivity of the orientation."""
     reduced = motion.reduced
     data = reduced.model.createData()

@@ -1,4 +1,4 @@
-"""How many flights landed: of plans, in the air, and of whole jumps, on the ground."""
+"""How runs of disturbed robots landed: of plans, in the air, and of jumps and recorded motions, on the ground."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ Motion = TypeVar("Motion")
 
 @dataclass(frozen=True, eq=False)
 class Trace:
-    """A flight's points: times (N,) s, orientation (N,) rad, positions (N, n) rad; and its corrections.
+    """Points of a run of a plan: times (N,) s, orientation (N,) rad, positions (N, n) rad; and its corrections.
 
     In space the orientation is the angle from the goal's attitude, and a predicted miss the size of one.
 
@@ -35,10 +35,10 @@ class Trace:
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedFlight(Generic[Motion]):
-    """One flight: its ``landing``, by the fields of :class:`Landings`, its motion, and its corrections.
+class SimulatedRun(Generic[Motion]):
+    """One run: its ``landing``, by the fields of :class:`Landings`, its motion, and its corrections.
 
-    ``statuses`` says how often a correction had which, ``seconds`` the processor time of each of them.
+    ``statuses`` says how many corrections had which status, ``seconds`` the processor time of each correction.
     """
 
     landing: Mapping[str, Any]
@@ -50,21 +50,21 @@ class SimulatedFlight(Generic[Motion]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Landings(Outlined):
-    """How F flights landed, a row each."""
+    """How F runs landed, a row each."""
 
     @classmethod
-    def of(cls, flights: Sequence[SimulatedFlight[Any]]) -> Self:
-        """Collect flights' landings: arrays of numbers, tuples of names."""
+    def of(cls, landings: Sequence[Mapping[str, Any]]) -> Self:
+        """Collect runs' landings, by the fields of the class: arrays of numbers, tuples of names."""
         columns: dict[str, Any] = {}
         for row in fields(cls):
-            column = [flight.landing[row.name] for flight in flights]
+            column = [landing[row.name] for landing in landings]
             columns[row.name] = tuple(column) if isinstance(column[0], tuple) else np.array(column)
         return cls(**columns)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PlanLandings(Landings):
-    """How F flights of a plan landed.
+    """How F runs of a plan landed.
 
     Attributes
     ----------
@@ -85,11 +85,11 @@ class PlanLandings(Landings):
 
     @property
     def touched(self) -> int:
-        """Number of flights that touched an obstacle."""
+        """Number of runs that touched an obstacle."""
         return int((self.clearance < 0).sum())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the errors of all flights, their medians and the worst."""
+        """Return the errors of all runs, their medians and the worst."""
         off = np.abs(self.orientation)
         clearance = self.clearance[np.isfinite(self.clearance)]
         return {
@@ -107,17 +107,18 @@ class PlanLandings(Landings):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JumpLandings(Landings):
-    """How F flights of a jump landed.
+    """How F runs of a jump or a recorded motion landed.
 
     Attributes
     ----------
     stands : (F,)
-        Whether the base is level, rotated by all of the jump's turns and not far lower than planned, a second after its
-        end.
+        Whether, a second after the motion's end, the base is level, rotated by all of the motion's turns, however many,
+        and not far lower than planned.
     touched : (F) names of links other than feet that touched the ground
     pitch : (F,) rad
-        Orientation where the flight should end, less the planned one, in space the angle between the two attitudes; NaN
-        of a motion that diverged before.
+        Orientation less the planned one at the instant at which the flight should end, as planned or as corrections
+        expect it, whether or not the robot has landed by then; in space the angle between the two attitudes, at most
+        180 degrees. Of several flights that of the largest size. NaN of a motion that diverged before.
     torque : (F,)
         The largest request of a motor over its limit at its speed; what is over 1 was cut off.
     slid : (F,) m
@@ -137,23 +138,23 @@ class JumpLandings(Landings):
 
     @property
     def links(self) -> Counter[str]:
-        """How many flights touched the ground with which link."""
+        """How many runs touched the ground with which link."""
         return Counter(chain.from_iterable(self.touched))
 
     @property
     def pitch_rms(self) -> float:
-        """Root mean square of the errors at the expected landing, rad, of flights that did not diverge; else NaN."""
+        """Root mean square of errors at the expected landing, rad, of runs that did not diverge; NaN without any."""
         came = self.pitch[np.isfinite(self.pitch)]
         return float(np.sqrt(np.mean(came**2))) if came.size else np.nan
 
     @property
     def pitch_worst(self) -> float:
-        """The largest of them, rad."""
+        """The largest size of an error at the expected landing, rad; NaN without any."""
         came = self.pitch[np.isfinite(self.pitch)]
         return float(np.abs(came).max()) if came.size else np.nan
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields of all flights, and summaries."""
+        """Return the fields of all runs, and summaries."""
         return {
             **{row.name: getattr(self, row.name) for row in fields(self)},
             "landed": int(self.stands.sum()),
@@ -168,17 +169,17 @@ class JumpLandings(Landings):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Flights(Outlined):
-    """Many flights of perturbed robots.
+class Runs(Outlined):
+    """Many runs of perturbed robots, one run a robot.
 
     Attributes
     ----------
-    flights, asked : number of flights, and of those that were requested: the former is less where the budget was spent
+    flights, asked : number of runs, and of runs that were requested: the former is less where the budget was spent
     seed : int
     perturbation : Perturbation
     joints : names of the joints that move
-    statuses : how often a correction had which
-    seconds : s, of all
+    statuses : status -> number of corrections that had it
+    seconds : s, of all runs
     """
 
     flights: int
@@ -196,8 +197,8 @@ class Flights(Outlined):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class ClosedLoop(Flights):
-    """Result of :func:`floatplan.closed_loop`: as :class:`Flights`.
+class ClosedLoop(Runs):
+    """Result of :func:`floatplan.closed_loop`: as :class:`Runs`.
 
     Attributes
     ----------
@@ -209,7 +210,7 @@ class ClosedLoop(Flights):
     plan_torque_peak : (m,) N m of each moving joint
     effort : (m,) N m
         Of its motor; infinite where the URDF has none.
-    paths, uncorrected_paths : of the first flights
+    paths, uncorrected_paths : of the first runs
     """
 
     engine: Engine
@@ -228,7 +229,7 @@ class ClosedLoop(Flights):
 
     @property
     def touched(self) -> int:
-        """Number of corrected flights that touched an obstacle."""
+        """Number of corrected runs that touched an obstacle."""
         return self.corrected.touched
 
     @property
@@ -260,23 +261,23 @@ class ClosedLoop(Flights):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class JumpReplay(Flights):
-    """Result of :func:`floatplan.replay_jump`: as :class:`Flights`.
+class JumpReplay(Runs):
+    """Result of :func:`floatplan.replay_jump`: as :class:`Runs`.
 
     Attributes
     ----------
-    friction : of the ground, as far as it is not perturbed
+    friction : of the ground, before it is perturbed
     period : s, of the joints' control
-    feedback : rad/s, a bandwidth that gives all gains; else None
-    kp, kd : (J,) N m/rad, N m s/rad; of several phases that of the flight
-    phase_gains : (P, 2, J), both of each phase, with ``feedback``; else None
-    tried : how many pairs of them were, where none were requested; else 0
+    feedback : rad/s, a bandwidth from which all gains follow; else None
+    kp, kd : (J,) N m/rad, N m s/rad; where gains differ by phase those of the flight
+    phase_gains : (P, 2, J), stiffness and damping of each phase, with ``feedback``; else None
+    tried : how many pairs of gains were tried, where none were requested; else 0
     rate : Hz of the corrections in flight, if there were any
     uncorrected, corrected : JumpLandings
-        The same robots, the same noise; the latter where there is a rate.
+        Of the same robots with the same noise; ``corrected`` where there is a rate.
     balanced : bodies whose inertia MuJoCo refuses -> change of a principal moment, kg m^2
     motion : SimulatedJump
-        The first flight, corrected where there is a rate.
+        That of the first run, corrected where there is a rate.
     """
 
     friction: float
@@ -295,7 +296,7 @@ class JumpReplay(Flights):
 
     @property
     def engine(self) -> str:
-        """What simulated them."""
+        """What simulated the runs."""
         words = [f"friction {self.friction:g}", *self.perturbation.in_words()]
         if self.balanced:
             words.append(f"inertias {balanced_in_words(self.balanced)}")
@@ -313,12 +314,12 @@ class JumpReplay(Flights):
 
     @property
     def landings(self) -> JumpLandings:
-        """Those with corrections, where there are any."""
+        """The landings with corrections, where there are any."""
         return self.corrected or self.uncorrected
 
     @property
     def landed(self) -> bool:
-        """Whether all flights stand in the end."""
+        """Whether all robots stand in the end (``Bench.landed`` is a number)."""
         return bool(self.landings.stands.all())
 
     def to_dict(self) -> dict[str, Any]:

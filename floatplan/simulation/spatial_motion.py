@@ -18,11 +18,11 @@ from floatplan.errors import FloatplanError, InputError
 from floatplan.plans.record import PlanRecord
 from floatplan.simulation.integration import MOST_EVALUATIONS, TIGHT
 from floatplan.simulation.perturbation import Sample
-from floatplan.simulation.recorded_motion import RecordedMotion, RecordedPlanarMotion
+from floatplan.simulation.plan_motion import PlanarPlanMotion, PlanFileMotion
 from floatplan.simulation.reduced_model import ReducedModel
 
 
-class RecordedSpatialMotion(RecordedMotion):
+class SpatialPlanMotion(PlanFileMotion):
     """The motion of a record in space; of m joints, its configurations are (7 + m,), its velocities (6 + m,)."""
 
     position_entries = slice(0, 3)
@@ -99,9 +99,9 @@ class RecordedSpatialMotion(RecordedMotion):
         return float(np.linalg.norm(rotation) / np.linalg.norm(change))
 
 
-def recorded_motion(record: PlanRecord, reduced: ReducedModel) -> RecordedMotion:
+def plan_file_motion(record: PlanRecord, reduced: ReducedModel) -> PlanFileMotion:
     """Return the motion of a record, in a plane or in space."""
-    return RecordedSpatialMotion(record, reduced) if record.in_space else RecordedPlanarMotion(record, reduced)
+    return SpatialPlanMotion(record, reduced) if record.in_space else PlanarPlanMotion(record, reduced)
 
 
 def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, sample: Sample) -> tuple[Array, Array]:
@@ -110,8 +110,8 @@ def perturbed_takeoff(record: PlanRecord, reduced: ReducedModel, sample: Sample)
     It has the plan's angular momentum and the velocity of its centre of mass, times the sample's factors. Its centre of
     mass is not quite where the plan's is.
     """
-    positions, _ = recorded_motion(record, reduced).takeoff(record.angular_momentum)
-    real = recorded_motion(record, replace(reduced, model=sample.perturbed(reduced.model)))
+    positions, _ = plan_file_motion(record, reduced).takeoff(record.angular_momentum)
+    real = plan_file_motion(record, replace(reduced, model=sample.perturbed(reduced.model)))
     _, velocities = real.takeoff(record.angular_momentum * sample.momentum, sample.rise)
     return positions, velocities
 

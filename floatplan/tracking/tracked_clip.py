@@ -18,6 +18,7 @@ from floatplan.robot.urdf.base import FREE_FLYER as BASE
 from floatplan.simulation.contact.shapes import ContactShapes, Hull, solid_hull
 from floatplan.simulation.contact.tracked_motion import PERIOD, TrackedMotion, control_times
 from floatplan.simulation.control_loop import Motors
+from floatplan.simulation.mujoco_model import free_base
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.tables import GRAVITY
 
@@ -25,14 +26,16 @@ from floatplan.tables import GRAVITY
 def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
     """Return a recorded motion that is to be tracked, on one level ground of some friction.
 
-    Joints and base are those of the clip's splines; the torques are by inverse dynamics: in the air those of free
-    flight, on the ground with the least forces within the friction that come nearest to what the base needs.
+    Joints and base move as the clip's splines; torques are by inverse dynamics: in the air those of free flight, on the
+    ground with the least forces within the friction that come nearest to what the base needs. A clip without flights is
+    tracked as one flight, so that its attitude at the end is judged as at a landing.
 
     Raises
     ------
     InputError
-        It stands on several levels: a floor has one.
+        It stands on several levels: a floor has one; or it lasts too long.
     """
+    times = control_times(clip.duration)
     heights = clip.ground.heights
     largest_step = 0.03  # [m] less is noise of the frames
     if float(np.ptp(heights)) > largest_step:
@@ -42,7 +45,6 @@ def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
     reduced = reduced_model(robot, GRAVITY, rigid=())
     ground = float(np.median(heights))
     feet = _foot_solids(clip)
-    times = control_times(clip.duration)
     positions, velocities = _motion(clip, times)
     flights = [(flight.begin, flight.end) for flight in clip.flights] or [(0.0, clip.duration)]
     landings = [min(int(np.ceil(end / PERIOD)), len(times) - 1) for _, end in flights]
@@ -59,13 +61,16 @@ def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
         torques=_torques(clip, reduced, feet, (positions, velocities), friction),
         goals=tuple(positions[landings, 3:7]),
         end_ground=ground,
-        base_ends=positions[[0, -1]][:, [0, 1, 2, 6, 3, 4, 5]],
+        base_ends=free_base(positions[[0, -1]]),
         motors=Motors(effort=np.array(efforts), stall=np.full(len(efforts), np.inf), slope=np.zeros(len(efforts))),
     )
 
 
 def _motion(clip: Clip, times: Array) -> tuple[Array, Array]:
-    """Configurations (K, 7 + J) and velocities (K, 6 + J) of the robot's model at times (K,), s; zero after it."""
+    """Configurations (K, 7 + J) and velocities (K, 6 + J) of the robot's model at times (K,), s.
+
+    After the clip's end positions stay, and velocities are zero.
+    """
     inside = np.minimum(times, clip.duration)
     attitudes = clip.curve.attitudes(inside)
     quaternions = continuous_signs(Rotation.from_matrix(attitudes).as_quat())
@@ -84,7 +89,7 @@ def _foot_solids(clip: Clip) -> list[tuple[LinkSolid, ...]]:
     near = 0.03  # [m] over a foot's lowest point: heel and toe of a sole that is a little tilted
     feet = []
     for foot, solids in enumerate(scene.foot_solids.groups):
-        clearances = scene.foot_heights[:, foot] - scene.ground.heights
+        clearances = scene.clearances[:, foot]
         stands = np.flatnonzero(clearances < FOOT_CLEARANCE)
         instant = stands[0] if len(stands) else int(clearances.argmin())
         poses = clip.curve.poses(scene.times[[instant]])
@@ -196,8 +201,9 @@ def _forces(pushes: Array, needed: Array, weight: float, heights: Array) -> Arra
 
     Feet at a height (G,), m, over the ground, as they leave it or come to it, bear the less the higher they are.
     """
-    arm = 0.2  # [m] by which moments are compared with forces
-    leaves = 3e-3  # [m] at this height a force costs twice as much
+    arm = 0.2  # [m] by which moments are compared with forces: of the size of levers in a legged robot
+    leaves = 3e-3  # [m] at this height a force costs twice as much as on the ground
+    # The forces' own size has the weight 1e-3: it decides only between forces with nearly the same sum.
     small = 1e-3 * (1.0 + (heights / leaves) ** 2) / weight
     scale = np.array([1.0, 1.0, 1.0, *np.full(3, 1.0 / arm)]) / weight
     rows = np.concatenate(((pushes * scale).T, np.diag(small)))

@@ -9,11 +9,11 @@ import floatplan as fp
 from floatplan.cli import clips, commands, motions
 from floatplan.cli.common import OPTIONS, ROBOT_OPTIONS
 from floatplan.clips.repair import repair_clip
-from floatplan.clips.repaired_flight import SHARES
+from floatplan.clips.repaired_flight import CLIP_WEIGHTS
 from floatplan.keys import in_files
 from floatplan.problem.file import TABLES, problem_schema
 from floatplan.studies.schema import ResultTable
-from floatplan.tables import CHOICES, KEY_TABLE, OBJECTIVE_TABLE, Engine, RepairName, Stances, describe_objectives
+from floatplan.tables import CHOICES, KEY_TABLE, OBJECTIVE_TABLE, Engine, RepairName, StanceMethod, describe_objectives
 
 KEYS = {name: option.key for name, option in (OPTIONS | ROBOT_OPTIONS).items()}
 RECORDS = {place: record for place, (record, _) in TABLES.items()} | {"result": ResultTable}
@@ -119,9 +119,9 @@ def test_schemas_have_the_bounds_of_rows():
 
 def test_types_name_the_choices():
     assert get_args(Engine) == tuple(CHOICES["simulator"])
-    assert get_args(Stances) == tuple(CHOICES["stances"])
+    assert get_args(StanceMethod) == tuple(CHOICES["stances"])
     assert get_args(RepairName) == tuple(CHOICES["repair"])
-    assert {*SHARES, "auto"} == CHOICES["repair"].keys()
+    assert {*CLIP_WEIGHTS, "auto"} == CHOICES["repair"].keys()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from drawn_hops import Hop, draw_hop
 
 import floatplan as fp
 from floatplan.clips.planned.contacts import foot_places, foot_points, standing_feet, still_flight
-from floatplan.clips.planned.stances import StancePlanner
+from floatplan.clips.planned.planner import StancePlanner
 from floatplan.clips.stance_forces import stance_figures
 
 STRETCH = 1.3

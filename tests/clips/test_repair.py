@@ -189,6 +189,20 @@ def test_a_repaired_clip_needs_no_repair(robot: fp.Robot, tmp_path: Path) -> Non
     assert not nothing.changed
 
 
+def test_an_unphysical_flight_that_was_left_is_no_success(model: Path, tmp_path: Path) -> None:
+    path = samples.write_csv(samples.hops(60, (0.5, 0.4), gravity=7.0), tmp_path / "clip.csv", digits=9)
+    robot = fp.Robot.from_urdf(model, base="free-flyer")
+    clip = fp.load_clip(path, model=robot, fps=60.0, quaternion="xyzw")
+    repaired, told = fp.repair_clip(clip, flights=[1])
+    assert [judged.verdict for judged in told.after.flights] == ["unphysical", "physical"]
+    assert told.after.clip is repaired
+    assert not told.ok
+    words = ["clip", "repair", str(path), "--model", str(model), "--fps", "60", "--flights", "1"]
+    done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1
+    assert "of the result is unphysical: the centre of mass falls at 7" in " ".join(done.stdout.split())
+
+
 def test_every_format_is_written_back(robot: fp.Robot, model: Path, tmp_path: Path) -> None:
     sample = samples.hops(50, (0.5,), gravity=6.5)
     for name, path in samples.write_all(sample, tmp_path).items():

@@ -11,7 +11,7 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.simulation.contact.shapes import feet_spheres
 from floatplan.simulation.gains import _bandwidth_inertia, _joint_inverse, fastest_bandwidth, gains_by_phase
-from floatplan.simulation.jump_flight import PERIOD
+from floatplan.simulation.jump_run import PERIOD
 
 BANDWIDTH = 90.0  # [rad/s]
 

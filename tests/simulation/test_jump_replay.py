@@ -13,7 +13,9 @@ from once import made_once
 
 import floatplan as fp
 from floatplan.errors import InputError
-from floatplan.simulation.jump_flight import JumpControl, _JumpGuide
+from floatplan.simulation.contact.model import ContactRobot
+from floatplan.simulation.contact.tracked_motion import control_times
+from floatplan.simulation.jump_run import JumpControl, _JumpGuide
 from floatplan.view.report.flights import write_jump_pages
 
 LATE = "noise=0.1deg,delay=4ms"
@@ -48,6 +50,21 @@ def test_a_flight_that_lasts_longer_gets_no_torques_of_the_stance() -> None:
     target, torques = guide.target(tick, control.times[tick], SimpleNamespace(delay=0))
     assert np.isfinite(target).all()
     assert np.isfinite(torques).all()
+
+
+def test_it_begins_with_velocities_that_it_is_given() -> None:
+    """In a plane too, of base and joints."""
+    control = JumpControl(backflip(), np.ones((2, 12)), None)
+    sample = control.sampled(fp.Perturbation(), 0, 0)
+    robot = ContactRobot(control.tracked, 0.6, sample)
+    velocities = np.linspace(-1.0, 1.0, len(control.tracked.velocities[0]))
+    robot.begin(control.tracked.base_ends[0], control.tracked.positions[0], velocities)
+    np.testing.assert_allclose(robot.state()[1], velocities, atol=1e-12)
+
+
+def test_a_motion_that_lasts_too_long_is_refused() -> None:
+    with pytest.raises(InputError, match=r"lasts 199.5 s, more than the 199 s that are simulated"):
+        control_times(199.5)
 
 
 def test_soft_joints_do_not_turn_it_short_of_its_landing() -> None:

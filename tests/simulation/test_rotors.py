@@ -11,7 +11,7 @@ from robot_samples import joint, robot_text
 
 import floatplan as fp
 from floatplan.simulation.engines import JointTorques
-from floatplan.simulation.recorded_motion import RecordedPlanarMotion
+from floatplan.simulation.plan_motion import PlanarPlanMotion
 from floatplan.simulation.reduced_model import FRICTION_RATE, reduced_model
 from floatplan.studies.peaks import many_peaks
 
@@ -151,7 +151,7 @@ def test_what_joints_lose_is_felt_where_they_move_otherwise(tmp_path):
     assert lossy.robot.friction == {"b": 0.1}
     assert np.array_equal(bare.coefficients, lossy.coefficients)
     assert np.array_equal(bare.peaks.motor_torque, lossy.peaks.motor_torque)
-    motion = RecordedPlanarMotion(lossy.record, reduced_model(lossy.robot, 9.81))
+    motion = PlanarPlanMotion(lossy.record, reduced_model(lossy.robot, 9.81))
     torques = JointTorques(motion, np.ones(3), None)
     order = [motion.reduced.joints.index(name) for name in "abc"]
     state = lossy.at(0.3)

@@ -9,14 +9,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from jumps import roll
+from scipy.spatial.transform import Rotation
 
 import floatplan as fp
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
+from floatplan.simulation.base_states import SpatialBase
 from floatplan.simulation.contact.model import ContactRobot
 from floatplan.simulation.contact.shapes import shapes_of_jump
 from floatplan.simulation.contact.tracked_motion import PERIOD
-from floatplan.simulation.jump_flight import JumpControl
+from floatplan.simulation.jump_run import JumpControl
+from floatplan.simulation.mujoco_model import free_base
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.view.report.flights import jump_rows, write_jump_pages
 
@@ -131,11 +134,31 @@ def test_without_a_turn_it_does_not_stand() -> None:
     control = JumpControl(jump, np.ones((2, 12)), None)
     sample = Perturbation().sampled(0, 0, 12, jump.robot.model.njoints)
     robot = ContactRobot(control.tracked, 0.6, sample)
-    first = control.planned.positions[0]
-    last = control.planned.positions[-1]
-    robot.begin(first[[0, 1, 2, 6, 3, 4, 5]], first)
-    assert robot.stands(first[[0, 1, 2, 6, 3, 4, 5]], first[3:7])
-    assert not robot.stands(last[[0, 1, 2, 6, 3, 4, 5]], last[3:7])
+    planned = control.planned.positions
+    base = free_base(planned[0])
+    robot.begin(base, planned[0])
+    assert robot.stands(base, 0.0)
+    apart = control.base.apart(np.tile(planned[0], (len(planned), 1)), planned)
+    assert apart[-1] == pytest.approx(2 * np.pi, abs=0.01)
+    assert not robot.stands(base, apart[-1])
+
+
+@pytest.mark.parametrize("turns", [0.5, 1.0, 1.5, 2.0, 3.0])
+def test_whole_turns_are_counted(turns: float) -> None:
+    """About a skew axis, however many: a quaternion returns to its sign after two."""
+    angles = np.linspace(0.0, 2 * np.pi * turns, 200)
+    axis = np.array([0.6, 0.0, 0.8])
+    planned = np.zeros((200, 9))
+    planned[:, 3:7] = Rotation.from_rotvec(angles[:, None] * axis).as_quat()
+    still = np.tile(planned[0], (200, 1))
+    np.testing.assert_allclose(SpatialBase().apart(still, planned), angles, atol=1e-9)
+    # One that turns with it, leaning to and fro by 0.4 rad, misses nothing but what it leans.
+    leaning = planned.copy()
+    lean = 0.4 * np.sin(np.linspace(0.0, 20.0, 200))
+    leaning[:, 3:7] = (
+        Rotation.from_rotvec(lean[:, None] * [0.0, 1.0, 0.0]) * Rotation.from_quat(planned[:, 3:7])
+    ).as_quat()
+    np.testing.assert_allclose(SpatialBase().apart(leaning, planned), np.abs(lean), atol=1e-9)
 
 
 @pytest.mark.long

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import clip_samples
@@ -11,12 +13,16 @@ import pytest
 from clip_landings import swung
 from drawn_hops import draw_hops
 from jumps import GO2, backflip
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import floatplan as fp
+from floatplan.cli import clips
 from floatplan.cli.commands import app
 from floatplan.errors import InputError
 from floatplan.simulation.contact.tracked_motion import PERIOD, tracked_jump
+from floatplan.simulation.motion_run import MotionControl
+from floatplan.simulation.perturbation import given_perturbation
 from floatplan.tracking.tracked_clip import tracked_clip
 
 
@@ -56,6 +62,40 @@ def test_a_recorded_jump_takes_the_torques_of_the_jump(tmp_path: Path) -> None:
     assert np.percentile(shares, 90) < 0.05
     assert of_clip.shapes.ground == pytest.approx(of_jump.shapes.ground, abs=2e-3)
     assert of_clip.flights[0][1] == pytest.approx(landing, abs=0.02)
+
+
+def test_who_stands_still_has_not_turned_twice(tmp_path: Path) -> None:
+    """A Go2 that stands while its motion's base turns twice, after which all attitudes are as before."""
+    clip = recorded(tmp_path, 50.0)
+    stands = {}
+    for name in ("base_position", "base_quaternion", "positions"):
+        stands[name] = np.tile(getattr(clip, name)[0], (10, 1))
+    tracked = tracked_clip(replace(clip, contacts=None, contact_names=(), **stands), friction=0.8)
+    positions = tracked.positions.copy()
+    angles = 4 * np.pi * np.clip(np.arange(len(positions)) / 80, 0.0, 1.0)
+    turns = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0])
+    positions[:, 3:7] = (turns * Rotation.from_quat(positions[:, 3:7])).as_quat()
+    control = MotionControl(replace(tracked, positions=positions), np.full((2, 12), [[57.0], [0.98]]))
+    landing = control.run_once(fp.Perturbation(), 0.8, 0, 0).landing
+    assert landing["touched"] == ()
+    assert landing["pitch"] < 0.1
+    assert not landing["stands"]
+
+
+def test_help_and_page_state_what_differs() -> None:
+    """The default is written in three places."""
+    default = inspect.signature(fp.bench).parameters["perturb"].default
+    sizes = given_perturbation(default)
+    assert f"{default} if left out" in inspect.getsource(clips.bench)
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "bench.md").read_text(encoding="utf-8")
+    for words in (
+        f"| mass and inertia of every body | {100 * sizes.mass:g} %",
+        f"| {100 * sizes.friction:g} %",
+        f"| from 0 to {sizes.armature:g} kg m^2 |",
+        f"| noise of {np.rad2deg(sizes.noise):g} degree and {np.rad2deg(sizes.noise_of_rates):g} degree/s |",
+        f"| {1e3 * sizes.delay:g} ms late |",
+    ):
+        assert words in page
 
 
 def test_what_cannot_be_followed(tmp_path: Path) -> None:

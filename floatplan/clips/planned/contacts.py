@@ -28,7 +28,7 @@ class ContactRules:
     """What counts as feet that stand, and how far planned stances go."""
 
     at_once: float = 0.1  # [s] within which feet leave, or arrive, at the same time
-    near: float = 0.2  # [s] from a flight: feet that stand no nearer than that do not begin or end it
+    near: float = 0.2  # [s] before or after a flight, within which its feet must stand
     brief: float = 0.05  # [s] shorter stands, and shorter gaps in one, are noise of the frames
     reach: float = 0.4  # [s] of a stance that is planned, at most, where it does not meet another flight
 
@@ -58,9 +58,8 @@ class ContactPhase:
 def standing_feet(clip: Clip) -> BoolArray:
     """Return which feet stand at the instants of the clip's scene (K, F): low, slow, and not for a moment only."""
     scene = clip.scene
-    clearances = scene.foot_heights - scene.ground.heights[:, None]
     speeds = np.linalg.norm(scene.foot_velocities, axis=2)
-    stands = (clearances < FOOT_CLEARANCE) & (speeds < STILL)
+    stands = (scene.clearances < FOOT_CLEARANCE) & (speeds < STILL)
     brief = max(round(RULES.brief / float(scene.times[1] - scene.times[0])), 1)
     for column in stands.T:
         for value in (True, False):  # first short gaps are closed, then short stands dropped
@@ -69,7 +68,7 @@ def standing_feet(clip: Clip) -> BoolArray:
 
 
 def _fill_brief(stands: BoolArray, value: bool, brief: int) -> None:
-    """Set to a value what is shorter than so many instants between two instants that have it."""
+    """Set stretches of fewer than ``brief`` instants to a value that the instants around them have."""
     edges = np.flatnonzero(np.diff(stands)) + 1
     for first, last in pairwise(edges.tolist()):
         if stands[first] != value and last - first < brief:
@@ -103,7 +102,7 @@ def still_flight(clip: Clip, stands: BoolArray, flight: ClipFlight) -> ClipFligh
 def contact_phases(clip: Clip, stands: BoolArray, begin: float, end: float, inwards: int) -> list[ContactPhase]:
     """Return the phases of a stance between two times of a clip, in order of time.
 
-    No foot stands twice in it: it begins later, or ends earlier, where one would, away from the flight.
+    No foot stands twice in a stance: where one would, the stance begins later, or ends earlier, away from the flight.
 
     Parameters
     ----------

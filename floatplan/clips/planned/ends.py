@@ -29,8 +29,8 @@ class StillEnds:
     Attributes
     ----------
     mechanics : of the robot with all points that stand
-    places : (3,) m, of the points that stand before, and after, by their names
-    motion : (3, 6+n, 2) base, angles and joints there; their rates are the clip's
+    places : name of a point -> where it stands, (3,) m, before the flight and after it
+    motion : (3, 6+n, 2) base, angles and joints at both ends, without rates
     """
 
     mechanics: Mechanics

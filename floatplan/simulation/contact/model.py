@@ -5,6 +5,7 @@ Links touch the ground, not one another.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from math import atan2, pi, remainder
 from typing import Any
 
@@ -24,6 +25,15 @@ from floatplan.simulation.perturbation import Sample
 SOLE = "sole "  # before the name of a foot's hull; a number is after it
 LINK = "link "  # before the name of its shape, since a foot may be called as its link; a number is after it
 STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What counts as standing at the end of a motion."""
+
+    height: float = 0.6  # [-] of the planned height of the base over the ground: a robot that lies or sits is lower
+    tilt: float = 0.5  # [rad] of the base: feedback of joints does not bring back a robot that leans so far
+    rotation: float = np.pi / 2  # [rad] from the planned attitude, whole turns included: feet that slide may yaw it
 
 
 class ContactRobot:
@@ -49,21 +59,25 @@ class ContactRobot:
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
         self._pairs = b""  # of geoms in contact at the last step
-        self.is_spatial = reduced.model.nq != reduced.model.nv
+        self.is_spatial = reduced.is_spatial
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
         self.end_ground = tracked.end_ground
         self.is_ground = self.model.geom_bodyid == 0  # of each geom: the world is the first body
 
     def begin(self, base: Array, positions: Array, velocities: Array | None = None) -> None:
-        """Begin with the base at a position (3,) m, quaternion w x y z, and with positions as of ``robot.model``.
+        """Begin with the base at a position (3,) m, quaternion w x y z; joints and velocities are of ``robot.model``.
 
-        It is at rest, unless a robot in space has velocities, as of ``robot.model`` too.
+        Without velocities nothing moves.
         """
         self.data.qpos[:7] = base
         self.data.qpos[self.mujoco_robot.positions] = positions[self.base.size :]
-        if velocities is not None:
+        if velocities is not None and self.is_spatial:
             self.data.qvel[:] = self.mujoco_robot.own_state(positions, velocities)[1]
+        elif velocities is not None:
+            self.data.qvel[:3] = velocities[:2] @ self.axes
+            self.data.qvel[3:6] = velocities[2] * self.robot.plane.normal
+            self.data.qvel[self.mujoco_robot.velocities] = velocities[self.base.size :]
         self.orientation = self.base.orientation(positions[None])
         self.mujoco_robot.mujoco.mj_forward(self.model, self.data)
 
@@ -162,21 +176,22 @@ class ContactRobot:
         names = {self.model.geom(geom).name.removeprefix(LINK).rpartition(" ")[0] for geom in geoms}
         return tuple(sorted(names))
 
-    def stands(self, base: Array, orientation: Any) -> bool:
-        """Whether the base is oriented as planned in the end, whole turns included, but for its yaw, and as high.
+    def stands(self, base: Array, apart: float) -> bool:
+        """Whether the robot stands as planned: its base level, rotated by all planned turns, and nearly as high.
 
-        Of ``base`` as of :meth:`begin`, and the ``orientation`` there, at the end.
+        Parameters
+        ----------
+        base : (7,), the planned one, as of :meth:`begin`
+        apart : rad, by which the base is off its planned attitude, whole turns included
         """
         up = np.asarray(self.robot.up)
         up_now = pin.Quaternion(*self.data.qpos[3:7]).matrix().T @ up
         up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
         height_now = self.data.qpos[:3] @ up - self.end_ground
         height_planned = base[:3] @ up - self.end_ground
-        tipped = 0.5  # [rad] of the base: one that is further off does not stand
-        has_turned = self.base.apart(self.orientation, orientation) < self.base.astray
-        is_level = (up_now * up_planned).sum() > np.cos(tipped)
-        is_high = height_now > 0.6 * height_planned
-        return bool(has_turned and is_level and is_high)
+        is_level = up_now @ up_planned > np.cos(Standing.tilt)
+        is_high = height_now > Standing.height * height_planned
+        return bool(is_level and is_high and apart < Standing.rotation)
 
 
 def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> MujocoSpec:
@@ -223,6 +238,7 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
     )
     if shapes.step is not None:
         _add_step(spec, robot.plane, shapes.step, friction)
+    # Friction of a contact is the larger one of its two shapes: that of the ground.
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
     for name, (number, centre, radius) in shapes.balls.items():
         body = mujoco_spec.bodies[number]

@@ -13,6 +13,8 @@ from floatplan.robot.robot import Robot
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact.shapes import ContactShapes, shapes_of_jump
 from floatplan.simulation.control_loop import Motors
+from floatplan.simulation.limits import MOST_PERIODS
+from floatplan.simulation.mujoco_model import free_base
 from floatplan.simulation.reduced_model import ReducedModel, reduced_model
 from floatplan.simulation.simulated_jump import STANDING
 
@@ -30,7 +32,7 @@ class TrackedMotion:
     gravity : m/s^2
     shapes : ContactShapes
     duration : of the motion, s; then it stays as in its end for ``STANDING``
-    flights : when each flight begins and ends, s
+    flights : when each flight begins and ends, s; a motion without any is one flight from its beginning to its end
     positions : (K, nq) of the reduced model; orientations go on from one to the next
     velocities : (K, nv)
     torques : (K, J) N m, which the motion takes without what the joints lose
@@ -54,22 +56,22 @@ class TrackedMotion:
     base_ends: Array
     motors: Motors
 
-    @property
-    def begin_velocities(self) -> Array | None:
-        """Velocities (nv,) with which it begins in space; None in a plane, where they are zero."""
-        is_planar = self.reduced.model.nq == self.reduced.model.nv
-        return None if is_planar else np.asarray(self.velocities[0])
-
 
 def control_times(duration: float) -> Array:
-    """Return the beginnings (K,), s, of the periods of a motion of a duration, s, at whose end the robot stands."""
+    """Return the beginnings (K,), s, of the periods of a motion of a duration, s, at whose end the robot stands.
+
+    InputError where it lasts too long to be simulated.
+    """
+    longest = MOST_PERIODS * PERIOD - STANDING
+    if duration > longest:
+        raise InputError(f"lasts {duration:.4g} s, more than the {longest:.4g} s that are simulated", advice="cut it")
     return np.asarray(np.arange(int((duration + STANDING) / PERIOD) + 1) * PERIOD, dtype=np.float64)
 
 
 def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
     """Return a jump that is to be tracked, and its states at the periods of control.
 
-    InputError of one that is periodic.
+    InputError where the jump is periodic, or lasts too long.
     """
     assert jump.flight is not None
     if jump.request.is_periodic:
@@ -103,7 +105,7 @@ def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
         torques=planned.torques[:, reduced.of_joints[1]],
         goals=tuple(base.goal(flight.plan.problem) for flight in flights),
         end_ground=jump.stances[-1].ground,
-        base_ends=np.asarray(jump.q([0.0, jump.duration])[:, [0, 1, 2, 6, 3, 4, 5]]),
+        base_ends=free_base(jump.q([0.0, jump.duration])),
         motors=motors,
     )
     return tracked, planned

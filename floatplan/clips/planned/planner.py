@@ -14,7 +14,7 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, IntArray
 from floatplan.clips.clip import Clip
-from floatplan.clips.flights import ClipFlight
+from floatplan.clips.flights import CHECKED, RANGE_MARGIN, ClipFlight, free_time
 from floatplan.clips.planned.contacts import (
     RULES,
     ContactPhase,
@@ -48,7 +48,8 @@ class StanceWindow:
     Attributes
     ----------
     side : "takeoff", "landing", or "step" between two flights
-    before, after : numbers of the flights between which it is; None where there is none
+    before, after : number of the flight before the stance, and of the flight after it; None where the stance ends in
+        the clip's own motion
     phases : of contact, in order of time
     """
 
@@ -76,11 +77,11 @@ class ClipStance:
     ----------
     side : "takeoff", "landing" or "step"
     window : StanceWindow, optional
-        None where no contacts are as a planned stance needs them.
+        None where the clip's contacts allow no planned stance.
     result : StanceResult, optional
-        None where nothing was searched for.
-    reason : why there is none; "" where it is planned
-    frames : of the feet that stand in each phase
+        None where no search was made.
+    reason : why the stance is not planned; "" where it is
+    frames : names of the frames that stand in each phase
     """
 
     side: Side
@@ -91,19 +92,19 @@ class ClipStance:
 
     @property
     def planned(self) -> bool:
-        """Whether it is, and holds."""
+        """Whether the stance is planned, and its check holds."""
         return not self.reason
 
     @property
     def flight_ends(self) -> tuple[tuple[int, int], ...]:
-        """The flights that it meets: the number of each, and 0 where it is before the flight, 1 where it follows."""
+        """Ends of flights that the stance meets: number of the flight, and 0 for its takeoff or 1 for its landing."""
         if self.window is None:
             return ()
         ends = ((self.window.before, 1), (self.window.after, 0))
         return tuple((number, end) for number, end in ends if number is not None)
 
     def motion(self, times: Array) -> tuple[Array, Array]:
-        """Configurations (K, 7 + J) and velocities (K, 6 + J) at times (K,) from its begin, s."""
+        """Configurations (K, 7 + J) and velocities (K, 6 + J) at times (K,) from the stance's begin, s."""
         assert self.result is not None, "it is planned"
         stances = self.result.stances
         borders = [stance.span[1] for stance in stances[:-1]]
@@ -119,7 +120,7 @@ class ClipStance:
         return q, v
 
     def write_contacts(self, clip: Clip, clip_times: Array, contacts: BoolArray, rows: IntArray) -> None:
-        """Set labels (N, C) of the clip's feet at rows (K,), whose times in the clip are (K,), s, to what stands."""
+        """Set rows (K,) of contact labels (N, C) to the feet that stand at the clip's times (K,), s, of these rows."""
         assert self.window is not None, "it is planned"
         bodies = clip.scene.foot_bodies
         for column, name in enumerate(clip.contact_names):
@@ -132,7 +133,7 @@ class ClipStance:
 
     @property
     def sentence(self) -> str:
-        """What came of it, for a person."""
+        """What came of the stance, for a person."""
         if self.result is None or not self.planned:
             return f"{self.side}: bent, not planned: {self.reason}"
         figures = self.result.figures
@@ -164,9 +165,9 @@ class StancePlanner:
     clip : Clip
     gravity : m/s^2
     numbers : of the flights that are to be repaired
-    flights : those of them with still feet at both ends, by number: longer than the clip's, in which feet are higher
-    windows : the stances to plan
-    missing : by number of a flight and side, why there is no stance to plan
+    flights : number -> flight with still feet at both ends: longer than the clip's, whose feet are higher there
+    windows : stances to plan
+    missing : number and side of a flight -> why there is no stance to plan
     """
 
     clip: Clip
@@ -192,27 +193,23 @@ class StancePlanner:
             self.flights.pop(number, None)
 
     def _lay_out(self, number: int) -> None:
-        """The stances before and after a flight."""
+        """Add the stances before and after a flight to ``windows``."""
         flight = self.flights[number]
-        flights = self.clip.flights
         following = self.flights.get(number + 1)
-        ends = {
-            "takeoff": flights[number - 1].end if number else 0.0,
-            "landing": flights[number + 1].begin if number + 1 < len(flights) else self.clip.duration,
-        }
+        earliest, latest = free_time(self.clip.flights, number, self.clip.duration)
         last = next((window for window in self.windows if window.after == number), None)
         try:
             if last is None:
-                self._add("takeoff", None, number, max(ends["takeoff"], flight.begin - RULES.reach), flight.begin)
+                self._add("takeoff", None, number, max(earliest, flight.begin - RULES.reach), flight.begin)
             if following is not None and following.begin - flight.end <= RULES.reach:
                 self._add("step", number, number + 1, flight.end, following.begin)
             else:
-                self._add("landing", number, None, flight.end, min(ends["landing"], flight.end + RULES.reach))
+                self._add("landing", number, None, flight.end, min(latest, flight.end + RULES.reach))
         except FloatplanError as error:
             self.missing[number, "landing" if last else "takeoff"] = str(error)
 
     def _add(self, side: Side, before: int | None, after: int | None, begin: float, end: float) -> None:
-        """A stance between two times of the clip, from one flight's number to the other's."""
+        """Add a stance between two times of the clip, and between the flights with these numbers."""
         inwards = {"takeoff": 1, "landing": -1, "step": 0}[side]
         phases = contact_phases(self.clip, self.stands, begin, end, inwards)
         window = StanceWindow(side, before, after, tuple(phases))
@@ -228,9 +225,9 @@ class StancePlanner:
         return tuple(point for foot in phase.feet for point in self._points[foot])
 
     def ends(self, number: int, lowered: float = 0.0) -> StillEnds | None:
-        """The postures in which a flight begins and ends, with feet on the ground; None where no feet stand so.
+        """The postures in which a flight begins and ends, with feet on the ground; None where no foot stands there.
 
-        They are the clip's, with the base lowered, m: a leg that is nearly straight extends faster.
+        Postures are the clip's, with the base lowered, m: the joints of a leg that is nearly straight are too fast.
         """
         if number not in self.flights:
             return None
@@ -246,7 +243,7 @@ class StancePlanner:
                 for foot in own:
                     places[end][foot.name] = self._places[window][foot.name]
         of_ends = (places[0], places[1])
-        instants = np.linspace(flight.begin, flight.end, 101)
+        instants = np.linspace(flight.begin, flight.end, CHECKED)
         axes = best_axes(self.clip.curve.attitudes(instants))
         mechanics = Mechanics(self.clip.robot, axes, self.gravity, points)
         return StillEnds(mechanics, of_ends, end_motion(self.clip, mechanics, flight, of_ends, lowered))
@@ -257,7 +254,7 @@ class StancePlanner:
         self.missing[number, "takeoff"] = self.missing[number, "landing"] = reason
 
     def planned(self, plans: Mapping[int, Plan]) -> list[ClipStance]:
-        """The stances next to flights with still feet, by the plans of these."""
+        """Plan the stances next to flights with still feet whose plans are all there."""
         stances = []
         for window in self.windows:
             met = {window.before, window.after} - {None}
@@ -266,7 +263,7 @@ class StancePlanner:
         return stances
 
     def of_flight(self, number: int, stances: Sequence[ClipStance]) -> list[ClipStance]:
-        """Those of stances that are before and after a flight; what is in the way where there is none."""
+        """The stances before and after a flight; where one is not planned, a stance that says why."""
         own = []
         sides: tuple[Side, ...] = ("takeoff", "landing")
         for end, side in enumerate(sides):
@@ -280,7 +277,7 @@ class StancePlanner:
 
     def _plan(self, window: StanceWindow, places: Mapping[str, Array], plans: Mapping[int, Plan]) -> ClipStance:
         clip = self.clip
-        instants = np.linspace(window.begin, window.end, 101)
+        instants = np.linspace(window.begin, window.end, CHECKED)
         axes = best_axes(clip.curve.attitudes(instants))
         phases = []
         for phase in window.phases:
@@ -367,10 +364,9 @@ def _plan_motion(mechanics: Mechanics, plan: Plan, time: float, near: Array) -> 
 
 def stance_problem(problem: Problem, positions: Array) -> Problem:
     """Return a flight's problem with its robot's limits of torques and rates, and ranges that hold positions (n, N)."""
-    margin = 0.15  # [rad] that a range reaches beyond the clip's own positions, as in flight
     low, high = np.asarray(problem.position_limits).T
-    ranges = np.stack(
-        (np.minimum(low, positions.min(axis=1) - margin), np.maximum(high, positions.max(axis=1) + margin)), axis=1
-    )
+    low = np.minimum(low, positions.min(axis=1) - RANGE_MARGIN)
+    high = np.maximum(high, positions.max(axis=1) + RANGE_MARGIN)
+    ranges = np.stack((low, high), axis=1)
     limits = Limits(position=tuple(map(tuple, ranges.tolist())), velocity="urdf", torque="urdf")
     return replace(problem, limits=limits)

@@ -28,7 +28,7 @@ class ModelState:
     accelerations: Array
 
 
-class RecordedMotion(ABC):
+class PlanFileMotion(ABC):
     """The motion of a record, evaluated at any time; has Pinocchio's scratch data, so use one per thread."""
 
     position_entries: ClassVar[slice]  # of a configuration: where the base is
@@ -133,7 +133,7 @@ class RecordedMotion(ABC):
         return position
 
 
-class RecordedPlanarMotion(RecordedMotion):
+class PlanarPlanMotion(PlanFileMotion):
     """The motion of a record in a plane; configurations and velocities are (3 + m,), in the world's axes."""
 
     position_entries = slice(0, BASE_COORDINATES - 1)

@@ -1,8 +1,8 @@
-"""The stances around repaired flights: they meet these with their speeds, and feet stay where the clip has them.
+"""Stances around repaired flights, bent to meet the flights' velocities, with feet where the clip has them.
 
-The clip runs on in its own time around a flight. Where the flight's velocities differ from it the base and the joints
-take them over, and lose them before the stance is over; then the legs are bent so that feet near the ground are where
-the clip has them.
+The clip runs on in its own time around a flight. Where the velocities of flight and clip differ, base and joints begin
+with those of the flight and come back to the clip before the stance is over; then the legs are bent so that feet near
+the ground are where the clip has them.
 """
 
 from __future__ import annotations
@@ -16,19 +16,20 @@ from scipy.spatial.transform import Rotation
 from floatplan.arrays import Array, BoolArray
 from floatplan.clips.clip import Clip
 from floatplan.clips.flights import BASE_BODY
+from floatplan.clips.timing import smoothstep
 from floatplan.motion.spatial.kinematics import Limb, body_poses, in_body, on_body
 from floatplan.motion.spatial.rotations import logarithm, of_quaternions
 from floatplan.robot.robot import Robot
 from floatplan.robot.urdf.base import FREE_FLYER as BASE
 
 FIXED = 0.02  # [m] over the ground, up to which feet stay where the clip has them
-LOOSE = 0.05  # [m] over the ground, from where on they are not; less where a flight begins or ends lower
-LEAST_FADE = 1e-3  # [m] from the one to the other
+LOOSE = 0.05  # [m] over the ground, from which on feet are free; less where a flight begins or ends lower
+LEAST_FADE = 1e-3  # [m] from FIXED to LOOSE, over which feet become free
 
 
 @dataclass(frozen=True, eq=False)
 class Seam:
-    """Where a stance meets a flight: by how much velocities differ, and how long the stance has to lose that.
+    """Where a stance meets a flight: by how much velocities differ, and how long the stance has to lose the difference.
 
     Attributes
     ----------
@@ -37,7 +38,8 @@ class Seam:
     span : s
     clearances : (F,) m, of the clip's feet there
     change : (6 + J,) of the base in the world, m/s and rad/s, and of the joints: the flight's less the clip's
-    offset : (6 + J,) by how much positions differ, m and rad: of a planned stance, whose feet are at places of its own
+    offset : (6 + J,) by how much positions differ, m and rad; optional
+        Next to a planned stance, whose feet are not quite where the clip has them.
     """
 
     instant: float
@@ -57,8 +59,8 @@ class Seam:
         shape = np.where(inside, passed * (1.0 - passed / max(self.span, 1e-9)) ** 3, 0.0)
         moved = self.sign * shape[:, None] * self.change
         if self.offset is not None:
-            left = np.where(inside, 1.0 - passed / max(self.span, 1e-9), 0.0)
-            moved = moved + (left**3 * (10.0 - 15.0 * left + 6.0 * left**2))[:, None] * self.offset
+            remaining = np.where(inside, 1.0 - passed / max(self.span, 1e-9), 0.0)
+            moved = moved + smoothstep(remaining)[:, None] * self.offset
         return moved
 
     def frees_feet(self, times: Array) -> BoolArray:

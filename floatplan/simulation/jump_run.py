@@ -1,13 +1,11 @@
-"""One flight of a motion in MuJoCo with contact, by torques and by springs with dampers on the joints.
+"""One run of a jump in MuJoCo with contact, with corrections in its flights and without.
 
-500 times a second each motor gets the motion's torque at that time and joint feedback. Feedback compares delayed
-measurements with the target at their time. Of a jump, with corrections a replanner gets the same measurements while
-the robot is in the air. The ground pushes as MuJoCo's contacts do.
+A replanner gets the measurements that the joints' feedback gets, while the robot is in the air.
 """
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -19,138 +17,19 @@ from floatplan.inflight.replanner import Replanner
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
-from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact.model import ContactRobot
-from floatplan.simulation.contact.tracked_motion import PERIOD, TrackedMotion, control_times, tracked_jump
-from floatplan.simulation.control_loop import Corrections, Guide, JointControl, Sensors
-from floatplan.simulation.perturbation import Perturbation, Sample
-from floatplan.simulation.results import SimulatedFlight
+from floatplan.simulation.contact.tracked_motion import PERIOD, tracked_jump
+from floatplan.simulation.control_loop import Corrections, Sensors
+from floatplan.simulation.motion_run import MotionControl, MotionGuide
+from floatplan.simulation.perturbation import Perturbation
+from floatplan.simulation.results import SimulatedRun
 from floatplan.simulation.simulated_jump import SimulatedJump, SimulatedSpatialJump
 
 
-@dataclass(eq=False)
-class FlightRecord:
-    """What came of a flight: its ``landing``, by the fields of ``JumpLandings`` and ``tilt``, and its robot.
-
-    ``rows`` are its states, accelerations, torques, forces and their points at each period, where they are recorded.
-    """
-
-    robot: ContactRobot
-    landing: dict[str, Any] = field(default_factory=dict)
-    rows: list[tuple[Array, ...]] = field(default_factory=list)
-
-
-class MotionControl:
-    """A motion, and what follows it: gains (2, J) of all joints."""
-
-    def __init__(self, tracked: TrackedMotion, gains: Array) -> None:
-        self.tracked = tracked
-        self.gains = gains
-        self.robot = tracked.robot
-        self.reduced = tracked.reduced
-        self.base = base_states(tracked.reduced)
-        self.joints = tracked.reduced.joints
-        self.motors = tracked.motors
-        self.times = control_times(tracked.duration)
-        of_positions, of_velocities = self.reduced.of_joints
-        # Positions and rates (K, 2, J) of the joints.
-        self.planned_joints = np.stack(
-            (tracked.positions[:, of_positions], tracked.velocities[:, of_velocities]), axis=1
-        )
-        self.torques = tracked.torques + self.reduced.lost(self.planned_joints[:, 1])
-        self.base_ends = tracked.base_ends
-        self.flights = tracked.flights
-
-    def sampled(self, perturbation: Perturbation, seed: int, number: int, **fixed: Any) -> Sample:
-        """Sample one robot by a seed and its number, but for fixed factors."""
-        sample = perturbation.sampled(seed, number, len(self.joints), self.robot.model.njoints)
-        return replace(sample, **fixed)
-
-    def fly(self, perturbation: Perturbation, friction: float, seed: int, number: int) -> FlightRecord:
-        """Fly one robot, sampled by a seed and its number, on a ground of some friction."""
-        sample = self.sampled(perturbation, seed, number)
-        robot = ContactRobot(self.tracked, sample.friction * friction, sample)
-        return self.track(robot, MotionGuide(self), perturbation, sample)
-
-    def track(
-        self,
-        robot: ContactRobot,
-        guide: "MotionGuide",
-        perturbation: Perturbation,
-        sample: Sample,
-        record: bool = False,
-    ) -> FlightRecord:
-        """Let a robot follow a guide.
-
-        Its landing also has the trunk's largest tilt, rad, from where it should be, from the landing on. In a motion
-        that is recorded, the state at the beginning of each period stands beside accelerations and contacts of its end.
-        """
-        tracked = self.tracked
-        robot.begin(tracked.base_ends[0], tracked.positions[0], tracked.begin_velocities)
-        base = self.base
-        sensors = Sensors(perturbation, sample, PERIOD, base)
-        control = JointControl(guide, sensors, self.motors, sample.torque, sensors.delay)
-        pitches: list[float] = []  # of each landing
-        tilt = 0.0
-        share = 0.0
-        slid = np.zeros(len(robot.feet))
-        result = FlightRecord(robot)
-        for tick in control.fly(robot, PERIOD):
-            share = max(share, self.motors.share(tick.requested, tick.state[1, base.size :]))
-            while len(pitches) < len(self.flights) and tick.now >= guide.landing(len(pitches)):
-                pitches.append(float(base.off(tick.state[:1], tracked.goals[len(pitches)])[0]))
-            if pitches:
-                planned = base.orientation(tracked.positions[[tick.number]])
-                tilt = max(tilt, base.apart(base.orientation(tick.state), planned))
-            if not tick.finite:
-                tilt = np.inf
-                break
-            if tick.now < tracked.duration:
-                slid += robot.slips() * PERIOD
-            if record:
-                torques = np.pad(sample.torque * tick.torques, (self.reduced.of_joints[1].start, 0))
-                state = base.parts(tick.state)
-                result.rows.append((*state, robot.accelerations(), torques, robot.forces(), robot.points()))
-        result.landing = {
-            "stands": robot.stands(self.base_ends[1], base.orientation(tracked.positions[-1:])),
-            "touched": robot.links(),
-            "pitch": max(pitches, key=abs, default=np.nan),
-            "torque": share,
-            "slid": float(slid.max(initial=0.0)),
-            "tilt": tilt,
-        }
-        return result
-
-
-@dataclass(eq=False)
-class MotionGuide(Guide):
-    """A motion from its beginning until it has stood."""
-
-    control: MotionControl
-
-    @property
-    def end(self) -> float:
-        """When it has stood long enough, s."""
-        return len(self.control.times) * PERIOD
-
-    def landing(self, number: int) -> float:
-        """When a flight should end, s."""
-        return self.control.flights[number][1]
-
-    def target(self, tick: int, now: float, sensors: Sensors) -> tuple[Array, Array]:
-        """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
-        row = min(tick, len(self.control.times) - 1)
-        return self.control.planned_joints[row], self.control.torques[row]
-
-    def feedback(self, tick: int, now: float) -> Array:
-        """Stiffness and damping (2, J)."""
-        return self.control.gains
-
-
 class JumpControl(MotionControl):
-    """A jump, and what follows it: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any.
+    """A jump and its controller: gains (2, J) of all joints, and corrections in flight at a rate, Hz, if any.
 
-    ``phase_gains`` (P, 2, J) are those of each phase; left out, all have the same.
+    ``phase_gains`` (P, 2, J) are the gains of each phase; left out, all phases have the same.
     """
 
     def __init__(self, jump: JumpMotion, gains: Array, rate: float | None, phase_gains: Array | None = None) -> None:
@@ -170,7 +49,7 @@ class JumpControl(MotionControl):
             self.replanners = [Replanner(plan, rate) for plan in jump.flights]
         self._data = self.robot.model.createData()
 
-    def fly_jump(
+    def run_jump(
         self,
         perturbation: Perturbation,
         friction: float,
@@ -179,15 +58,15 @@ class JumpControl(MotionControl):
         correct: bool,
         record: bool = False,
         **fixed: Any,
-    ) -> SimulatedFlight[SimulatedJump]:
-        """Fly one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction."""
+    ) -> SimulatedRun[SimulatedJump]:
+        """Run one robot, sampled by a seed and its number but for fixed factors, on a ground of some friction."""
         sample = self.sampled(perturbation, seed, number, **fixed)
         robot = ContactRobot(self.tracked, sample.friction * friction, sample)
         for replanner in self.replanners:
             replanner.reset()
         guide = _JumpGuide(self, correct and bool(self.replanners), robot)
         result = self.track(robot, guide, perturbation, sample, record)
-        return SimulatedFlight(
+        return SimulatedRun(
             landing=result.landing,
             motion=self._recorded(result.rows, robot),
             statuses=guide.statuses,
@@ -197,15 +76,15 @@ class JumpControl(MotionControl):
     def measured_com(self, origin: Array, state: Array, measured: Array) -> tuple[Array, Array]:
         """Position from an origin and velocity of the centre of mass, along the axes.
 
-        They are of planned masses, from noisy joints.
+        Both are computed with the planned masses, from noisy joints.
         """
         pin.centerOfMass(self.robot.model, self._data, *self.base.parts(measured))
         return self.reduced.axes @ self._data.com[0] - origin, self.reduced.axes @ self._data.vcom[0]
 
     def origin(self, number: int, row: int, sensors: Sensors) -> Array:
-        """Where the world of a flight, by its number, is as the robot takes off, along the axes, m.
+        """Origin of a flight, by its number, as the robot takes off, along the axes, m.
 
-        Stances before have moved it along the ground, which is no error of the flights that follow.
+        Stances before the flight may have moved the robot along the ground, which is no error of the flight.
         """
         nowhere: Array = np.zeros(len(self.reduced.axes))
         if not number:
@@ -246,9 +125,9 @@ class _JumpGuide(MotionGuide):
     control : JumpControl
     corrects : whether flights are corrected
     robot : ContactRobot
-    presses : whether any foot did, at each tick
+    presses : at each tick, whether any foot pressed on the ground
     corrections : of the flights that have begun
-    early : periods by which it is ahead of the planned motion
+    early : periods by which the robot is ahead of the planned motion
     landed : number of flights that are over
     """
 
@@ -270,16 +149,16 @@ class _JumpGuide(MotionGuide):
         """Positions and rates (2, J) of all joints, and feed-forward torques (J,)."""
         control = self.control
         self.presses.append(self.robot.presses())
-        if not self._in_flight(tick, now, sensors):
+        if not self._advance(tick, now, sensors):
             row = min(tick + self.early, len(control.times) - 1)
             return control.planned_joints[row], control.torques[row]
         corrections = self.corrections[-1]
-        # What feet that press on the ground make of a flight is not corrected: they are felt as late as all else.
+        # While feet press on the ground no flight is corrected; the controller learns of that as late as of all else.
         if not self.presses[-1 - min(sensors.delay, len(self.presses) - 1)]:
             corrections.correct(tick, now, sensors)
         reference = corrections.replanner.reference(now - corrections.begin)
-        # Joints without motors get the flight's planned torques, the others what their joints lose in it; in a flight
-        # that lasts longer than planned the last ones: the rows that follow are of the stance.
+        # To the torques of the corrected motion come those that joints lose; joints without motors get the planned
+        # ones. A flight that lasts longer than planned goes on with its last row: the next rows are of the stance.
         last_in_air = int(np.searchsorted(control.times, control.flights[self.landed][1])) - 1
         row = min(tick + self.early, last_in_air)
         torques = control.torques[row].copy()
@@ -288,7 +167,7 @@ class _JumpGuide(MotionGuide):
         return control.reduced.resting + corrected @ control.reduced.joint_selection.T, torques
 
     def feedback(self, tick: int, now: float) -> Array:
-        """Stiffness and damping (2, J) of the phase; a flight lasts until the landing that is expected."""
+        """Stiffness and damping (2, J) of the phase; a corrected flight lasts until its expected landing."""
         control = self.control
         if control.phase_gains is None:
             return control.gains
@@ -307,8 +186,11 @@ class _JumpGuide(MotionGuide):
             counts += corrections.statuses
         return counts
 
-    def _in_flight(self, tick: int, now: float, sensors: Sensors) -> bool:
-        """Whether a flight is corrected; what follows it begins as much earlier or later as the robot lands."""
+    def _advance(self, tick: int, now: float, sensors: Sensors) -> bool:
+        """End the flight whose landing is due, begin the one whose takeoff is; whether a flight is corrected now.
+
+        What follows a flight begins as much earlier or later than planned as the robot lands.
+        """
         control = self.control
         if len(self.corrections) > self.landed and now >= self.corrections[-1].landing:
             planned = control.flights[self.landed][1]
