@@ -23,6 +23,7 @@ from floatplan.motion.sine_polynomial import Form, basis
 from floatplan.planning.constraints import LENGTH_SCALE
 from floatplan.planning.kernel_input.rows import SUMMED, Block, DistanceRows, can_write
 from floatplan.plans.plan import Plan
+from floatplan.problem.parts import Wall
 from floatplan.problem.problem import Problem, Shares
 from floatplan.problem.spatial_obstacles import SpatialObstacle
 from floatplan.tables import LIMIT_TABLE
@@ -106,7 +107,6 @@ def distance_rows(problem: Problem, links: Sequence[str]) -> list[LimitRows]:
     InputError
         Corrections in flight do not know a kind of obstacle.
     """
-    softness = 0.02  # [LENGTH_SCALE]
     between: list[tuple[Any, float, tuple[float, float]]] = []
     for obstacle in [*problem.obstacles, *([problem.ground_plane] if problem.ground else [])]:
         if not (can_write(obstacle) or isinstance(obstacle, SpatialObstacle)):
@@ -122,7 +122,12 @@ def distance_rows(problem: Problem, links: Sequence[str]) -> list[LimitRows]:
     rows = []
     for shapes_between, margin, window in between:
         block = DistanceRows(shapes_between, margin, LENGTH_SCALE)
-        rows.append(LimitRows(block, DISTANCE_AIM, softness, window))
+        # A foot that catches on the ground trips the robot, and feet follow their reference to 1 or 2 cm: corrections
+        # aim at 4 cm there. With aim and softness by the same factor, touching costs as much as with other obstacles.
+        is_ground = isinstance(shapes_between, Wall) and shapes_between.is_level
+        factor = 4.0 if is_ground else 1.0
+        softness = 0.02 * factor  # [LENGTH_SCALE]
+        rows.append(LimitRows(block, DISTANCE_AIM * factor, softness, window))
     return rows
 
 

@@ -286,3 +286,23 @@ def test_authority_has_three_momenta(diver, monkeypatch):
     assert (np.abs(found.momentum[1]) < 0.01).any()
     assert found.until(0.01) == 0.0
     assert found.to_dict()["momentum"] == found.momentum.tolist()
+
+
+def test_corrections_keep_further_off_the_ground_than_off_a_wall(go2):
+    """Of a plan that comes as near as it may: feet that follow late would catch on the ground, which is level."""
+    window = (0.4 * go2.duration, 0.6 * go2.duration)
+    kept = []
+    for tilt in (0.0, 1e-3):
+        deep = fp.HalfSpace(point=(0.0, 0.0, -10.0), normal=(tilt, 0.0, 1.0), window=window)
+        above = float(go2.clearances(np.linspace(*window, 50), [deep]).min())
+        touching = replace(deep, point=(0.0, 0.0, above - 10.0))
+        plan = replace(go2, problem=replace(go2.problem, obstacles=(touching,)))
+        replanner = fp.Replanner(plan)
+        robot = DriftingInSpace(plan, np.asarray(plan.angular_momentum) * 1.01)
+        for following in instants(plan, 40)[:12]:
+            correction = replanner.update(*robot.state(replanner))
+            robot.fly(replanner, following)
+        assert np.linalg.norm(correction.predicted_miss) < math.radians(0.1)
+        kept.append(replanner._update.predicted(correction.motion).worst[0])
+    off_ground, off_wall = kept
+    assert off_ground > 1.3 * off_wall > 0.0
