@@ -51,5 +51,5 @@ with matplotlib.style.context(HERE / "examples.mplstyle"):
     closer.axhspan(19, 20, color="#009E73", alpha=0.2, linewidth=0, label="margins that are proved")
     closer.axhspan(20, 23, color="#D55E00", alpha=0.2, linewidth=0, label="margins that are refuted")
     closer.set(xlabel="time (s)", ylabel="distance, or margin (mm)", xlim=near[[0, -1]], ylim=(19.5, 22))
-    closer.legend(loc="upper center")
+    figure.legend(*closer.get_legend_handles_labels(), loc="outside upper right", ncols=2)
     figure.savefig(OUT / "certificate.png")

@@ -50,7 +50,7 @@ SPACE_TITLES = {
     "diver_past_a_bar": "diver, half a twist past a bar",
     "go2_barrel_roll": "Go2, barrel roll",
     "go2_half_twist": "Go2, backflip with half a twist",
-    "go2_half_twist_clear": "Go2, the same, legs kept apart",
+    "go2_half_twist_clear": "Go2, legs kept apart",
     "go2_levels": "Go2, levels out, h = 0",
     "cat": "cat of Kane and Scher, h = 0",
     "free_ur5": "UR5, h = 0",
@@ -240,13 +240,13 @@ def main() -> None:
         print(table(SPACE_COLUMNS, [entry.row_in_space() for entry in entries]))
         if not arguments.no_picture:
             with styled():
-                save(rendered(picture(entries, 4)), IN_SPACE)
+                save(rendered(picture(entries)), IN_SPACE)
     if arguments.kind in ("all", "flights"):
         entries = [planned(PROBLEMS / f"{name}.toml", arguments.launch) for name in arguments.names or TITLES]
         print(table(COLUMNS, [entry.row() for entry in entries]))
         if not arguments.no_picture:
             with styled():
-                save(rendered(picture(entries, PER_ROW)), PICTURE)
+                save(rendered(picture(entries)), PICTURE)
 
 
 def title_of(name: str) -> str:
@@ -301,13 +301,13 @@ def table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-def picture(entries: Sequence[Entry], per_row: int) -> Figure:
+def picture(entries: Sequence[Entry]) -> Figure:
     """Flights in rows, each at its own scale, all of a row equally high."""
     shapes = []
     for entry in entries:
         low, high = picture_box(entry.plan, postures(entry.plan, times(entry.plan)))
         shapes.append((high - low).real / (high - low).imag)
-    rows = [range(first, min(first + per_row, len(entries))) for first in range(0, len(entries), per_row)]
+    rows = [range(first, min(first + PER_ROW, len(entries))) for first in range(0, len(entries), PER_ROW)]
     heights = [(WIDTH - 0.3) / sum(shapes[index] for index in row) for row in rows]
     figure = new_figure(WIDTH, sum(heights) + 0.25 * len(rows))
     bands = figure.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]

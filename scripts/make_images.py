@@ -53,7 +53,7 @@ SLOWER = 1.4  # [-] a clip's flight
 FPS = 50  # [Hz] its frames
 BETWEEN = 0.08  # [s] from one posture to the next
 POSTURES = 9  # [-]
-APART = 0.75  # [m] in the picture
+APART = 0.82  # [m] in the picture
 LOWEST, HIGHEST = -0.25, 1.0  # [m] in the picture
 SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 

@@ -148,3 +148,17 @@ def test_the_peer_in_space_turns_as_fast(root):
     expected = np.linalg.solve(inertia[0], turned.as_matrix().T @ h - joint_map[0] @ qd[0])
     found = turning_rate(robot)(*map(ca.DM, (q[0], qd[0], turned.as_quat(), h)))
     np.testing.assert_allclose(found.full().ravel(), expected, rtol=0, atol=1e-12)
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_collocated_flights_drift_as_the_page_says(root, planned, capsys):
+    import collocated_flight
+
+    collocated_flight.main()
+    page = (root / "docs" / "howto" / "momentum_not_constant.md").read_text(encoding="utf-8")
+    assert capsys.readouterr().out in page
+    plan = planned("handstand")
+    times = np.linspace(0.0, plan.duration, 11)
+    base = collocated_flight.Base(plan, times)
+    by_dynamics = -base.damping * plan.at(times).orientation_rate - base.forcing
+    np.testing.assert_allclose(by_dynamics, plan.a(times)[:, 3:6] @ plan.robot.plane.normal, rtol=0, atol=1e-10)

@@ -26,7 +26,7 @@ def motions(
     """List the motions that come with floatplan: flips, rolls, turns and hops of many robots.
 
     Each was planned, its flight proved, its stances checked; the shares are of the robot's limits, the landings those
-    of ``floatplan bench``.
+    of floatplan bench.
     """
     if action != "list":
         raise InputError(f"there is no {action!r}", element="motions", advice="give list, or get NAME")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_hex
 
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
@@ -16,7 +17,10 @@ from floatplan.clips.fall import Fall
 from floatplan.clips.flights import FOOT_CLEARANCE, STANCE_SPAN
 from floatplan.clips.judge import FlightJudgement
 from floatplan.files import write_atomically
+from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view.report.report import asset, filled, policy
+from floatplan.view.solids import rendered_solids
+from floatplan.view.style import palette
 
 MOST_FLIGHTS = 60  # [-] that have charts, the unphysical ones first; tables list all
 
@@ -33,6 +37,7 @@ class ChartFrame:
     bottom: int = 26
     postures: int = 5  # [-] of the robot in a flight
     colours: tuple[str, ...] = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
+    reference: str = "#808080"  # of dashed lines: to be read on light and dark paper
 
 
 CHART = ChartFrame()
@@ -45,6 +50,7 @@ h2 .badge { background: var(--tone); }
 .chart .axis { stroke: var(--line); }
 .chart .air { fill: var(--air); }
 .chart polyline { fill: none; stroke-width: 1.6; }
+.chart .posture { stroke: var(--paper); stroke-width: 0.7; }
 td, th { padding: 2px 14px 2px 0; }
 """
 
@@ -102,14 +108,14 @@ def clip_words(check: ClipCheck) -> str:
 def flights_table(check: ClipCheck) -> str:
     """A table of a clip's flights; nothing where it has none."""
     rows = [_table_row(judged) for judged in check.flights]
-    titles = ("flight, s", "verdict", "fall, m/s^2", "off a flight, deg", "torque", "rate")
+    titles = ("flight, s", "verdict", "fall, m/s²", "off a flight, deg", "torque", "rate")
     return html_table("", rows, (*titles, "force to add, N", "feet slide, mm")) if rows else ""
 
 
 def _table_row(judged: FlightJudgement) -> list[str]:
     flight = judged.flight
     rotation = "" if judged.rotation is None else f"{np.rad2deg(judged.rotation.rms):.2f}"
-    fall = f"{judged.fall.fall:.2f} +- {judged.fall.interval:.2f}" if np.isfinite(judged.fall.interval) else ""
+    fall = f"{judged.fall.fall:.2f} ± {judged.fall.interval:.2f}" if np.isfinite(judged.fall.interval) else ""
     force = f"{judged.wrench[0]:.0f}" if np.isfinite(judged.wrench[0]) else ""
     return [
         f"{flight.begin:.2f} to {flight.end:.2f}",
@@ -146,9 +152,9 @@ def _height_chart(judged: FlightJudgement, gravity: float) -> str:
     if len(fall.times) > 2:
         times = np.linspace(fall.times[0], fall.times[-1], 60)
         nearest = fall.at(times)[:, 2]
-        lines.append(Line(times, nearest, f"falls at {fall.fall:.2f} m/s^2", CHART.colours[0]))
+        lines.append(Line(times, nearest, f"falls at {fall.fall:.2f} m/s²", CHART.colours[0]))
         lines.append(
-            Line(times, nearest + _missing_height(fall, times, gravity), "falls at g", CHART.colours[2], dashed=True)
+            Line(times, nearest + _missing_height(fall, times, gravity), "falls at g", CHART.reference, dashed=True)
         )
     return _chart("height of the centre of mass, m", lines)
 
@@ -170,7 +176,7 @@ def _turning_chart(judged: FlightJudgement) -> str:
     tolerance = np.rad2deg(judged.rotation.tolerance)
     lines = [
         Line(times, off, "frames", CHART.colours[1], dots=True),
-        Line(times[[0, -1]], np.array([tolerance, tolerance]), "limit of their rms", CHART.colours[2], dashed=True),
+        Line(times[[0, -1]], np.array([tolerance, tolerance]), "limit of their rms", CHART.reference, dashed=True),
     ]
     return _chart(title, lines, least=0.0)
 
@@ -186,7 +192,7 @@ def _feet_chart(check: ClipCheck, judged: FlightJudgement) -> str:
     for column, name in enumerate(scene.foot_names):
         lines.append(Line(times, heights[:, column], name, CHART.colours[column % len(CHART.colours)]))
     level = np.full(2, FOOT_CLEARANCE)
-    lines.append(Line(times[[0, -1]], level, "in the air", CHART.colours[2], dashed=True))
+    lines.append(Line(times[[0, -1]], level, "in the air", CHART.reference, dashed=True))
     return _chart("feet over the ground, m", lines, span=(flight.begin, flight.end))
 
 
@@ -248,8 +254,12 @@ def _curve(x: Array, y: Array, line: Line) -> str:
             dots += f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.2" fill="{line.colour}"/>'
         return dots
     dashes = ' stroke-dasharray="5 4"' if line.dashed else ""
-    points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-    return f'<polyline points="{points}" stroke="{line.colour}"{dashes}/>'
+    return f'<polyline points="{_points(x, y)}" stroke="{line.colour}"{dashes}/>'
+
+
+def _points(x: Array, y: Array) -> str:
+    """Corners (K,), (K,) px, as SVG lists them."""
+    return " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
 
 
 def _ticks(low: float, high: float) -> list[float]:
@@ -263,30 +273,39 @@ def _ticks(low: float, high: float) -> list[float]:
 
 
 def _postures(check: ClipCheck, judged: FlightJudgement) -> str:
-    """The robot at equal steps of the flight, side by side, seen from its right: joints and feet as sticks."""
+    """The robot at equal steps of the flight, side by side over the ground, seen from its right."""
     clip = check.clip
-    flight = judged.flight
-    times = np.linspace(flight.begin, flight.end, CHART.postures)
+    times = np.linspace(judged.flight.begin, judged.flight.end, CHART.postures)
     poses = clip.curve.poses(times)
-    ahead = poses.rotations[0, 1, :2, 0]
-    length = float(np.linalg.norm(ahead))
-    ahead = ahead / length if length > 1e-6 else np.array([1.0, 0.0])
-    across = (poses.places[:, 1:, :2] - poses.places[:, 1:2, :2]) @ ahead
-    heights = poses.places[:, 1:, 2]
-    ground = float(clip.ground.at(np.array([flight.begin]))[0])
-    apart = 1.3 * float(np.ptp(across)) + 0.05
-    low, high = min(float(heights.min()), ground), float(heights.max())
-    scale = min((CHART.width - 20) / (apart * CHART.postures), (CHART.height - CHART.top - 20) / (high - low + 0.05))
-    x = 10 + scale * (across - across.min() + apart * np.arange(CHART.postures)[:, None])
-    y = CHART.height - 14 - scale * (heights - low)
+    forward = poses.rotations[0, 1, :2, 0]
+    length = float(np.linalg.norm(forward))
+    forward = forward / length if length > 1e-6 else np.array([1.0, 0.0])
+    right = np.array([forward[1], -forward[0]])
+    solids = rendered_solids(clip.robot)
+    outlines = []  # of each solid its corners (K, k) in the picture, m
+    nearness = np.empty((len(solids), CHART.postures))  # [m] to the viewer
+    for index, solid in enumerate(solids):
+        corners = poses.points(solid.body, solid.points)
+        corners[..., :2] -= poses.places[:, 1, None, :2]
+        outlines.append(corners[..., :2] @ forward + 1j * corners[..., 2])
+        nearness[index] = (corners[..., :2] @ right).mean(axis=1)
+    ground = float(clip.ground.at(times[:1])[0])
+    shown = np.concatenate(outlines, axis=1)
+    low, high = min(float(shown.imag.min()), ground), float(shown.imag.max())
+    apart = 1.1 * float(np.ptp(shown.real))
+    scale = min((CHART.width - 20) / (apart * CHART.postures), (CHART.height - CHART.top - 20) / (high - low))
+    colours = palette(len(clip.robot.joints) + 1)
     parts = [f'<text x="10" y="13">the robot, {times[1] - times[0]:.2f} s from one to the next</text>']
     level = CHART.height - 14 - scale * (ground - low)
     parts.append(f'<line class="axis" x1="0" x2="{CHART.width}" y1="{level:.1f}" y2="{level:.1f}"/>')
-    parents = list(clip.robot.model.parents)
     for posture in range(CHART.postures):
-        for joint in range(2, len(parents)):
-            ends = [joint - 1, parents[joint] - 1]
-            parts.append(_curve(x[posture, ends], y[posture, ends], Line(x, y, "", CHART.colours[0])))
+        left = 10 + scale * (apart * posture - shown.real.min())
+        for index in nearness[:, posture].argsort():  # what is nearer is painted over what is farther
+            link = convex_hull(outlines[index][posture])
+            x = left + scale * link.real
+            y = CHART.height - 14 - scale * (link.imag - low)
+            fill = to_hex(colours[solids[index].segment])
+            parts.append(f'<polygon class="posture" points="{_points(x, y)}" fill="{fill}"/>')
     return _picture("".join(parts))
 
 

@@ -66,7 +66,7 @@ class Stage:
         self._forces: tuple[scene.ForceNodes, ...] = ()
         self._lock = threading.Lock()  # the player moves obstacles too
         self._look()
-        scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(placed))
+        scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(plan, placed))
         self.flier = scene.RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_solids()

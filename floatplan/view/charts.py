@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.jumps.contacts import GroundEdge
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
@@ -363,19 +364,19 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     plan = sampled.plan
     obstacles = plan.whole_problem.obstacles
     certificate = certificate_of(plan)
-    kinds = [obstacle.kind for obstacle in obstacles]
+    names = ["edge" if isinstance(obstacle, GroundEdge) else obstacle.kind for obstacle in obstacles]
     proved = {}
     for finding in () if certificate is None else certificate.findings:
         if finding.kind == "obstacle" and finding.verdict == "proved" and finding.bound is not None:
             proved[finding.subject] = finding.bound
     curves = []
     values = []
-    for index, kind in enumerate(kinds):
+    for index, (name, obstacle) in enumerate(zip(names, obstacles, strict=True)):
         curve = Curve(
-            name=kind if kinds.count(kind) == 1 else f"{kind} {kinds[: index + 1].count(kind)}",
+            name=name if names.count(name) == 1 else f"{name} {names[: index + 1].count(name)}",
             key=f"clearance.{index}",
             colour=PALETTE.obstacles[index % len(PALETTE.obstacles)],
-            proved=proved.get((index, kind), np.inf),
+            proved=proved.get((index, obstacle.kind), np.inf),
         )
         curves.append(curve)
         values.append(sampled.columns[curve.key])

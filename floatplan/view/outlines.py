@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.jumps.contacts import GroundEdge
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.kinematics import poses_about, posture_about
@@ -427,11 +428,13 @@ def capsule_segments(robot: Robot) -> IntArray:
     return segments[[capsule.body for capsule in rendered_capsules(robot)]]
 
 
-def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
-    """Find the ground that a flight leaves and comes back to.
+def ground_lines(plan: Trajectory, placed: Postures) -> list[tuple[float, complex, complex]]:
+    """Find the ground that a flight leaves and comes back to, or on which a jump begins and ends.
 
-    There is ground where the robot stands on the frame that takes off or lands and nothing of it is below. Ends at one
-    height have one ground, and must both stand on it. What flies far below the ground has none.
+    Of a jump it is that of its stances; where there are two, the lower one is below all of the picture, and
+    :func:`ground_step` is the higher one. Of a flight there is ground where the robot stands on the frame that takes
+    off or lands and nothing of it is below. Ends at one height have one ground, and must both stand on it. What flies
+    far below the ground has none.
 
     Returns
     -------
@@ -442,6 +445,8 @@ def ground_lines(placed: Postures) -> list[tuple[float, complex, complex]]:
         return []
     low = placed.low
     high = placed.high
+    if isinstance(plan, JumpMotion):
+        return [(plan.ground, complex(low.real.min(), plan.ground), complex(high.real.max(), plan.ground))]
     size = float(np.abs(high - low).max())
     slack = STANDING * size + float(placed.radius.min())
     heights = float(placed.takeoff[0].imag), float(placed.landing[-1].imag)
@@ -466,6 +471,11 @@ def ground_step(plan: Trajectory) -> tuple[complex, complex] | None:
     far = 1e2  # [m] beyond every picture
     left, right = sorted((step.edge, step.edge + step.inwards * far))
     return complex(left, step.low), complex(right, step.high)
+
+
+def shown_obstacles(problem: Problem) -> list[Obstacle]:
+    """Obstacles that pictures show as such: all but the edge of higher ground, which :func:`ground_step` shows."""
+    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, GroundEdge)]
 
 
 def obstacle_times(obstacle: Obstacle, duration: float) -> Array:
@@ -513,7 +523,7 @@ def picture_box(plan: Trajectory, placed: Postures) -> tuple[complex, complex]:
     """Corners of the box that a picture shows, m: around postures, goal, and bounded obstacles wherever they are."""
     goal = posture_at(plan, plan.whole_problem.final, plan.duration)
     points = [placed.low, placed.high, goal.low, goal.high]
-    for obstacle in plan.whole_problem.obstacles:
+    for obstacle in shown_obstacles(plan.whole_problem):
         if obstacle.bounded:
             for time in obstacle_times(obstacle, plan.duration):
                 points += obstacle_outlines(obstacle, time, obstacle.margin)

@@ -15,6 +15,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
+from floatplan.view.solids import rendered_solids
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 KEYS = {"begin", "end", "frames", "verdict", "fall", "fall_interval", "sideways", "angular_momentum", "turn_rms"} | {
@@ -163,7 +164,7 @@ def test_a_folder_is_a_scoreboard(model: Path, tmp_path: Path, floatplan: Callab
     assert "no such file" in missing.stderr
 
 
-def test_a_page_shows_it(model: Path, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
+def test_a_page_shows_it(model: Path, robot: fp.Robot, tmp_path: Path, floatplan: Callable[..., Any]) -> None:
     path = samples.write_csv(samples.hops(50, (0.5, 0.4), gravity=7.0), tmp_path / "slow<b>.csv")
     run = floatplan("clip", "check", path, "--model", model, "--fps", 50, "--report")
     assert run.code == 1
@@ -171,6 +172,7 @@ def test_a_page_shows_it(model: Path, tmp_path: Path, floatplan: Callable[..., A
     assert "slow&lt;b&gt;.csv" in page
     assert "slow<b>" not in page
     assert page.count("<svg") == 8
+    assert page.count("<polygon") == 2 * 5 * len(rendered_solids(robot))  # flights, postures, links
     assert "falls at 7.00" in page
     assert "nan" not in page
 

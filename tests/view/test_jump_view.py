@@ -16,7 +16,7 @@ from floatplan.errors import InputError
 from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
 from floatplan.motion.planar.full_model import free_flyer
-from floatplan.view.figures import animation
+from floatplan.view.figures import animation, snapshots
 from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import footing, moments
 from floatplan.view.report.data import sample_grid
@@ -125,6 +125,29 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
     for asked in (nothing.show, nothing.animate, nothing.figures, nothing._repr_html_, lambda: nothing.export("csv")):
         with pytest.raises(InputError, match="no jump"):
             asked()
+
+
+def test_the_edge_of_higher_ground_is_shown_as_ground(view: Jump) -> None:
+    """Its bars, three metres long, are no obstacles of the picture, and the picture is no larger for them."""
+    landing = replace(view.request.landing, height=0.2)
+    raised = replace(view, request=replace(view.request, edge=0.6, landing=landing))
+    assert len(raised.whole_problem.obstacles) == 2
+    motion = report_data(raised)["motion"]
+    assert not motion["obstacles"]
+    assert motion["box"] == report_data(view)["motion"]["box"]
+    assert [line[0] for line in motion["ground"]] == [pytest.approx(view.ground)]
+    assert motion["step"][1] == pytest.approx(view.ground)
+
+
+def test_moments_keep_all_of_the_friction_cones(view: Jump) -> None:
+    wide = replace(view, request=replace(view.request, friction=2.0))  # so that they reach beyond the robot
+    axes = snapshots.moments(wide).axes[0]
+    low, high = axes.get_xlim()
+    cones = [patch.get_path().vertices for patch in axes.patches if patch.get_alpha() == 0.2]
+    assert len(cones) == 6  # of two contacts at both ends, of one before and after the flight
+    for corners in cones:
+        assert low <= corners[:, 0].min()
+        assert corners[:, 0].max() <= high
 
 
 def test_obstacles_are_in_the_jump_s_clock(view: Jump) -> None:

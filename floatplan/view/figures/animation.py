@@ -18,7 +18,7 @@ from floatplan.files import write_atomically
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.trajectory import Trajectory
 from floatplan.view.figures import snapshots
-from floatplan.view.outlines import com_path, picture_box, postures, snapshot_times
+from floatplan.view.outlines import com_path, picture_box, postures, shown_obstacles, snapshot_times
 from floatplan.view.style import PALETTE, new_figure, styled
 
 
@@ -101,7 +101,7 @@ def _stage(plan: Trajectory) -> tuple[Figure, Axes]:
     snapshots.draw_ground(axes, plan, postures(plan, snapshot_times(plan)))
     com = com_path(plan, np.linspace(0.0, plan.duration, 129))
     axes.plot(com.real, com.imag, color=PALETTE.grey, linewidth=0.7, zorder=2)
-    for obstacle in plan.whole_problem.obstacles:
+    for obstacle in shown_obstacles(plan.whole_problem):
         if obstacle.window is None and not any(obstacle.velocity):
             snapshots.draw_obstacle(axes, obstacle, np.array([0.0]))
     return figure, axes
@@ -109,7 +109,7 @@ def _stage(plan: Trajectory) -> tuple[Figure, Axes]:
 
 def _picture(figure: Figure, axes: Axes, plan: Trajectory, time: float) -> Image.Image:
     before = set(axes.get_children())
-    for obstacle in plan.whole_problem.obstacles:
+    for obstacle in shown_obstacles(plan.whole_problem):
         low, high = obstacle.window or (0.0, plan.duration)
         if (obstacle.window is not None or any(obstacle.velocity)) and low <= time <= high:
             snapshots.draw_obstacle(axes, obstacle, np.array([time]))

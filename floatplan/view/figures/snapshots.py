@@ -91,7 +91,7 @@ def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None
     step = outlines.ground_step(plan)
     if step is not None:
         axes.add_patch(_platform(*step))
-    lines = outlines.ground_lines(placed)
+    lines = outlines.ground_lines(plan, placed)
     for height, low, high in lines:
         if len(lines) == 1:
             axes.axhline(height, color=PALETTE.ink, linewidth=0.9, zorder=1)
@@ -370,8 +370,9 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
     placed = outlines.postures(jump, moment_times(jump, flying))
     stood = _ground_points(jump, placed)
-    left = np.real(placed.low - stood)
-    right = np.real(placed.high - stood)
+    left_of_cones, right_of_cones = _sides_of_cones(jump, placed.times, stood)
+    left = np.minimum(np.real(placed.low - stood), left_of_cones)
+    right = np.maximum(np.real(placed.high - stood), right_of_cones)
     widest = float(np.max(right - left))
     margin = STRIP.margin * widest
     centres = np.cumsum(np.append(margin - left[0], right[:-1] - left[1:] + STRIP.gap * widest))
@@ -415,6 +416,17 @@ def _ground_points(jump: JumpMotion, placed: outlines.Postures) -> ComplexArray:
     below = outlines.com_positions(jump, placed.times).copy()
     below[:, 2] = jump.ground
     return CAMERA(below)
+
+
+def _sides_of_cones(jump: JumpMotion, times: Array, stood: ComplexArray) -> tuple[Array, Array]:
+    """How far friction cones reach to the left and right of positions (K,), m; nowhere where nothing stands."""
+    standing = footing(jump)
+    stands = np.isfinite(standing.forces(times))
+    feet = np.real(standing.feet(times) - stood[:, None])
+    cone = standing.cone.real
+    left = np.where(stands, feet + cone.min(), np.inf).min(axis=1)
+    right = np.where(stands, feet + cone.max(), -np.inf).max(axis=1)
+    return left, right
 
 
 def _ends_of_shadows(placed: outlines.Postures, shifts: ComplexArray) -> tuple[float, float]:

@@ -48,7 +48,7 @@ def motion_data(sampled: SampledPlan) -> dict[str, Any]:
     placed = outlines.postures(plan, outlines.snapshot_times(plan))
     com = outlines.pairs(outlines.com_path(plan, np.array([plan.duration])))[0]
     box = outlines.picture_box(plan, outlines.postures(plan, np.linspace(0.0, plan.duration, 65)))
-    ground = [[level, low.real, high.real] for level, low, high in outlines.ground_lines(placed)]
+    ground = [[level, low.real, high.real] for level, low, high in outlines.ground_lines(plan, placed)]
     return {
         "duration": plan.duration,
         "columns": {name: rounded(values) for name, values in sampled.columns.items()},
@@ -256,7 +256,7 @@ def scene_data(problem: Problem) -> dict[str, Any]:
         frame = robot.frames[name]
         frames.append(_frame(name, role, colour, frame.body, frame.local))
     obstacles = []
-    for index, obstacle in enumerate(problem.obstacles):
+    for index, obstacle in enumerate(outlines.shown_obstacles(problem)):
         capsules = []
         for start, end, radius in outlines.obstacle_capsules(obstacle):
             capsules.append((*rounded(outlines.pairs(np.array([start, end]))), radius))

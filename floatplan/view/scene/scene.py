@@ -121,7 +121,7 @@ def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane | None, O
         slab = obstacle_slab(plan, obstacle, low, high)
         obstacles.append((add_obstacle(server, index, obstacle, slab), plane, obstacle))
     look(server, plane, low, high, aside=0.72, above=0.12)
-    add_grounds(server, plane, low, high, outlines.ground_lines(placed))
+    add_grounds(server, plane, low, high, outlines.ground_lines(plan, placed))
     placed = outlines.postures(plan, np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpMotion) else 121))
     _add_trails(server, plan, [world_points(plane, path) for path in (placed.com, placed.takeoff, placed.landing)])
     return obstacles
