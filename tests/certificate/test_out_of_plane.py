@@ -22,11 +22,6 @@ SAMPLED = 1e-3  # [-] by which the largest tilt may be above that at the instant
 NAMES = ("flight", "landing", "attitude")
 
 
-@pytest.fixture(scope="module")
-def plans(planned):
-    return {name: planned(f"gallery/{name}") for name in ("go2", "g1", "bolt", "double_pendulum")}
-
-
 def bounds(certificate):
     found = {each.label: each for each in certificate.findings if each.kind == "out_of_plane"}
     assert list(found) == [f"out_of_plane.{name}" for name in NAMES]
@@ -70,8 +65,8 @@ def in_space(plan, count=2001):
 
 
 @pytest.mark.parametrize("name", cases(["go2", "g1", "bolt"], {"go2", "g1"}))
-def test_what_dop853_finds_is_within_the_bounds(plans, name):
-    plan = plans[name]
+def test_what_dop853_finds_is_within_the_bounds(planned, name):
+    plan = planned(f"gallery/{name}")
     attitudes = in_space(plan)
     normal = np.array(plan.robot.plane.normal)
     tilts = np.arcsin(np.linalg.norm(np.cross(attitudes.apply(normal), normal), axis=1))
@@ -88,8 +83,10 @@ def test_what_dop853_finds_is_within_the_bounds(plans, name):
     assert 0.0 <= flight.instant <= plan.duration
 
 
-def test_it_decides_nothing_and_is_left_out_where_nobody_asks(plans):
-    plan = plans["double_pendulum"]  # of flat links: they tumble, and tilt by more than a quarter turn on their way
+def test_it_decides_nothing_and_is_left_out_where_nobody_asks(planned):
+    plan = planned(
+        "gallery/double_pendulum"
+    )  # of flat links: they tumble, and tilt by more than a quarter turn on their way
     usual, asked = fp.certify(plan), fp.certify(plan, out_of_plane=True)
     assert [each.label for each in asked.findings[3:]] == [each.label for each in usual.findings]
     flight, landing, _ = bounds(asked)
@@ -107,9 +104,9 @@ def test_a_robot_that_is_its_own_mirror_image_stays(planned):
     assert max(each.bound for each in bounds(fp.certify(plan, out_of_plane=True))) < 1e-8
 
 
-def test_it_follows_the_record(plans):
+def test_it_follows_the_record(planned):
     """Another momentum, or another direction of it, has another bound; one that is too coarse proves nothing."""
-    record = plans["go2"].record
+    record = planned("gallery/go2").record
     whole = [each.bound for each in bounds(fp.certify(record, out_of_plane=True))]
     turned = replace(record, angular_momentum=-record.angular_momentum)
     other = [each.bound for each in bounds(fp.certify(turned, out_of_plane=True))]
@@ -128,8 +125,8 @@ def test_a_flight_in_space_is_in_no_plane(planned):
         fp.certify(plan, out_of_plane="yes")
 
 
-def test_the_command_says_it(plans, floatplan, tmp_path):
-    path = plans["go2"].save(tmp_path / "plan.json")
+def test_the_command_says_it(planned, floatplan, tmp_path):
+    path = planned("gallery/go2").save(tmp_path / "plan.json")
     run = floatplan("certify", path, "--out-of-plane", "--json", "--save")
     assert run.code == 0
     first = json.loads(run.stdout)["findings"][0]

@@ -41,6 +41,11 @@ def enclosed(record):
         return fly(spatial_robot(read_urdf(path.read_bytes(), path), record.robot), record, (), 4096)
 
 
+@pytest.fixture(scope="module")
+def enclosures(plans):
+    return [enclosed(record) for record in plans]
+
+
 def with_goal(record, **goal):
     return replace(record, problem={**record.problem, "goal": {**record.problem["goal"], **goal}})
 
@@ -72,21 +77,19 @@ def test_what_is_true_is_proved(plans):
         } <= set(certificate.to_dict())
 
 
-def test_the_attitude_that_dop853_reaches_is_within_the_bound(plans):
-    for record in plans:
-        flight = enclosed(record)
+def test_the_attitude_that_dop853_reaches_is_within_the_bound(plans, enclosures):
+    for record, flight in zip(plans, enclosures, strict=True):
         last = Rotation.from_quat(flight.quaternions[-1].sum(axis=0)).as_matrix()
         off = angle(last, flown(record, [0.0, record.duration], with_torques=False).attitudes[-1])
         assert off <= flight.attitude.bound + INTEGRATED * flight.attitude.amplification
 
 
 @pytest.mark.parametrize("size", cases([1e-9, 1e-6, 1e-4], {1e-6}))
-def test_the_bound_holds_for_any_approximation(plans, size):
+def test_the_bound_holds_for_any_approximation(plans, enclosures, size):
     """Polynomials that are off by something drawn: the true attitude stays within what is proved of them."""
     rng = np.random.default_rng(1)
     proved = 0
-    for record in plans:
-        flight = enclosed(record)
+    for record, flight in zip(plans, enclosures, strict=True):
         true = flight.quaternions
         start = np.array(record.orientation["start"]["quaternion_xyzw"])
         for _ in range(5):
@@ -107,10 +110,9 @@ def test_the_bound_holds_for_any_approximation(plans, size):
     assert proved > 5
 
 
-def test_first_guesses_that_lead_nowhere_are_left(plans):
+def test_first_guesses_that_lead_nowhere_are_left(plans, enclosures):
     rng = np.random.default_rng(1)
-    for record in plans[:2]:
-        flight = enclosed(record)
+    for record, flight in zip(plans[:2], enclosures[:2], strict=True):
         momentum = np.array(record.angular_momentum)
         start = np.array(record.orientation["start"]["quaternion_xyzw"])
         guesses = rng.normal(size=(len(flight.cells), 4))

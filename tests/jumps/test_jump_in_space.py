@@ -28,9 +28,15 @@ def roll():
     return jumps.roll()
 
 
-def test_it_is_found_and_checked(roll):
-    assert roll.ok, roll.check.sentences[0]
-    figures = roll.check.figures
+def searched():
+    return planner.checked_jump(jumps.searched_roll(), seed=0)
+
+
+@pytest.mark.parametrize("made", [jumps.roll, pytest.param(searched, marks=pytest.mark.long)])
+def test_it_is_found_and_checked(made):
+    found = made()
+    assert found.ok, found.explanation
+    figures = found.check.figures
     assert figures["residual"] < 1e-6
     assert figures["drift"] < 1e-4
     assert figures["foot_speed"] < 5e-3
@@ -38,6 +44,12 @@ def test_it_is_found_and_checked(roll):
     assert figures["landing_seam"] < 1e-8
     assert figures["torque"] <= 0.85
     assert figures["velocity"] <= 0.88
+
+
+def test_the_program_s_rows_hold_at_its_solution():
+    """That of a file, which a search of these rows had found."""
+    violation, row = jumps.violated_row_of_roll()
+    assert violation < 1e-6, f"{row}: {jumps.SEARCH_ANEW}"
 
 
 def test_it_rolls_and_stands(roll):
