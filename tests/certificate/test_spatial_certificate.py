@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from itertools import product
 
+import flint
 import numpy as np
 import pytest
 from long_cases import cases
@@ -19,14 +20,15 @@ from floatplan.arrays import read_only
 from floatplan.certificate.robots.urdf import read_urdf
 from floatplan.certificate.spatial.attitude import Approximation, _series, approximate
 from floatplan.certificate.spatial.bound import attitude_bound
-from floatplan.certificate.spatial.findings import _angles
+from floatplan.certificate.spatial.findings import _angle_finding, _angles
 from floatplan.certificate.spatial.flight import fly
 from floatplan.certificate.spatial.robot import spatial_robot
 from floatplan.errors import InputError
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.urdf.tree import urdf_path
+from floatplan.tables import ORIENTATION
 
-MUTATIONS = 12  # scripts/mutations.py makes more
+MUTATIONS = 8  # scripts/mutations.py makes more
 INTEGRATED = 1e-11  # [rad] that DOP853 is off by, times the amplification
 
 
@@ -146,6 +148,16 @@ def test_a_turn_more_is_refuted(plans):
         certificate = certify_record(with_goal(record, orientation={**asked, "angles": angles}))
         assert certificate.verdict == "refuted"
         assert [each.label for each in certificate.unproved] == ["goal.turns"]
+
+
+@pytest.mark.parametrize(
+    ("share", "radius", "verdict"),
+    [(0.9, 0.05, "proved"), (0.9, 0.2, "undecided"), (1.1, 0.2, "undecided"), (1.1, 0.05, "refuted")],
+)
+def test_an_angle_counts_with_what_it_may_be_off_by(share, radius, verdict):
+    angle = flint.arb(share * ORIENTATION)
+    found = _angle_finding("goal", ("orientation",), angle, radius * ORIENTATION, ORIENTATION, 0.0)
+    assert found.verdict == verdict
 
 
 @pytest.mark.parametrize("axes", sorted({"".join(p) for p in product("xyz", repeat=3) if p[0] != p[1] != p[2]}))

@@ -63,7 +63,7 @@ def violated_row_of_roll() -> tuple[float, str]:
 
 def _completed_roll() -> tuple[SpatialJump, tuple[float, str]]:
     def made() -> tuple[SpatialJump, tuple[float, str]]:
-        setup = _roll_setup()
+        setup = roll_setup()
         program = setup.program(COARSE)
         raw = np.load(ROLL)
         assert raw.shape == (program.size,), f"the program has other variables now: {SEARCH_ANEW}"
@@ -78,10 +78,10 @@ def searched_roll() -> Start:
     """Where the search of the roll's program ends: half of the daily tests of jumps would wait for it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planner_in_space, "MARGINS", COARSE)
-        return solved_start(_roll_setup(), seed=0, number=0)
+        return solved_start(roll_setup(), seed=0, number=0)
 
 
-def _roll_setup() -> SpatialSetup:
+def roll_setup() -> SpatialSetup:
     problem = fp.load_problem(PROBLEMS / "jumps" / "space" / "go2_roll.toml")
     assert problem.jump is not None
     return spatial_setup(problem, problem.jump)
