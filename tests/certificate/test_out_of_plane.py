@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 
+import flint
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from space_reference import joints_at
 
 import floatplan as fp
+from floatplan.certificate.spatial.out_of_plane import _upper
 from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import urdf_path
 
@@ -97,6 +99,11 @@ def test_it_decides_nothing_and_is_left_out_where_nobody_asks(planned):
     assert asked.proved
     again = fp.Certificate.from_dict(json.loads(json.dumps(asked.to_dict())))
     assert [each.kind for each in again.findings[:3]] == ["out_of_plane"] * 3
+
+
+def test_a_bound_has_what_the_attitude_may_be_off_by():
+    assert _upper(flint.arb(0.5), 1e-3) >= 0.501
+    assert _upper(flint.arb(0.5), math.inf) == math.inf
 
 
 def test_a_robot_that_is_its_own_mirror_image_stays(planned):
