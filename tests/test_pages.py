@@ -18,7 +18,7 @@ import floatplan as fp
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
 WITH_JUMP = "README.md with its jump"
 LONG = {WITH_JUMP} | {
-    f"docs/{page}.md" for page in ("in_flight", "jump", "tutorial")
+    f"docs/{page}.md" for page in ("in_flight", "index", "jump", "tutorial")
 }  # README without its jump: always
 LONG |= {
     f"docs/howto/{page}.md"

@@ -25,6 +25,7 @@ OF_OTHERS = {  # flights of jumps in space that are as those of the Go2
     name for name in NAMES if name.startswith("jumps/space/") and not name.startswith("jumps/space/go2")
 }
 TWISTS = {"jumps/space/go2_half_flip_half_twist", "jumps/space/go2_backflip_half_twist"}  # as that of problems/space
+TWISTS |= {"space/go2_half_twist_clear"}  # as the same without links that keep apart
 
 
 @pytest.mark.parametrize("name", cases(NAMES, {*OF_OTHERS, *TWISTS}))

@@ -28,10 +28,10 @@ def with_largest_pitch_error(jump: Jump) -> Jump:
     least = FIGURES["touchdown"].limit_of(jump.request)
     if jump.flight is None or jump.check.figures.get("touchdown", least) >= least:
         return jump
-    step = math.radians(0.1)  # errors are written in degrees
     error = 0.0
-    while error + step < jump.request.pitch_error and touchdown_height(jump, error + step) >= least:
-        error += step
+    for step in (math.radians(1.0), math.radians(0.1)):  # errors are written in degrees with a decimal
+        while error + step < jump.request.pitch_error and touchdown_height(jump, error + step) >= least:
+            error += step
     request = replace(jump.request, pitch_error=math.radians(round(math.degrees(error), 1)))
     other = replace(jump, request=request, problem=replace(jump.problem, jump=request))
     return other if other.ok else jump

@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 
+import flint
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -13,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from space_reference import joints_at
 
 import floatplan as fp
+from floatplan.certificate.spatial.out_of_plane import _upper
 from floatplan.errors import InputError
 from floatplan.robot.urdf.tree import urdf_path
 
@@ -20,11 +22,6 @@ INTEGRATED = 1e-11  # [rad] that DOP853 is off by
 SHARP = 1e-8  # [rad] that a bound may be above it
 SAMPLED = 1e-3  # [-] by which the largest tilt may be above that at the instants looked at
 NAMES = ("flight", "landing", "attitude")
-
-
-@pytest.fixture(scope="module")
-def plans(planned):
-    return {name: planned(f"gallery/{name}") for name in ("go2", "g1", "bolt", "double_pendulum")}
 
 
 def bounds(certificate):
@@ -70,8 +67,8 @@ def in_space(plan, count=2001):
 
 
 @pytest.mark.parametrize("name", cases(["go2", "g1", "bolt"], {"go2", "g1"}))
-def test_what_dop853_finds_is_within_the_bounds(plans, name):
-    plan = plans[name]
+def test_what_dop853_finds_is_within_the_bounds(planned, name):
+    plan = planned(f"gallery/{name}")
     attitudes = in_space(plan)
     normal = np.array(plan.robot.plane.normal)
     tilts = np.arcsin(np.linalg.norm(np.cross(attitudes.apply(normal), normal), axis=1))
@@ -88,8 +85,10 @@ def test_what_dop853_finds_is_within_the_bounds(plans, name):
     assert 0.0 <= flight.instant <= plan.duration
 
 
-def test_it_decides_nothing_and_is_left_out_where_nobody_asks(plans):
-    plan = plans["double_pendulum"]  # of flat links: they tumble, and tilt by more than a quarter turn on their way
+def test_it_decides_nothing_and_is_left_out_where_nobody_asks(planned):
+    plan = planned(
+        "gallery/double_pendulum"
+    )  # of flat links: they tumble, and tilt by more than a quarter turn on their way
     usual, asked = fp.certify(plan), fp.certify(plan, out_of_plane=True)
     assert [each.label for each in asked.findings[3:]] == [each.label for each in usual.findings]
     flight, landing, _ = bounds(asked)
@@ -102,14 +101,19 @@ def test_it_decides_nothing_and_is_left_out_where_nobody_asks(plans):
     assert [each.kind for each in again.findings[:3]] == ["out_of_plane"] * 3
 
 
+def test_a_bound_has_what_the_attitude_may_be_off_by():
+    assert _upper(flint.arb(0.5), 1e-3) >= 0.501
+    assert _upper(flint.arb(0.5), math.inf) == math.inf
+
+
 def test_a_robot_that_is_its_own_mirror_image_stays(planned):
     plan = planned("somersault")
     assert max(each.bound for each in bounds(fp.certify(plan, out_of_plane=True))) < 1e-8
 
 
-def test_it_follows_the_record(plans):
+def test_it_follows_the_record(planned):
     """Another momentum, or another direction of it, has another bound; one that is too coarse proves nothing."""
-    record = plans["go2"].record
+    record = planned("gallery/go2").record
     whole = [each.bound for each in bounds(fp.certify(record, out_of_plane=True))]
     turned = replace(record, angular_momentum=-record.angular_momentum)
     other = [each.bound for each in bounds(fp.certify(turned, out_of_plane=True))]
@@ -128,8 +132,8 @@ def test_a_flight_in_space_is_in_no_plane(planned):
         fp.certify(plan, out_of_plane="yes")
 
 
-def test_the_command_says_it(plans, floatplan, tmp_path):
-    path = plans["go2"].save(tmp_path / "plan.json")
+def test_the_command_says_it(planned, floatplan, tmp_path):
+    path = planned("gallery/go2").save(tmp_path / "plan.json")
     run = floatplan("certify", path, "--out-of-plane", "--json", "--save")
     assert run.code == 0
     first = json.loads(run.stdout)["findings"][0]

@@ -18,7 +18,7 @@ from floatplan.plans.reading import checked, recorded_robot
 from floatplan.plans.verdicts import Certificate
 from floatplan.robot.urdf.tree import urdf_path
 
-MUTATIONS = 12  # scripts/mutations.py makes more
+MUTATIONS = 8  # scripts/mutations.py makes more
 SHARP = 3e-6  # [m] to which least distances are enclosed, and found by the judge
 SHORT = {"pairs": 2e-3, "heights": 2e-3, "faces": 2e-2}  # [m] to which bounds over a 32nd of a cell are sharp
 LITTLE = 1e-6  # [m] that a violation is refuted by
@@ -157,6 +157,10 @@ class TestBounds:
         assert clear.any()
         assert (lower[clear] < bounds[clear] - 2.9e-3).all()
         assert (wide.at_point(wider.ends, wider.member) > sharp.at_point(items.ends, items.member) + 2.9e-3).all()
+        uncertain = replace(sharp, radius=Balls(sharp.radius.mid, np.full_like(sharp.radius.mid, 1e-3)))
+        assert (uncertain.below(items.forms, items.member) < bounds - 0.9e-3).all()
+        above = uncertain.at_point(items.ends, items.member)
+        assert (above > sharp.at_point(items.ends, items.member) + 0.9e-3).all()
 
 
 def vectors_of(pairs):

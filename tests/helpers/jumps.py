@@ -3,18 +3,23 @@
 import math
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from once import made_once
+from places import PROBLEMS, ROOT
 
 import floatplan as fp
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.planner import jump
 from floatplan.jumps.spatial import planner as planner_in_space
 from floatplan.jumps.spatial.jump import SpatialJump
+from floatplan.jumps.spatial.planner import Start, completed, solved_start
+from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 
+ROLL = ROOT / "tests" / "jumps" / "cases" / "go2_roll.npy"  # variables of its program
+SEARCH_ANEW = "python tests/helpers/jumps.py searches anew"
+COARSE = replace(planner_in_space.MARGINS, refinement=0.6)  # fewer nodes than usual take less time
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 
 
@@ -47,13 +52,40 @@ def backflip() -> Jump:
 
 
 def roll() -> SpatialJump:
-    """The Go2's roll, in space, from its right legs to its left ones; fewer nodes than usual take less time."""
-    file = Path(__file__).parents[2] / "problems" / "jumps" / "space" / "go2_roll.toml"
+    """The Go2's roll, in space, from its right legs to its left ones, made of the solution of its program in a file."""
+    return _completed_roll()[0]
 
-    def coarse() -> Jump:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(planner_in_space, "MARGINS", replace(planner_in_space.MARGINS, refinement=0.6))
-            return jump(fp.load_problem(file), starts=1)
 
-    found: SpatialJump = made_once("roll of a Go2", coarse)
+def violated_row_of_roll() -> tuple[float, str]:
+    """By how much that solution violates a row of the program as it is now, and which it is."""
+    return _completed_roll()[1]
+
+
+def _completed_roll() -> tuple[SpatialJump, tuple[float, str]]:
+    def made() -> tuple[SpatialJump, tuple[float, str]]:
+        setup = roll_setup()
+        program = setup.program(COARSE)
+        raw = np.load(ROLL)
+        assert raw.shape == (program.size,), f"the program has other variables now: {SEARCH_ANEW}"
+        solution = program.solution(raw, iterations=0, converged=True)
+        return completed(setup, program, solution, seed=0), solution.worst
+
+    found: tuple[SpatialJump, tuple[float, str]] = made_once("roll of a Go2", made)
     return found
+
+
+def searched_roll() -> Start:
+    """Where the search of the roll's program ends: half of the daily tests of jumps would wait for it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(planner_in_space, "MARGINS", COARSE)
+        return solved_start(roll_setup(), seed=0, number=0)
+
+
+def roll_setup() -> SpatialSetup:
+    problem = fp.load_problem(PROBLEMS / "jumps" / "space" / "go2_roll.toml")
+    assert problem.jump is not None
+    return spatial_setup(problem, problem.jump)
+
+
+if __name__ == "__main__":
+    np.save(ROLL, searched_roll().solution.raw)

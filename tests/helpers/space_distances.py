@@ -1,4 +1,4 @@
-"""Distances in space for the judge of tampered plans: Pinocchio places the shapes, a search measures how far they are.
+"""Distances in space for the judge of tampered plans: Pinocchio places the shapes, a closed form says how far they are.
 
 The capsules and solids of the robot room are taken as they are, as the certificate takes them.
 """
@@ -17,7 +17,6 @@ from floatplan.plans.reading import recorded_robot
 from floatplan.plans.record import RobotRecord
 from floatplan.robot.urdf.tree import urdf_path
 
-STEPS = 75  # of the search along a segment, each of which leaves two thirds
 POINTS = 33  # instants around a least distance, each time closer together
 ZOOMS = 4
 NEAR = 5e-3  # [m] above the least of the first look, up to which others are looked at as well
@@ -155,28 +154,24 @@ class Distances:
 
 
 def between(a, b, c, d):
-    """Distances (...) between segments from a to b and from c to d, (..., 3): a search on the first one.
+    """Distances (...) between segments from a to b and from c to d, (..., 3).
 
-    The distance of a point on it from the second one is a convex function of where the point is.
+    They are nearest at an end of one of them, or where the common normal of their lines meets both.
     """
-    along = d - c
+    one, other = b - a, d - c
+    normal = np.cross(one, other)
+    square = (normal * normal).sum(axis=-1)
+    share = (np.cross(c - a, other) * normal).sum(axis=-1) / np.where(square > 0, square, 1.0)
+    facing = a + np.clip(share, 0.0, 1.0)[..., None] * one
+    to_other = (_to_segment(point, c, other) for point in (facing, a, b))
+    return np.minimum.reduce([*to_other, _to_segment(c, a, one), _to_segment(d, a, one)])
+
+
+def _to_segment(point, start, along):
     square = (along * along).sum(axis=-1)
-    square = np.where(square > 0, square, 1.0)
-
-    def away(share):
-        point = a + share[..., None] * (b - a)
-        on_other = np.clip(((point - c) * along).sum(axis=-1) / square, 0.0, 1.0)
-        return np.linalg.norm(point - c - on_other[..., None] * along, axis=-1)
-
-    low = np.zeros(np.broadcast_shapes(a.shape, c.shape)[:-1])
-    high = low + 1.0
-    best = np.minimum(away(low), away(high))
-    for _ in range(STEPS):
-        one, other = low + (high - low) / 3, high - (high - low) / 3
-        of_one, of_other = away(one), away(other)
-        best = np.minimum(best, np.minimum(of_one, of_other))
-        low, high = np.where(of_one > of_other, one, low), np.where(of_one > of_other, high, other)
-    return best
+    share = ((point - start) * along).sum(axis=-1) / np.where(square > 0, square, 1.0)
+    nearest = start + np.clip(share, 0.0, 1.0)[..., None] * along
+    return np.linalg.norm(point - nearest, axis=-1)
 
 
 def _quaternions(attitudes):

@@ -101,8 +101,7 @@ def flown(record, times, with_torques=True):
     def slope(t, y):
         q, dq, _ = (each[0] for each in joints_at(record, [t]))
         x, y_, z, w = y
-        omega = body.rate(Rotation.from_quat(y).as_matrix(), h, q, dq)
-        a, b, c = omega
+        a, b, c = body.rate(pin.Quaternion(y / np.sqrt(y @ y)).matrix(), h, q, dq)
         return 0.5 * np.array(
             [w * a + y_ * c - z * b, w * b + z * a - x * c, w * c + x * b - y_ * a, -x * a - y_ * b - z * c]
         )

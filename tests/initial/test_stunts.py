@@ -53,14 +53,23 @@ def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, written_as:
     assert [phase.frames for phase in setups[0].phases] == [phase.frames for phase in setups[1].phases]
 
 
-def test_a_backflip_leaves_from_the_rear_and_lands_on_the_front(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("stunt", "leaves", "lands"),
+    [
+        ("backflip", {"RL_foot", "RR_foot"}, {"FL_foot", "FR_foot"}),
+        ("roll-left", {"FL_foot", "RL_foot"}, {"FR_foot", "RR_foot"}),
+    ],
+)
+def test_it_leaves_from_the_feet_over_which_it_turns(
+    tmp_path: Path, stunt: str, leaves: set[str], lands: set[str]
+) -> None:
     path = tmp_path / "jump.toml"
-    path.write_text(stunt_file_text(GO2, "backflip", {}, path))
+    path.write_text(stunt_file_text(GO2, stunt, {}, path))
     problem = fp.load_problem(path)
     assert problem.jump is not None
     phases = spatial_setup(problem, problem.jump).phases
-    assert set(phases[1].frames) == {"RL_foot", "RR_foot"}
-    assert set(phases[3].frames) == {"FL_foot", "FR_foot"}
+    assert set(phases[1].frames) == leaves
+    assert set(phases[3].frames) == lands
 
 
 def test_every_stunt_is_written(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ def program(required: float) -> SpatialProgram:
     parameters = ca.MX.sym("p", 4)
     rows = ca.vertcat(3 * x[0] + x[1], x[0], x[1], x[2])
     assembly = SimpleNamespace(
-        functions={"jac_g": ca.Function("jac_g", [x, parameters], [rows, ca.jacobian(rows, x)])},
+        first_derivatives={"jac_g": ca.Function("jac_g", [x, parameters], [rows, ca.jacobian(rows, x)])},
         low=np.array([required, -1.0, -np.inf, -1.0]),
         high=np.array([required, 1.0, 1.0, 1.0]),
         labels=LABELS,

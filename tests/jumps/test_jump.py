@@ -11,6 +11,7 @@ from long_cases import cases
 from once import made_once
 
 import floatplan as fp
+from floatplan.jumps.check import limit_shares
 from floatplan.jumps.planner import jump
 from floatplan.jumps.reading import load_jump
 
@@ -74,6 +75,20 @@ def test_pinocchio_s_free_flyer_of_the_file_balances(feet):
             wrench = wrench - jacobian.T @ np.concatenate((force, moment))
         assert np.abs(wrench[6:] - tau[6:]).max() < 1e-6 * weight
         assert np.abs(wrench[[0, 2, 4]]).max() < 1e-3 * weight
+
+
+def test_torques_take_as_much_of_their_limits_either_way():
+    """Of motors, and of pairs that have a limit of their own."""
+    found = backflip()
+    problem = replace(found.problem, limits=fp.Limits(torque=20.0))
+    state = found.at(np.linspace(0.0, found.duration, 21))
+    shares, reversed_shares = (
+        limit_shares(problem, replace(state, torques=sign * state.torques)) for sign in (1.0, -1.0)
+    )
+    for name in ("torque", "torque_speed"):
+        np.testing.assert_array_equal(shares[name], reversed_shares[name])
+    assert (shares["torque"] >= 0).all()
+    assert shares["torque"].max() > 1
 
 
 def test_it_is_the_same_after_saving(tmp_path):

@@ -2,6 +2,8 @@
 
 import json
 from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
 
 import jumps
 import numpy as np
@@ -28,9 +30,15 @@ def roll():
     return jumps.roll()
 
 
-def test_it_is_found_and_checked(roll):
-    assert roll.ok, roll.check.sentences[0]
-    figures = roll.check.figures
+def searched():
+    return planner.checked_jump(jumps.searched_roll(), seed=0)
+
+
+@pytest.mark.parametrize("made", [jumps.roll, pytest.param(searched, marks=pytest.mark.long)])
+def test_it_is_found_and_checked(made):
+    found = made()
+    assert found.ok, found.explanation
+    figures = found.check.figures
     assert figures["residual"] < 1e-6
     assert figures["drift"] < 1e-4
     assert figures["foot_speed"] < 5e-3
@@ -38,6 +46,12 @@ def test_it_is_found_and_checked(roll):
     assert figures["landing_seam"] < 1e-8
     assert figures["torque"] <= 0.85
     assert figures["velocity"] <= 0.88
+
+
+def test_the_program_s_rows_hold_at_its_solution():
+    """That of a file, which a search of these rows had found."""
+    violation, row = jumps.violated_row_of_roll()
+    assert violation < 1e-6, f"{row}: {jumps.SEARCH_ANEW}"
 
 
 def test_it_rolls_and_stands(roll):
@@ -120,7 +134,10 @@ def test_its_file_holds_it(roll, tmp_path):
     assert again.check.figures == roll.check.figures
     content["stances"][0]["y"][8][40] += 0.02
     path.write_text(json.dumps(content))
-    assert not fp.load_jump(path).ok
+    bent = fp.load_jump(path)
+    assert not bent.ok
+    assert bent.check.figures["drift"] > 1e-3  # of feet that stood still
+    assert bent.check.figures["foot_speed"] > 0.02
     content["stances"][0]["contacts"][0]["frame"] = "paw"
     path.write_text(json.dumps(content))
     with pytest.raises(fp.InputError, match="no frame 'paw'"):
@@ -193,13 +210,79 @@ def test_without_tilt_all_feet_stand(root, name):
     assert [len(phase.feet) for phase in phases] == [4, 0, 4]
 
 
+@pytest.fixture(scope="module")
+def coarse_program(root):
+    """The program of a file's jump, with few nodes."""
+
+    @cache
+    def program_of(name):
+        problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
+        return spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
+
+    return program_of
+
+
+def test_forces_are_within_the_cone(coarse_program):
+    """In every direction rows allow less than friction bears, and hardly less: eight sides, inside the cone."""
+    program = coarse_program("go2_quarter_turn")
+    raw = guess(program)
+    begin = program.begins[3] + 3 * program.model.size  # of the forces at a node where all feet stand
+    friction = program.bounds.friction
+
+    def rows(*force):
+        changed = raw.copy()
+        changed[begin : begin + 3] = force
+        return np.array(program.assembly.evaluate(changed, np.zeros(program.size + 1))).ravel()
+
+    of_friction = np.array([label.startswith("friction of") for label in program.assembly.labels])
+    of_foot = of_friction & (rows(0.0, 0.0, 1.0) != rows(0.0, 0.0, 2.0))
+    assert np.count_nonzero(of_foot) == 8
+    for angle in np.linspace(0.0, 2 * np.pi, 33):
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        assert rows(*(1.001 * friction * direction), 1.0)[of_foot].min() < 0
+        assert rows(*(0.999 * friction * np.cos(np.pi / 8) * direction), 1.0)[of_foot].min() > 0
+
+
+def test_legs_that_stand_keep_a_leverage(coarse_program):
+    """Rows hold where the robot stands bent, and not with a straight leg, whose knee moves the foot no more."""
+    program = coarse_program("go2_quarter_turn")
+    bent = guess(program)
+    straight = bent.copy()
+    knee = 6 + program.model.robot.joints.index("FL_calf_joint")
+    straight[program.begins[3] + knee] = 0.0
+    of_leg = np.array([label.startswith("leverage of FL_foot") for label in program.assembly.labels])
+    least = [
+        np.array(program.assembly.evaluate(raw, np.zeros(program.size + 1))).ravel()[of_leg].min()
+        for raw in (bent, straight)
+    ]
+    assert least[1] < 0 < least[0]
+
+
+def test_a_flight_that_is_not_found_is_said(monkeypatch):
+    monkeypatch.setattr(SpatialProgram, "_worst", lambda *_: (0.0, ""))
+    monkeypatch.setattr(planner, "planned_flight", lambda *_, **__: SimpleNamespace(ok=False, explanation="Too far."))
+    setup = jumps.roll_setup()
+    program = setup.program(jumps.COARSE)
+    found = planner.completed(setup, program, program.solution(np.load(jumps.ROLL), 0, True), seed=0)
+    assert not found.ok
+    assert found.explanation == "No flight between the stances was found: Too far."
+
+
+def test_feet_are_lifted_in_flight(coarse_program):
+    program = coarse_program("go2_quarter_turn")
+    assembly = program.assembly
+    of_foot = np.array([label == "height of FL_foot (flight)" for label in assembly.labels])
+    least = assembly.low[of_foot] * program.height
+    assert least.max() == pytest.approx(program.bounds.lift, rel=0.1)
+    assert least[[0, -1]].max() < 0.5 * program.bounds.lift
+
+
 @pytest.mark.parametrize(
     ("name", "stances"), [("go2_quarter_turn", 2), pytest.param("go2_roll", 3, marks=pytest.mark.long)]
 )
-def test_feet_are_held_where_they_stand(root, name, stances):
+def test_feet_are_held_where_they_stand(coarse_program, name, stances):
     """Rows of feet that stand grow with their distance from where they stood, on both sides of the flight."""
-    problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
-    program = spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
+    program = coarse_program(name)
     raw = guess(program)
     parameters = np.zeros(program.size + 1)
     of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])

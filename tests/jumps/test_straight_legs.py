@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from legged_samples import leg, legged
 
 import floatplan as fp
@@ -32,11 +33,17 @@ def hop(robot):
     return fp.Problem(robot, posture, posture, flight, fp.Motion(objective="torque"), limits, jump=request)
 
 
-def test_from_straight_legs_it_stands_bent_and_a_jump_is_found(tmp_path):
+def test_from_straight_legs_it_stands_bent(tmp_path):
+    problem = hop(table(tmp_path))
+    setup = jump_setup(problem, problem.jump)
+    knees = [1 + problem.robot.joints.index(f"{name}_knee") for name in ("rear", "front")]
+    assert np.abs(setup.ends[:, knees]).min() > 0.4
+
+
+@pytest.mark.long
+def test_from_straight_legs_a_jump_is_found(tmp_path):
     problem = hop(table(tmp_path))
     setup = jump_setup(problem, problem.jump)
     first = setup.program(replace(planner.MARGINS, refinement=0.6))
-    knees = [1 + problem.robot.joints.index(f"{name}_knee") for name in ("rear", "front")]
-    assert np.abs(setup.ends[:, knees]).min() > 0.4
     found = jump_of_solution(setup, *solve_in_rounds(first, first.guess()), seed=0)
     assert found.ok, found.explanation

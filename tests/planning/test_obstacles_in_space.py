@@ -121,12 +121,14 @@ class TestPlans:
     def test_past_a_bar_is_proved(self, past_a_bar):
         assert fp.certify(past_a_bar).proved
 
+    @pytest.mark.long
     def test_links_keep_apart(self, planned):
-        """As the same flight's do not, of which nothing of this kind is asked."""
         plan = planned("space/go2_half_twist_clear")
         assert plan.ok
         assert least_seen(plan, DENSE) > 0
         assert not [warning for warning in plan.warnings if warning.kind == "overlap"]
+
+    def test_links_of_which_nothing_is_asked_are_warned_of_where_they_overlap(self, planned):
         overlaps = [w for w in planned("space/go2_half_twist").warnings if w.kind == "overlap"]
         assert {warning.subject for warning in overlaps} == {"FR_calf RR_calf", "FL_calf RL_calf"}
         assert all("[[self_clearance]] keeps them apart" in warning.message for warning in overlaps)

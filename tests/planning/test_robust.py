@@ -29,9 +29,15 @@ def problem_of(name, objective):
     return problem.with_parts(motion=replace(problem.motion, objective=objective))
 
 
-@cache
-def plan_of(name, objective):
-    return fp.plan(problem_of(name, objective), prove=True)
+@pytest.fixture(scope="module")
+def plan_of(planned):
+    @cache
+    def plan_of(name, objective):
+        if objective == "coefficients":
+            return planned(f"space/{name}")  # which others look at too
+        return fp.plan(problem_of(name, objective), prove=True)
+
+    return plan_of
 
 
 def landing(record):
@@ -53,7 +59,7 @@ def size_of(growth):
 
 
 @pytest.mark.parametrize("name", cases(NAMES, NAMES[1:]))
-def test_errors_at_takeoff_grow_less(name):
+def test_errors_at_takeoff_grow_less(plan_of, name):
     """P to a tenth of what it was, and two per cent of h to less than two thirds, for a motion hardly larger."""
     robust = plan_of(name, "robust")
     usual = plan_of(name, "coefficients")
@@ -73,7 +79,7 @@ def test_errors_at_takeoff_grow_less(name):
 
 
 @pytest.mark.parametrize("name", cases(NAMES, NAMES[1:]))
-def test_what_is_optimal_cannot_be_made_smaller(name):
+def test_what_is_optimal_cannot_be_made_smaller(plan_of, name):
     """However far a descent of the plan's motion goes, its value falls by less than a thousandth."""
     plan = plan_of(name, "robust")
     assert plan.status == "optimal"
@@ -89,7 +95,7 @@ def test_what_is_optimal_cannot_be_made_smaller(name):
 
 @pytest.mark.parametrize("name", cases(NAMES, NAMES[1:]))
 @pytest.mark.parametrize("objective", cases(["coefficients", "robust"], {"coefficients"}))
-def test_growth_is_that_of_differences(name, objective):
+def test_growth_is_that_of_differences(plan_of, name, objective):
     """K and P by DOP853, of central differences."""
     plan = plan_of(name, objective)
     by_size, by_attitude = plan.growth_of_errors
@@ -107,7 +113,7 @@ def test_growth_is_that_of_differences(name, objective):
 
 
 @pytest.mark.parametrize("name", cases(NAMES, NAMES[1:]))
-def test_the_value_is_what_it_says(name, tmp_path):
+def test_the_value_is_what_it_says(plan_of, name, tmp_path):
     plan = plan_of(name, "robust")
     growth = size_of(plan.growth_of_errors)
     assert plan.objective_value == pytest.approx(np.sqrt(plan._size**2 + WEIGHT_OF_GROWTH * growth**2), rel=1e-12)
@@ -172,13 +178,13 @@ def test_steps_go_downhill_as_far_as_they_promise(lifted):
     assert (costs[0] - costs[1]) / 2 == pytest.approx(promised, rel=1e-3)
 
 
-def test_obstacles_are_kept_clear_of():
+def test_obstacles_are_kept_clear_of(plan_of):
     """The motion that is least without them goes through the bar."""
     problem = problem_of("diver_past_a_bar", "robust")
     free = fp.plan(problem.with_parts(obstacles=()))
     assert free.clearances(np.linspace(0, free.duration, 1001), problem.obstacles).min() < 0
     plan = fp.plan(problem, prove=True)
-    usual = fp.plan(problem_of("diver_past_a_bar", "coefficients"))
+    usual = plan_of("diver_past_a_bar", "coefficients")
     assert plan.ok
     assert plan.certificate.proved
     assert plan.status == "feasible"
@@ -199,18 +205,17 @@ def test_limits_are_kept_and_the_value_is_less_than_that_of_a_small_motion(limit
     assert plan.objective_value < 0.3 * usual.whole.robust_size(usual._size)
 
 
-def test_where_a_small_motion_is_best_it_is_the_plan():
+def test_where_a_small_motion_is_best_it_is_the_plan(plan_of):
     """Without momentum nothing grows: then both objectives are the same but for a constant."""
-    usual = fp.plan(problem_of("go2_levels", "coefficients"))
+    usual = plan_of("go2_levels", "coefficients")
     plan = fp.plan(problem_of("go2_levels", "robust"))
     assert plan.objective_value <= usual.whole.robust_size(usual._size) * (1 + 1e-9)
 
 
 @pytest.mark.long
-def test_several_starts_are_compared_by_the_true_value():
-    problem = problem_of("diver_half_twist", "robust")
-    one = fp.plan(problem)
-    several = fp.plan(problem, starts=4)
+def test_several_starts_are_compared_by_the_true_value(plan_of):
+    one = plan_of("diver_half_twist", "robust")
+    several = fp.plan(problem_of("diver_half_twist", "robust"), starts=4)
     assert several.objective_value <= one.objective_value
 
 

@@ -57,3 +57,13 @@ def test_a_sample_is_that_of_its_seed_and_number() -> None:
 def test_wrong_ones_are_told(text: str, reason: str) -> None:
     with pytest.raises(fp.InputError, match=reason):
         given_perturbation(text)
+
+
+def test_inertia_is_of_masses_too_and_mass_is_one_factor_on_both() -> None:
+    own = fp.Perturbation(inertia=0.05).sampled(0, 0, 2, 8)
+    assert np.abs(own.mass - 1) == pytest.approx(0.05)
+    assert np.abs(own.inertia - 1) == pytest.approx(0.05)
+    assert (own.mass != own.inertia).any()
+    of_both = fp.Perturbation(mass=0.05).sampled(0, 0, 2, 8)
+    assert np.abs(of_both.mass - 1) == pytest.approx(0.05)
+    np.testing.assert_array_equal(of_both.mass, of_both.inertia)

@@ -2,8 +2,10 @@
 
 import itertools
 import json
+import math
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from robot_samples import PAIR, inertial, joint, robot_text
 
 import floatplan as fp
 from floatplan.plans.reading import load_record
+from floatplan.simulation.replay import replays
 
 PERTURBED = ("mass=2%", "inertia=2%", "h=1%,torque=1%,rise=5%")
 EVERY_OTHER = {("handstand", "mass=2%"), ("handstand", PERTURBED[2]), *(("branched", one) for one in PERTURBED[1:])}
@@ -69,6 +72,12 @@ def test_feedback_helps_against_wrong_masses_and_motors(handstand):
     assert max(tracked.position_error) < 0.1 * max(open_loop.position_error)
     assert tracked.momentum_drift < 1e-9
     assert open_loop.growth.orientation[0] < open_loop.growth.orientation[-1]
+
+
+def test_each_of_many_replays_has_the_next_seed(handstand):
+    first, second = replays(handstand, 2, 3, math.inf, perturb="mass=2%")
+    assert second.orientation_error == fp.replay(handstand, perturb="mass=2%", seed=4).orientation_error
+    assert second.orientation_error != first.orientation_error
 
 
 @pytest.mark.long
@@ -184,6 +193,7 @@ class TestCommand:
 def sides(tmp_path_factory):
     """Plans of a body with a pair of limbs, by the mass of the right hip's link: 0.6 kg is symmetric."""
 
+    @cache
     def planned(mass):
         path = tmp_path_factory.mktemp("sides") / "robot.urdf"
         text = robot_text(f'<link name="body">{inertial(2.0, "0 0 0")}</link>', PAIR)

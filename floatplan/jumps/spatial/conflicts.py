@@ -53,7 +53,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     near = 0.02  # [-] of a limit's size, within which it binds
     minor = 0.1  # [-] of the largest weight: limits with less hardly count
     assembly = program.assembly
-    row_values, derivative = assembly.functions["jac_g"](raw, np.zeros(program.size + 1))
+    row_values, derivative = assembly.first_derivatives["jac_g"](raw, np.zeros(program.size + 1))
     jacobian = derivative.sparse().tocsr()
     values = np.concatenate((np.asarray(row_values).ravel(), raw))
     box_low, box_high = program.box

@@ -7,6 +7,7 @@ the time of its few kinds.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -53,12 +54,13 @@ class Assembly:
     low, high : bounds (rows,)
     labels : (rows,) for a person
     weights : (size,) of the proximal term
-    functions : of IPOPT's problem, by CasADi's option names
+    first_derivatives : functions of IPOPT's problem, by CasADi's option names
     """
 
     def __init__(self, pieces: Sequence[Piece], weights: Array) -> None:
         ca = casadi()
         size = len(weights)
+        self.pieces = pieces
         self.size = size
         self.weights = weights
         self.low = np.concatenate([piece.low.ravel(order="F") for piece in pieces])
@@ -66,14 +68,11 @@ class Assembly:
         self.labels = [label for piece in pieces for label in piece.labels * piece.indices.shape[1]]
         x = ca.MX.sym("x", size)
         parameters = ca.MX.sym("p", size + 1)
-        of_cost = ca.MX.sym("lam_f")
-        of_rows = ca.MX.sym("lam_g", len(self.low))
         parts = _Parts()
         begin = 0
         for piece in pieces:
-            count = piece.low.size
-            parts.add(piece, x, of_cost, of_rows[begin : begin + count], begin)
-            begin += count
+            parts.add(piece, x, begin)
+            begin += piece.low.size
         rho = parameters[size]
         offset = x - parameters[:size]
         scaled = ca.DM(weights) * offset
@@ -81,25 +80,43 @@ class Assembly:
         gradient = parts.gradient(size) + rho * scaled
         rows = ca.vertcat(*parts.rows)
         jacobian = _assembled(parts.jacobian_values, parts.jacobian, (begin, size))
-        diagonal = (np.arange(size), np.arange(size))
-        hessian = _assembled(
-            [*parts.hessian_values, of_cost * rho * ca.DM(weights)], [*parts.hessian, diagonal], (size, size)
-        )
         names = ["x", "p"]
         symbols = [x, parameters]
         self.problem = {"x": x, "p": parameters, "f": cost, "g": rows}
-        self.functions = {
+        self.first_derivatives = {
             "grad_f": ca.Function("nlp_grad_f", symbols, [cost, gradient], names, ["f", "grad_f_x"]),
             "jac_g": ca.Function("nlp_jac_g", symbols, [rows, jacobian], names, ["g", "jac_g_x"]),
-            "hess_lag": ca.Function(
-                "nlp_hess_l",
-                [*symbols, of_cost, of_rows],
-                [hessian],
-                [*names, "lam_f", "lam_g"],
-                ["triu_hess_gamma_x_x"],
-            ),
         }
         self.evaluate = ca.Function("rows", symbols, [rows])
+
+    @cached_property
+    def functions(self) -> dict[str, Any]:
+        """First and second derivatives; the latter take most of the time, and are made where a search needs them."""
+        ca = casadi()
+        x = self.problem["x"]
+        parameters = self.problem["p"]
+        of_cost = ca.MX.sym("lam_f")
+        of_rows = ca.MX.sym("lam_g", len(self.low))
+        rho = parameters[self.size]
+        values = []
+        positions = []
+        begin = 0
+        for piece in self.pieces:
+            end = begin + piece.low.size
+            entries, places = _curvature(piece, x, of_cost, of_rows[begin:end])
+            values.append(entries)
+            positions.append(places)
+            begin = end
+        values.append(of_cost * rho * ca.DM(self.weights))
+        positions.append((np.arange(self.size), np.arange(self.size)))
+        hessian = ca.Function(
+            "nlp_hess_l",
+            [x, parameters, of_cost, of_rows],
+            [_assembled(values, positions, (self.size, self.size))],
+            ["x", "p", "lam_f", "lam_g"],
+            ["triu_hess_gamma_x_x"],
+        )
+        return {**self.first_derivatives, "hess_lag": hessian}
 
 
 @dataclass
@@ -111,30 +128,22 @@ class _Parts:
     gradients: list[tuple[IntArray, Any]] = field(default_factory=list)
     jacobian_values: list[Any] = field(default_factory=list)
     jacobian: list[tuple[IntArray, IntArray]] = field(default_factory=list)
-    hessian_values: list[Any] = field(default_factory=list)
-    hessian: list[tuple[IntArray, IntArray]] = field(default_factory=list)
 
-    def add(self, piece: Piece, x: Any, of_cost: Any, of_rows: Any, begin: int) -> None:
+    def add(self, piece: Piece, x: Any, begin: int) -> None:
         """Add a piece whose first row is the program's row ``begin``."""
         ca = casadi()
-        width, count = piece.indices.shape
+        count = piece.indices.shape[1]
         height = piece.low.shape[0]
         w = piece.variables
-        sigma = ca.SX.sym("sigma")
-        multipliers = ca.SX.sym("multipliers", height)
         jacobian = ca.jacobian(piece.rows, w)
         gradient = ca.gradient(piece.cost, w)
-        lagrangian = sigma * piece.cost + ca.dot(multipliers, piece.rows)
-        hessian = ca.triu(ca.hessian(lagrangian, w)[0])
         symbols = [w, piece.parameters]
         values = ca.Function("values", symbols, [piece.rows, piece.cost]).map(count)
         derivatives = ca.Function("first", symbols, [jacobian.nz[:], gradient]).map(count)
-        curvature = ca.Function("second", [*symbols, sigma, multipliers], [hessian.nz[:]]).map(count)
-        columns = ca.reshape(x[piece.indices.ravel(order="F").tolist()], width, count)
+        columns = _columns(piece, x)
         numbers = ca.DM(piece.values)
         rows, costs = values(columns, numbers)
         jacobian_values, gradients = derivatives(columns, numbers)
-        hessian_values = curvature(columns, numbers, ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count))
         self.cost += ca.sum2(costs)
         self.rows.append(ca.vec(rows))
         self.gradients.append((piece.indices.ravel(order="F"), ca.vec(gradients)))
@@ -142,11 +151,6 @@ class _Parts:
         places = np.arange(count)[:, None] * height + row + begin
         self.jacobian.append((places.ravel(), piece.indices[column].T.ravel()))
         self.jacobian_values.append(ca.vec(jacobian_values))
-        row, column = map(np.array, hessian.sparsity().get_triplet())
-        first = piece.indices[row].T.ravel()
-        second = piece.indices[column].T.ravel()
-        self.hessian.append((np.minimum(first, second), np.maximum(first, second)))  # the upper triangle
-        self.hessian_values.append(ca.vec(hessian_values))
 
     def gradient(self, size: int) -> Any:
         """Gradient (size,) of the cost."""
@@ -155,6 +159,32 @@ class _Parts:
         values = ca.vertcat(*(value for _, value in self.gradients))
         gather = sp.csc_matrix((np.ones(len(indices)), (indices, np.arange(len(indices)))), (size, len(indices)))
         return ca.densify(ca.mtimes(ca.DM(gather), values))
+
+
+def _columns(piece: Piece, x: Any) -> Any:
+    """The piece's variables (w, N) among the program's."""
+    width, count = piece.indices.shape
+    return casadi().reshape(x[piece.indices.ravel(order="F").tolist()], width, count)
+
+
+def _curvature(piece: Piece, x: Any, of_cost: Any, of_rows: Any) -> tuple[Any, tuple[IntArray, IntArray]]:
+    """Entries of the Lagrangian's Hessian from a piece, and their positions in the upper triangle."""
+    ca = casadi()
+    count = piece.indices.shape[1]
+    height = piece.low.shape[0]
+    w = piece.variables
+    sigma = ca.SX.sym("sigma")
+    multipliers = ca.SX.sym("multipliers", height)
+    lagrangian = sigma * piece.cost + ca.dot(multipliers, piece.rows)
+    hessian = ca.triu(ca.hessian(lagrangian, w)[0])
+    second = ca.Function("second", [w, piece.parameters, sigma, multipliers], [hessian.nz[:]]).map(count)
+    entries = second(
+        _columns(piece, x), ca.DM(piece.values), ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count)
+    )
+    row, column = map(np.array, hessian.sparsity().get_triplet())
+    first = piece.indices[row].T.ravel()
+    other = piece.indices[column].T.ravel()
+    return ca.vec(entries), (np.minimum(first, other), np.maximum(first, other))
 
 
 def _assembled(values: Sequence[Any], positions: Sequence[tuple[IntArray, IntArray]], shape: tuple[int, int]) -> Any:
