@@ -2,12 +2,12 @@
 
 import json
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 import space_reference
 from long_cases import cases
+from once import made_once
 from places import PROBLEMS, SPACE
 from scipy.spatial.transform import Rotation
 
@@ -29,9 +29,8 @@ def problem_of(name, objective):
     return problem.with_parts(motion=replace(problem.motion, objective=objective))
 
 
-@cache
 def plan_of(name, objective):
-    return fp.plan(problem_of(name, objective), prove=True)
+    return made_once(f"{objective} of {name}", lambda: fp.plan(problem_of(name, objective), prove=True))
 
 
 def landing(record):
