@@ -1,19 +1,26 @@
 """Problems of jumps for tests, and one jump that many of them look at."""
 
+import inspect
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from once import made_once
+from places import PROBLEMS
 
 import floatplan as fp
 from floatplan.jumps.jump import Jump
+from floatplan.jumps.launches import in_space
 from floatplan.jumps.planner import jump
 from floatplan.jumps.spatial import planner as planner_in_space
+from floatplan.jumps.spatial import stance_search
 from floatplan.jumps.spatial.jump import SpatialJump
+from floatplan.problem.file import as_problem, problem_text
 
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 
@@ -46,14 +53,47 @@ def backflip() -> Jump:
     return found
 
 
+def backflip_on_points() -> Jump:
+    """The same, on feet that are points."""
+    found: Jump = made_once("points", lambda: jump(go2_problem(), fp.JumpRequest(feet="points"), starts=1))
+    return found
+
+
+def planned_jump(name: str) -> Jump:
+    """The jump of a problem file, by its path in ``problems/jumps/`` without the ending."""
+    return jump_once(PROBLEMS / "jumps" / f"{name}.toml")
+
+
+def jump_once(problem: fp.Problem | str | Path, request: fp.JumpRequest | None = None, **options: Any) -> Jump:
+    """What ``fp.jump`` returns; where any test has had the same problem, without a search and words about it."""
+    given = inspect.signature(jump).bind(problem, request, **options)
+    given.apply_defaults()
+    if given.arguments["near"] is not None:
+        return jump(problem, request, **options)
+    options_asked = [given.arguments[name] for name in ("request", "seed", "starts", "helps")]
+    asked = f"{problem_text(as_problem(problem), '/problem.toml')} {options_asked} {planner_in_space.MARGINS}"
+    digest = sha256(asked.encode()).hexdigest()
+    found: Jump = made_once(f"jump {digest}", lambda: jump(problem, request, **options))
+    return found
+
+
+def plan_on_fewer_nodes(patch: pytest.MonkeyPatch, share: float = 0.6) -> None:
+    """Let programs of jumps in space, and of stances there, begin on such a share of their usual nodes."""
+    patch.setattr(planner_in_space, "MARGINS", replace(planner_in_space.MARGINS, refinement=share))
+    coarse = replace(stance_search.MARGINS, refinement=share)
+    patch.setattr(in_space, "planned_stance", partial(stance_search.planned_stance, margins=coarse))
+
+
+def try_few_gains(patch: pytest.MonkeyPatch) -> None:
+    """Let a search for gains try those next to its first ones: each is flown eight times."""
+    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", (1.1, 1.0, 0.9))
+
+
+@cache
 def roll() -> SpatialJump:
-    """The Go2's roll, in space, from its right legs to its left ones; fewer nodes than usual take less time."""
-    file = Path(__file__).parents[2] / "problems" / "jumps" / "space" / "go2_roll.toml"
-
-    def coarse() -> Jump:
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(planner_in_space, "MARGINS", replace(planner_in_space.MARGINS, refinement=0.6))
-            return jump(fp.load_problem(file), starts=1)
-
-    found: SpatialJump = made_once("roll of a Go2", coarse)
+    """The Go2's roll, in space, from its right legs to its left ones; on fewer nodes than usual."""
+    with pytest.MonkeyPatch.context() as patch:
+        plan_on_fewer_nodes(patch)
+        found = planned_jump("space/go2_roll")
+    assert isinstance(found, SpatialJump)
     return found
