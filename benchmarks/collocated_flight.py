@@ -79,7 +79,8 @@ def euler(base: Base, rate: float, step: float) -> Array:
 
 def of_momentum(base: Base, momentum: float) -> Array:
     """The same with the momentum as an equation at each node."""
-    return (momentum - base.of_joints) / base.inertia
+    rates: Array = (momentum - base.of_joints) / base.inertia
+    return rates
 
 
 def drift_and_miss(plan: fp.Plan, intervals: int, rule: str) -> tuple[float, float]:

@@ -32,6 +32,7 @@ PERTURBED, GRIP, GAINS = "mass=5%,friction=17%,noise=0.1deg,delay=4ms", 0.85, (4
 GAINS_IN_SPACE = dict.fromkeys(("a1", "go1", "go2"), ((40.0, 1.0), 0.005)) | {"solo12": ((4.0, 0.1), 0.0005)}
 FEEDBACK = 100.0  # [rad/s]
 HEADER_IN_SPACE = ("jump", "gains", "armature kg m^2", "corrected", "stand", "on feet alone", "attitude deg", "at most")
+GUESSED = ("go2_roll", "go2_quarter_turn")
 BAR, JUMP_BAR = 5.0, 6.0  # [s] of the processor for a launch, and for a jump in all
 
 
@@ -165,7 +166,7 @@ def guesses_in_space(counts: Counts) -> None:
     """Jumps in space from random guesses, one start each: found are those whose flight is planned and stances hold."""
     heading(f"guesses in space: seeds 1 to {counts.guesses_in_space} of each jump")
     rows = []
-    for name in ("go2_roll", "go2_quarter_turn"):
+    for name in GUESSED:
         problem = fp.load_problem(PROBLEMS / "jumps" / "space" / f"{name}.toml")
         assert problem.jump is not None
         setup = spatial_setup(problem, problem.jump)

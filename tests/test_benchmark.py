@@ -11,6 +11,7 @@ from general_flight import GeneralDynamics
 from long_cases import cases
 from needed import skip_or_fail
 from scipy.spatial.transform import Rotation
+from spoiled_hops import repaired_hop
 
 import floatplan as fp
 from floatplan.motion.spatial.dynamics import spatial_dynamics
@@ -82,9 +83,19 @@ def test_section_runs(section, benchmark, capsys, monkeypatch):
     tiny = benchmark.Counts(**dict.fromkeys((field.name for field in fields(benchmark.Counts)), 1) | few)
     for name in ("Go2's backflip", "Go2's half twist"):  # planned for seconds
         monkeypatch.delitem(sys.modules["inflight_sections"].FLOWN, name)
-    monkeypatch.setattr(sys.modules["jump_sections"], "FEET", ("rolling",))
+    of_jumps = sys.modules["jump_sections"]
+    monkeypatch.setattr(of_jumps, "FEET", ("rolling",))
+    monkeypatch.setattr(of_jumps, "ARMATURES", (0.0,))
+    if section == "guesses-in-space":
+        jumps.plan_on_fewer_nodes(monkeypatch, 0.4)
+        monkeypatch.setattr(of_jumps, "GUESSED", ("go2_quarter_turn",))
+        monkeypatch.setattr(of_jumps, "checked_jump", lambda *_, **__: jumps.roll())
     if section == "contact-in-space":
         monkeypatch.setattr(fp, "jump", lambda _: jumps.roll())
+    if section == "clip-stances":
+        of_one_robot = sys.modules["clip_stances_section"]
+        monkeypatch.setattr(of_one_robot, "ROBOTS", ("go2",))
+        monkeypatch.setattr(of_one_robot, "repair_clip", lambda _, **__: repaired_hop())
     benchmark.SECTIONS[section](tiny)
     assert EXPECTED[section] in capsys.readouterr().out
 

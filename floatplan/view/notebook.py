@@ -59,7 +59,7 @@ def robot_svg(robot: Robot) -> str:
     scale = 220 / max(width, height)  # [px/m] the longer side has 220 pixels
     colours = palette(1 + len(robot.joints))
     polygons = []
-    for shape, _ in placed.painted(0):
+    for shape, _, _ in placed.painted(0):
         corners = pairs(outlines[shape] - complex(low.real, high.imag)) * [scale, -scale]  # y points down in a drawing
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in corners.tolist())
         polygons.append(f'<polygon points="{points}" fill="{to_hex(colours[placed.segment[shape]])}"/>')

@@ -69,13 +69,13 @@ class Postures:
     faces: Sequence[IntArray] = ()
     shadows: ComplexArray | None = None
 
-    def painted(self, index: int) -> list[tuple[int, list[tuple[ComplexArray, float]]]]:
+    def painted(self, index: int) -> list[tuple[int, ComplexArray, Array]]:
         """Return the shapes at an instant in the order of painting, from back to front, each with its visible faces.
 
-        A face is its corners (3,), m, and how much light falls on it, 0 to 1.
+        Of F faces these are their corners (F, 3), m, and how much light falls on each, (F,), 0 to 1.
         """
         if self.depth is None:
-            return [(shape, []) for shape in range(len(self.radius))]
+            return [(shape, np.zeros((0, 3), complex), np.zeros(0)) for shape in range(len(self.radius))]
         corners = self.corners[index]
         positions = np.stack((corners.real, corners.imag, self.depth[index]), axis=2)
         painted = []
@@ -83,9 +83,9 @@ class Postures:
             normals = face_normals(positions[shape], self.faces[shape])
             visible = normals[:, 2] > 0
             # unit vector to the light: from the left, from above, from the viewer
-            lights = np.clip(normals[visible] @ np.array([-0.35, 0.75, 0.56]), 0.0, 1.0).tolist()
+            lights = np.clip(normals[visible] @ np.array([-0.35, 0.75, 0.56]), 0.0, 1.0)
             faces = corners[shape][self.faces[shape][visible]]
-            painted.append((shape, list(zip(faces, lights, strict=True))))
+            painted.append((shape, faces, lights))
         return painted
 
     @property

@@ -9,31 +9,23 @@ import clip_samples as samples
 import numpy as np
 import pinocchio as pin
 import pytest
-from clip_landings import swung
-from drawn_hops import Hop, draw_hop
+from drawn_hops import Hop
+from spoiled_hops import RATE, STRETCH, drawn_hop, repaired_hop, spoiled_hop
 
 import floatplan as fp
 from floatplan.clips.planned.contacts import foot_places, foot_points, standing_feet, still_flight
 from floatplan.clips.planned.planner import StancePlanner
 from floatplan.clips.stance_forces import stance_figures
 
-STRETCH = 1.3
-
 
 @pytest.fixture(scope="module")
 def hop() -> Hop:
-    """A Go2's, drawn."""
-    rng = np.random.default_rng(0)
-    while True:
-        drawn = draw_hop("go2", rng)
-        if drawn is not None:
-            return drawn
+    return drawn_hop()
 
 
 @pytest.fixture(scope="module")
-def clip(hop: Hop) -> fp.Clip:
-    """The same, its flight slower, and its base swung."""
-    return swung(hop, 50.0, STRETCH, 10.0, np.array([1.0, 0.0, 0.0]))
+def clip() -> fp.Clip:
+    return spoiled_hop()
 
 
 def test_a_flight_begins_where_the_feet_leave(hop: Hop, clip: fp.Clip) -> None:
@@ -88,8 +80,7 @@ def test_what_cannot_stand_is_told_and_bent(robot: fp.Robot, tmp_path: Path) -> 
 @pytest.mark.long
 def test_both_stances_are_planned(clip: fp.Clip) -> None:
     """They hold by an independent look at the frames that are written: speeds, feet, forces."""
-    rate = 500.0
-    repaired, repair = fp.repair_clip(clip, rate=rate, stances="planned")
+    repaired, repair = repaired_hop()
     (flight,) = repair.flights
     assert [stance.planned for stance in flight.stances] == [True, True]
     for stance in flight.to_dict()["stances"]:
@@ -101,11 +92,11 @@ def test_both_stances_are_planned(clip: fp.Clip) -> None:
     velocities = repaired.velocities
     assert velocities is not None
     steps = np.array([pin.difference(model, first, last) for first, last in pairwise(q)])
-    assert np.abs(rate * steps - (velocities[1:] + velocities[:-1]) / 2).max() < 0.05  # rad/s, m/s: nothing jumps
+    assert np.abs(RATE * steps - (velocities[1:] + velocities[:-1]) / 2).max() < 0.05  # rad/s, m/s: nothing jumps
     (judged,) = fp.check_clip(repaired).flights
     assert judged.verdict == "physical"
     assert flight.repaired is not None
     inside = repaired.times < flight.repaired.flight.begin - 0.01
-    figures = stance_figures(clip, q[inside][::5], repaired.times[inside][::5], 5 / rate, 9.81)
+    figures = stance_figures(clip, q[inside][::5], repaired.times[inside][::5], 5 / RATE, 9.81)
     assert figures.vertical_least > 0.0
     assert figures.pressure_outside < 0.02

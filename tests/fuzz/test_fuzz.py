@@ -1,10 +1,10 @@
-"""Spoiled files through every command: 25 cases each time, 200 with the long tests, any number by ``scripts/fuzz``."""
+"""Spoiled files through every command: 25 cases each time, 100 with the long tests, any number by ``scripts/fuzz``."""
 
 import pytest
 from fuzz_runs import judge, run_clip, run_here, run_killed
 from long_cases import cases
 
-CASES, BATCH = 200, 25
+CASES, BATCH = 100, 25
 EVERY_TIME = 25  # of them
 
 

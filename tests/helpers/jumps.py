@@ -1,8 +1,12 @@
 """Problems of jumps for tests, and one jump that many of them look at."""
 
+import inspect
 import math
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,11 +15,14 @@ from places import PROBLEMS, ROOT
 
 import floatplan as fp
 from floatplan.jumps.jump import Jump
+from floatplan.jumps.launches import in_space
 from floatplan.jumps.planner import jump
 from floatplan.jumps.spatial import planner as planner_in_space
+from floatplan.jumps.spatial import stance_search
 from floatplan.jumps.spatial.jump import SpatialJump
-from floatplan.jumps.spatial.planner import Start, completed, solved_start
+from floatplan.jumps.spatial.planner import Start, jump_of_solution, solved_start
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
+from floatplan.problem.file import as_problem, problem_text
 
 ROLL = ROOT / "tests" / "jumps" / "cases" / "go2_roll.npy"  # variables of its program
 SEARCH_ANEW = "python tests/helpers/jumps.py searches anew"
@@ -51,6 +58,42 @@ def backflip() -> Jump:
     return found
 
 
+def backflip_on_points() -> Jump:
+    """The same, on feet that are points."""
+    found: Jump = made_once("points", lambda: jump(go2_problem(), fp.JumpRequest(feet="points"), starts=1))
+    return found
+
+
+def planned_jump(name: str) -> Jump:
+    """The jump of a problem file, by its path in ``problems/jumps/`` without the ending."""
+    return jump_once(PROBLEMS / "jumps" / f"{name}.toml")
+
+
+def jump_once(problem: fp.Problem | str | Path, request: fp.JumpRequest | None = None, **options: Any) -> Jump:
+    """What ``fp.jump`` returns; where any test has had the same problem, without a search and words about it."""
+    given = inspect.signature(jump).bind(problem, request, **options)
+    given.apply_defaults()
+    if given.arguments["near"] is not None:
+        return jump(problem, request, **options)
+    options_asked = [given.arguments[name] for name in ("request", "seed", "starts", "helps")]
+    asked = f"{problem_text(as_problem(problem), '/problem.toml')} {options_asked} {planner_in_space.MARGINS}"
+    digest = sha256(asked.encode()).hexdigest()
+    found: Jump = made_once(f"jump {digest}", lambda: jump(problem, request, **options))
+    return found
+
+
+def plan_on_fewer_nodes(patch: pytest.MonkeyPatch, share: float = 0.6) -> None:
+    """Let programs of jumps in space, and of stances there, begin on such a share of their usual nodes."""
+    patch.setattr(planner_in_space, "MARGINS", replace(planner_in_space.MARGINS, refinement=share))
+    coarse = replace(stance_search.MARGINS, refinement=share)
+    patch.setattr(in_space, "planned_stance", partial(stance_search.planned_stance, margins=coarse))
+
+
+def try_few_gains(patch: pytest.MonkeyPatch) -> None:
+    """Let a search for gains try those next to its first ones: each is flown eight times."""
+    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", (1.1, 1.0, 0.9))
+
+
 def roll() -> SpatialJump:
     """The Go2's roll, in space, from its right legs to its left ones, made of the solution of its program in a file."""
     return _completed_roll()[0]
@@ -68,7 +111,7 @@ def _completed_roll() -> tuple[SpatialJump, tuple[float, str]]:
         raw = np.load(ROLL)
         assert raw.shape == (program.size,), f"the program has other variables now: {SEARCH_ANEW}"
         solution = program.solution(raw, iterations=0, converged=True)
-        return completed(setup, program, solution, seed=0), solution.worst
+        return jump_of_solution(setup, program, solution, seed=0), solution.worst
 
     found: tuple[SpatialJump, tuple[float, str]] = made_once("roll of a Go2", made)
     return found

@@ -6,7 +6,7 @@ import random
 
 import pytest
 from fuzz_mutations import NUMBERS, TEXTS
-from once import made_once
+from jumps import planned_jump
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -14,10 +14,6 @@ from floatplan.errors import InputError
 HOSTILE = (*NUMBERS, *TEXTS, None, True, [], {}, [[]], [None], {"": 0}, [1, "x"], "1.0")
 PYTHON_WORDS = ("could not convert", "iterable", "subscriptable", "' object", "attribute", "unhashable", "NoneType")
 LONG_LISTS = 1  # entries of a list of numbers that are spoiled, of all that are there
-
-
-def hop(root):
-    return made_once("high_jumper.toml", lambda: fp.jump(root / "problems/jumps/high_jumper.toml", starts=1))
 
 
 def places(value, path=()):
@@ -43,9 +39,9 @@ def spoiled(content, path, value):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("error")
-def test_any_value_of_a_jumps_file_may_be_anything(root, tmp_path):
+def test_any_value_of_a_jumps_file_may_be_anything(tmp_path):
     """Each place with some hostile value: refused with file and place, or a jump whose check says what is broken."""
-    content = json.loads(hop(root).to_json())
+    content = json.loads(planned_jump("high_jumper").to_json())
     rng, path, refused = random.Random(0), tmp_path / "jump.json", 0
     chosen = [each for each in places(content) if each[0] != "flight" or len(each) < 3]
     for place in chosen:
@@ -75,9 +71,9 @@ def test_any_value_of_a_jumps_file_may_be_anything(root, tmp_path):
         (("flight", "angular_momentum"), "much", r"flight\.angular_momentum"),
     ],
 )
-def test_what_is_wrong_has_a_place_and_advice(place, value, said, root, tmp_path):
+def test_what_is_wrong_has_a_place_and_advice(place, value, said, tmp_path):
     path = tmp_path / "some.json"
-    path.write_text(json.dumps(spoiled(json.loads(hop(root).to_json()), place, value)))
+    path.write_text(json.dumps(spoiled(json.loads(planned_jump("high_jumper").to_json()), place, value)))
     with pytest.raises(InputError, match=said) as caught:
         fp.load_jump(path)
     assert str(path) in str(caught.value)

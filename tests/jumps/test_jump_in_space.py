@@ -17,6 +17,7 @@ from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution, lifted_share
 from floatplan.jumps.spatial.setup import spatial_setup
+from floatplan.jumps.spatial.stance_search import StanceResult
 
 
 @pytest.fixture(scope="module")
@@ -179,7 +180,19 @@ def test_feet_of_a_takeoff_that_are_not_level_are_named(roll):
 
 @pytest.mark.long
 @pytest.mark.parametrize("end", ["takeoff", "landing"])
-def test_the_stances_of_its_flight_are_found_again(roll, end):
+def test_the_stances_of_its_flight_are_found_again(roll, end, monkeypatch):
+    """Within tighter limits, which takes longer, that of the takeoff alone is searched for."""
+    jumps.plan_on_fewer_nodes(monkeypatch)
+    search = in_space.planned_stance
+    results = []
+
+    def first_of_landings(*arguments, **options):
+        if results and end == "landing":
+            return StanceResult((), {}, ("not searched for",))
+        results.append(search(*arguments, **options))
+        return results[-1]
+
+    monkeypatch.setattr(in_space, "planned_stance", first_of_landings)
     result = fp.launch(roll.flight, end=end, starts=1)
     assert result.ok, result.sentences
     assert result.ratio <= 0.97  # where its own takes 0.88
@@ -263,7 +276,7 @@ def test_a_flight_that_is_not_found_is_said(monkeypatch):
     monkeypatch.setattr(planner, "planned_flight", lambda *_, **__: SimpleNamespace(ok=False, explanation="Too far."))
     setup = jumps.roll_setup()
     program = setup.program(jumps.COARSE)
-    found = planner.completed(setup, program, program.solution(np.load(jumps.ROLL), 0, True), seed=0)
+    found = planner.jump_of_solution(setup, program, program.solution(np.load(jumps.ROLL), 0, True), seed=0)
     assert not found.ok
     assert found.explanation == "No flight between the stances was found: Too far."
 
@@ -299,7 +312,7 @@ def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     """A program that allows rates of 0.84 of their limits where 0.7 are requested: the next one allows less."""
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
     request = replace(problem.jump, margin={"torque": 0.85, "velocity": 0.7})
-    monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=0.95, velocity=1.2, friction=0.85))
+    monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=0.95, velocity=1.2, friction=0.85, refinement=0.6))
     jump_of_solution = planner.jump_of_solution
     jumps = []
 

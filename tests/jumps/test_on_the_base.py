@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from jumps import planned_jump
 
 import floatplan as fp
 
@@ -58,7 +59,7 @@ def test_it_lands_on_its_hands(root):
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", ["gymnast", "acrobat"])
-def test_jumps_of_chains_are_found(root, name):
-    found = fp.jump(of_file(root, name))
+def test_jumps_of_chains_are_found(name):
+    found = planned_jump(name)
     assert found.ok
     assert_balanced(found)

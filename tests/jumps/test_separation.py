@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from jumps import backflip, go2_problem
+from jumps import backflip, backflip_on_points, go2_problem
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -11,7 +11,6 @@ from floatplan.errors import InputError
 AROUND = {
     "a ceiling": {"obstacles": (fp.HalfPlane(point=(0.0, 0.85), normal=(0.0, -1.0)),)},
     "a post behind": {"obstacles": (fp.Bar(start=(-0.45, 0.0), end=(-0.45, 0.6), radius=0.03),)},
-    "a ball that flies by": {"obstacles": (fp.Circle(center=(1.0, 0.8), radius=0.05, velocity=(-3.0, 0.0)),)},
     "calves": {
         "self_clearances": (fp.SelfClearance(("base", "RL_calf"), 0.08), fp.SelfClearance(("FL_calf", "RL_calf"), 0.1))
     },
@@ -32,13 +31,16 @@ def test_a_jump_is_found_that_keeps_away(case):
 
 @pytest.mark.long
 def test_the_world_begins_where_the_frame_takes_off():
-    """Moved with its obstacle, the jump is the same but for rounding; feet that are points leave where they stood."""
+    """Moved with a ball that flies by it is found too; feet that are points leave where they stood."""
     problem, at = go2_problem(), (1.0, 0.5)
     moved = replace(problem.flight, takeoff=fp.Takeoff("RL_foot", at))
     ball = fp.Circle(center=(1.0 + at[0], 0.8 + at[1]), radius=0.05, velocity=(-3.0, 0.0))
-    points = fp.JumpRequest(feet="points")
-    found = fp.jump(replace(problem, flight=moved, obstacles=(ball,), jump=points), starts=1)
+    known = backflip_on_points()
+    problem = replace(problem, flight=moved, obstacles=(ball,), jump=known.request)
+    found = fp.jump(problem, starts=1, near=known)
     assert found.ok
+    assert found.check.figures["obstacles"] >= 0
+    assert fp.certify(found.flight).proved
     assert found.before[-1].anchor_position == pytest.approx(complex(*at), abs=1e-9)
 
 

@@ -2,12 +2,10 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from jumps import go2_problem
-from once import made_once
+from jumps import go2_problem, planned_jump
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -22,11 +20,6 @@ from floatplan.problem.jump import JumpFlight, JumpLanding, JumpRequest, JumpTak
 from floatplan.view.report.data import jump_data
 
 TURN = 2 * np.pi
-
-
-def found(root: Path, name: str) -> fp.Jump:
-    """The jump of a problem file, planned once."""
-    return made_once(f"{Path(name).name}.toml", lambda: fp.jump(root / "problems" / "jumps" / f"{name}.toml", starts=2))
 
 
 CONTRADICTIONS = {
@@ -152,8 +145,8 @@ def test_the_edge_of_a_box_is_on_the_side_of_the_higher_ground():
 
 
 @pytest.mark.long
-def test_three_flips_in_a_row_are_found_checked_and_proved(root, tmp_path):
-    jump = found(root, "sequences/go2_flips")
+def test_three_flips_in_a_row_are_found_checked_and_proved(tmp_path):
+    jump = planned_jump("sequences/go2_flips")
     assert jump.ok, jump.explanation
     assert [phase.kind for phase in jump.phases].count("flight") == 3
     assert all(fp.certify(flight).proved for flight in jump.flights)
@@ -171,8 +164,8 @@ def test_three_flips_in_a_row_are_found_checked_and_proved(root, tmp_path):
 
 
 @pytest.mark.long
-def test_a_flight_of_a_sequence_that_is_elsewhere_fails_the_check(root):
-    jump = found(root, "sequences/go2_flips")
+def test_a_flight_of_a_sequence_that_is_elsewhere_fails_the_check():
+    jump = planned_jump("sequences/go2_flips")
     along, up = jump.more[0].shift
     moved = replace(jump.more[0], shift=(along + 1e-3, up))
     check = check_jump(replace(jump, more=(moved, *jump.more[1:])))
@@ -181,8 +174,8 @@ def test_a_flight_of_a_sequence_that_is_elsewhere_fails_the_check(root):
 
 
 @pytest.mark.long
-def test_three_flips_land_in_mujoco(root):
-    jump = found(root, "sequences/go2_flips")
+def test_three_flips_land_in_mujoco():
+    jump = planned_jump("sequences/go2_flips")
     perturb = "mass=5%,friction=17%,armature=0.01,noise=0.1deg,delay=4ms"
     flown = fp.replay_jump(jump, 250.0, perturb=perturb, friction=0.85, flights=4, gains=(58.8, 1.0), budget=None)
     assert flown.corrected.clean.all()
@@ -191,8 +184,8 @@ def test_three_flips_land_in_mujoco(root):
 
 
 @pytest.mark.long
-def test_a_periodic_jump_ends_as_it_begins(root):
-    jump = found(root, "sequences/go2_flips_periodic")
+def test_a_periodic_jump_ends_as_it_begins():
+    jump = planned_jump("sequences/go2_flips_periodic")
     assert jump.ok, jump.explanation
     begin, end = jump.at([0.0]), jump.at([jump.duration])
     step = end.positions[0] - begin.positions[0]
@@ -207,9 +200,8 @@ def test_a_periodic_jump_ends_as_it_begins(root):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", ["boxes/go2_box", "boxes/a1_box"])
-def test_from_a_box_to_the_ground(root, name):
-    jump = found(root, name)
+def test_from_a_box_to_the_ground():
+    jump = planned_jump("boxes/go2_box")
     assert jump.ok, jump.explanation
     assert jump.before[-1].ground - jump.after[0].ground == pytest.approx(0.4)
     assert fp.certify(jump.flight).proved

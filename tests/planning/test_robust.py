@@ -2,12 +2,12 @@
 
 import json
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 import space_reference
 from long_cases import cases
+from once import made_once
 from places import PROBLEMS, SPACE
 from scipy.spatial.transform import Rotation
 
@@ -31,11 +31,10 @@ def problem_of(name, objective):
 
 @pytest.fixture(scope="module")
 def plan_of(planned):
-    @cache
     def plan_of(name, objective):
         if objective == "coefficients":
             return planned(f"space/{name}")  # which others look at too
-        return fp.plan(problem_of(name, objective), prove=True)
+        return made_once(f"{objective} of {name}", lambda: fp.plan(problem_of(name, objective), prove=True))
 
     return plan_of
 

@@ -2,17 +2,15 @@
 
 from dataclasses import dataclass
 from math import atan2, pi
-from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
 import pytest
-from once import made_once
+from jumps import planned_jump
 
 import floatplan as fp
 
-ROOT = Path(__file__).resolve().parents[2]
 FRICTION = 0.8
 GAINS = {"go2": (57.0, 0.98), "a1": (56.0, 0.98)}  # that `fp.replay_jump` finds; MuJoCo takes no Go1, for its inertias
 SOFT_GAINS = (40.0, 1.0)  # [N m/rad, N m s/rad]
@@ -105,12 +103,6 @@ def flown(jump: fp.Jump, model: mujoco.MjModel, radius: float, gains: tuple[floa
     return Landed(turned, abs(data.qpos[4]) + abs(data.qpos[6]), data.qpos[2], touched)
 
 
-def planned(name: str) -> fp.Jump:
-    """Plan a jump of problems/jumps, once."""
-    jump: fp.Jump = made_once(f"{name}.toml", lambda: fp.jump(ROOT / "problems" / "jumps" / f"{name}.toml", starts=1))
-    return jump
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "heavier", "correct"),
@@ -122,7 +114,7 @@ def planned(name: str) -> fp.Jump:
 )
 def test_it_lands_there_too(name: str, heavier: float, correct: bool) -> None:
     """All 5 % heavier a Go2 turns 5 degrees less than planned, and lands with corrections in flight alone."""
-    jump = planned(name)
+    jump = planned_jump(name)
     landed = flown(jump, *model_of(jump, heavier), GAINS[name], correct)
     assert landed.stands
     assert landed.touched <= FEET
@@ -131,7 +123,7 @@ def test_it_lands_there_too(name: str, heavier: float, correct: bool) -> None:
 @pytest.mark.long
 def test_soft_joints_with_rotors_of_their_own_land_there() -> None:
     """A dozen Go2 whose joints hardly hold, on grounds of any grip, with rotors that nobody knows and thick shanks."""
-    jump = planned("go2")
+    jump = planned_jump("go2")
     stand = alone = 0
     for seed in range(12):
         rng = np.random.default_rng(seed)
