@@ -32,6 +32,7 @@ from make_images import SHEET_DPI, rendered, save, sheet
 import floatplan as fp
 from floatplan.files import write_atomically
 from floatplan.problem.file import problem_text
+from floatplan.problem.jump import JumpFlight
 from floatplan.view.figures.snapshots import moments
 from floatplan.view.style import styled
 
@@ -88,11 +89,18 @@ class Stunt:
     turns : of the base, backwards positive
     rise : how high the centre of mass rises in flight, in heights where it stands; free where None
     order : which feet leave last, and so land first: "rear" and "front", "front" and "rear", or "all" at once
+    flights : so many, of a sequence
+    step : height of the ground on which it lands over that which it leaves, in heights of the centre of mass
+    edge : where the higher ground ends, in heights of the centre of mass from the foremost feet in the direction of
+        the jump, where it stands
     """
 
     turns: int
     rise: float | None
     order: str = "rear"
+    flights: int = 1
+    step: float = 0.0
+    edge: float = 0.0
 
 
 STUNTS = {
@@ -105,6 +113,17 @@ STUNTS = {
     "high_hop": Stunt(0, 0.65, "all"),
     "hop_off_front": Stunt(0, 0.35, "front"),  # over the front legs, and back to the rear ones
     "hop_off_rear": Stunt(0, 0.35, "rear"),
+    "jump_down": Stunt(0, None, step=-0.6, edge=0.12),
+    "jump_far_down": Stunt(0, None, step=-1.1, edge=0.12),
+    "jump_up": Stunt(0, None, step=0.35, edge=0.45),
+    "jump_far_up": Stunt(0, None, step=0.6, edge=0.45),
+    "frontflip_down": Stunt(-1, None, "front", step=-0.6, edge=0.12),
+    "backflip_down": Stunt(1, None, step=-0.6, edge=0.12),
+    "two_hops": Stunt(0, 0.3, "all", flights=2),
+    "three_hops": Stunt(0, 0.2, "all", flights=3),
+    "two_hops_off_rear": Stunt(0, 0.3, flights=2),
+    "two_backflips": Stunt(1, None, flights=2),
+    "two_frontflips": Stunt(-1, None, "front", flights=2),
 }
 
 
@@ -181,7 +200,7 @@ def planar_problem(base: fp.Problem, name: str, stunt: Stunt) -> fp.Problem | No
     if base.takeoff_frame.body == 0:  # it stands on its base, whose orientation is found: the file's own jump alone
         is_own = stunt.turns == turned and (stunt.rise is None or name.endswith("_hop"))
         return replace(base, name=name) if is_own and not name.endswith(("high_hop", "low_hop")) else None
-    if stunt.order == "front" and not has_sides and stunt.turns == 0:
+    if not has_sides and (stunt.step or (stunt.order == "front" and stunt.turns == 0)):
         return None
     frame = base.takeoff.frame
     if has_sides:
@@ -196,6 +215,8 @@ def planar_problem(base: fp.Problem, name: str, stunt: Stunt) -> fp.Problem | No
     duration = base.flight.duration if stunt.rise is None else fall_time(base, stunt.rise)
     flight = replace(base.flight, duration=duration, takeoff=replace(base.takeoff, frame=frame), landing=None)
     same_feet = stunt.order == "rear"
+    flights = None if stunt.flights == 1 else (JumpFlight(repeat=stunt.flights),)
+    height, edge = step_of(base, stunt, frame)
     return replace(
         base,
         name=name,
@@ -205,24 +226,62 @@ def planar_problem(base: fp.Problem, name: str, stunt: Stunt) -> fp.Problem | No
         jump=replace(
             jump,
             fixed=() if stunt.rise is None else ("duration",),
-            takeoff=replace(jump.takeoff, contacts=takeoff, durations=None),
+            takeoff=replace(jump.takeoff, contacts=takeoff, durations=None, height=-min(height, 0.0) or None),
             landing=replace(
-                jump.landing, contacts=landing, durations=jump.landing.durations if same_feet and stunt.turns else None
+                jump.landing,
+                contacts=landing,
+                durations=jump.landing.durations if same_feet and stunt.turns else None,
+                height=max(height, 0.0) or None,
             ),
+            flights=flights,
+            edge=edge,
         ),
     )
 
 
 def fall_time(problem: fp.Problem, rise: float) -> float:
     """Duration, s, of a flight that rises so many heights of the centre of mass where the robot stands."""
+    return round(math.sqrt(8.0 * rise * standing_height(problem) / problem.flight.gravity), 3)
+
+
+def standing_height(problem: fp.Problem) -> float:
+    """Height of the centre of mass over the lowest frame where the robot stands, m."""
     robot = problem.robot
-    model = robot.model
-    q = robot.configuration(problem.initial.positions)
-    data = model.createData()
-    com = float(pin.centerOfMass(model, data, q) @ robot.up)
-    pin.framesForwardKinematics(model, data, q)
-    height = com - min(float(placement.translation @ robot.up) for placement in data.oMf)
-    return round(math.sqrt(8.0 * rise * height / problem.flight.gravity), 3)
+    com = float(
+        pin.centerOfMass(robot.model, robot.model.createData(), robot.configuration(problem.initial.positions))
+        @ robot.up
+    )
+    lowest = min(float(placement.translation @ robot.up) for placement in frame_placements(problem))
+    return com - lowest
+
+
+def frame_placements(problem: fp.Problem) -> Sequence[pin.SE3]:
+    """Where all frames of a robot are as it stands."""
+    robot = problem.robot
+    data = robot.model.createData()
+    pin.framesForwardKinematics(robot.model, data, robot.configuration(problem.initial.positions))
+    return list(data.oMf)
+
+
+def step_of(problem: fp.Problem, stunt: Stunt, frame: str) -> tuple[float, float | None]:
+    """Height of a stunt's landing over its takeoff, m, and where the higher ground ends from a frame, m.
+
+    It ends beyond the feet that stand foremost, in the direction of the jump: a backflip's is backwards.
+    """
+    if not stunt.step:
+        return 0.0, None
+    assert problem.jump is not None
+    assert problem.jump.takeoff.contacts is not None
+    height = standing_height(problem)
+    placements = frame_placements(problem)
+    model = problem.robot.model
+    along = problem.robot.plane.horizontal
+    forwards = -1.0 if stunt.turns > 0 else 1.0
+    origin = placements[model.getFrameId(frame)].translation @ along
+    feet = [placements[model.getFrameId(foot)].translation @ along for foot in problem.jump.takeoff.contacts[0]]
+    foremost = max(forwards * (foot - origin) for foot in feet)
+    edge = forwards * (foremost + stunt.edge * height)
+    return round(stunt.step * height, 2), round(float(edge), 2)
 
 
 def made(name: str, robot: str, stunt: str, problem: fp.Problem, starts: int, again: bool) -> str:
@@ -255,7 +314,7 @@ def made(name: str, robot: str, stunt: str, problem: fp.Problem, starts: int, ag
         "stunt": stunt,
         "mass_kg": f"{jump.robot.mass:.3g}",
         "duration_s": f"{jump.duration:.3f}",
-        "flight_s": f"{jump.flight.duration:.3f}",
+        "flight_s": f"{sum(flight.duration for flight in jump.flights):.3f}",
         "height_m": f"{jump.height:.3f}",
         "forward_m": f"{moved[0]:.2f}",
         "left_m": f"{moved[1]:.2f}" if len(moved) > 2 else "0.00",
@@ -285,10 +344,9 @@ def planned(problem: fp.Problem, folder: Path, starts: int, again: bool) -> tupl
         return None, str(error)
     if not jump.ok or jump.flight is None:
         return None, jump.explanation
-    certificate = fp.certify(jump.flight)
-    jump = jump.with_certificate(certificate)
+    jump = jump.with_certificate(*map(fp.certify, jump.flights))
     jump.save(cached)
-    return jump, "" if certificate.proved else "its flight is not proved"
+    return jump, "" if jump.proved else "its flight is not proved"
 
 
 def overlapping(jump: fp.Jump | None) -> list[fp.SelfClearance]:

@@ -190,9 +190,6 @@ def _jump_to_fly(jump: Jump | str | Path) -> Jump:
     """The jump, or that of a file; an error where its check does not hold, or where it lasts too long."""
     jump = made(Jump)(jump, "jump") if not isinstance(jump, str | Path) else load_jump(jump)
     jump.refuse_unless_ok("fly")
-    if jump.request.is_periodic:
-        reason = "a periodic jump begins in motion, where no robot can be put"
-        raise InputError(reason, element="jump.landing.to", advice="fly as many flights from standing to standing")
     if jump.duration + STANDING > MOST_PERIODS * PERIOD:
         raise InputError(f"a jump of {jump.duration:g} s is too long to be flown: at most {MOST_PERIODS * PERIOD:g} s")
     return jump

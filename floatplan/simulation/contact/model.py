@@ -4,6 +4,7 @@ Every joint of the file moves, those that plans lock too, between its stops, and
 Links touch the ground, not one another.
 """
 
+from collections.abc import Iterator
 from math import atan2, pi, remainder
 from typing import Any
 
@@ -33,8 +34,6 @@ class ContactRobot:
     mujoco_robot : of the joints of ``robot.model`` in its order, on a free joint in the axes of the file
     feet : (C) names of the points that stand at some time
     touched : geoms that touched the ground
-    forces, points : (C, 3) N, m, of the feet; in the air forces are zero and points NaN
-    slips : (C,) m/s, of those that press on the ground
     """
 
     def __init__(self, tracked: TrackedMotion, friction: float, sample: Sample) -> None:
@@ -49,9 +48,7 @@ class ContactRobot:
         self.feet = (*tracked.shapes.balls, *soles)
         self.foot_of = {self.model.geom(name).id: index for index, name in enumerate(self.feet)}
         self.touched: set[int] = set()
-        self.forces = np.zeros((0, 3))
-        self.points = np.zeros((0, 3))
-        self.slips = np.zeros(0)
+        self._pairs = b""  # of geoms in contact at the last step
         self.is_spatial = reduced.model.nq != reduced.model.nv
         self.base = base_states(reduced)
         self.orientation: Any = None  # of the base, which goes on in time
@@ -98,28 +95,54 @@ class ContactRobot:
         return np.concatenate((self.axes @ rates[:3], [rates[3:6] @ normal], rates[self.mujoco_robot.velocities]))
 
     def move(self, torques: Array, duration: float) -> bool:
-        """Simulate for a duration, s, under torques (J,), N m, and read the contacts; whether the motion is finite."""
+        """Simulate for a duration, s, under torques (J,), N m; whether the motion is finite."""
         data = self.data
         data.qfrc_applied[self.mujoco_robot.velocities] = torques
-        for _ in range(round(duration / self.model.opt.timestep)):
+        for _ in range(round(duration / STEP)):
             self.mujoco_robot.mujoco.mj_step(self.model, data)
-            self.touched.update(self._robot_geoms(data.contact.geom[: data.ncon])[0].tolist())
-        count = len(self.feet)
-        self.forces = np.zeros((count, 3))
-        self.points = np.full((count, 3), np.nan)
-        self.slips = np.zeros(count)
-        contacts = data.contact
+            pairs = data.contact.geom
+            content = pairs.tobytes()
+            if content != self._pairs:  # mostly they are those of the step before
+                self._pairs = content
+                self.touched.update(self._robot_geoms(pairs)[0].tolist())
+        return bool(np.isfinite(data.qpos).all())
+
+    def forces(self) -> Array:
+        """Forces (C, 3) N of the ground on the feet; in the air they are zero."""
+        forces = np.zeros((len(self.feet), 3))
+        frames = self.data.contact.frame
+        for index, foot, row, sign in self._foot_contacts():
+            forces[foot] += sign * (self.data.efc_force[row : row + 3] @ frames[index].reshape(3, 3))
+        return forces
+
+    def points(self) -> Array:
+        """Points (C, 3) m of these forces; in the air NaN."""
+        points = np.full((len(self.feet), 3), np.nan)
+        positions = self.data.contact.pos
+        for index, foot, _, _ in self._foot_contacts():
+            points[foot] = positions[index]
+        return points
+
+    def slips(self) -> Array:
+        """Speeds (C,) m/s over the ground of feet that press on it; of others zero."""
+        slips = np.zeros(len(self.feet))
+        for _, foot, row, _ in self._foot_contacts():
+            if self.data.efc_force[row] > self.light:
+                slips[foot] = np.hypot(*self.data.efc_vel[row + 1 : row + 3])
+        return slips
+
+    def _foot_contacts(self) -> Iterator[tuple[int, int, int, float]]:
+        """Contacts of feet that bear forces: their index, the foot, their first row of constraints, and the sign.
+
+        The sign is 1 where forces of the contact are on the robot, else -1.
+        """
+        contacts = self.data.contact
         geoms, signs = self._robot_geoms(contacts.geom)
-        rows = zip(geoms.tolist(), signs.tolist(), contacts.efc_address.tolist(), strict=True)
-        for index, (geom, sign, row) in enumerate(rows):
+        rows = zip(geoms.tolist(), contacts.efc_address.tolist(), signs.tolist(), strict=True)
+        for index, (geom, row, sign) in enumerate(rows):
             foot = self.foot_of.get(geom)
             if foot is not None and row >= 0:
-                force = data.efc_force[row : row + 3]
-                self.forces[foot] += sign * (force @ contacts.frame[index].reshape(3, 3))
-                self.points[foot] = contacts.pos[index]
-                if force[0] > self.light:
-                    self.slips[foot] = np.hypot(*data.efc_vel[row + 1 : row + 3])
-        return bool(np.isfinite(data.qpos).all())
+                yield index, foot, row, sign
 
     def _robot_geoms(self, pairs: IntArray) -> tuple[IntArray, Array]:
         """Of pairs of geoms (N, 2) in contact, those of the robot; and 1 where contact forces are on them, else -1.
@@ -131,7 +154,7 @@ class ContactRobot:
 
     def presses(self) -> bool:
         """Whether any foot presses on the ground."""
-        return bool((self.forces @ self.robot.up > self.light).any())
+        return bool((self.forces() @ self.robot.up > self.light).any())
 
     def links(self) -> tuple[str, ...]:
         """Names of links other than feet that touched the ground."""

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import JumpState
 from floatplan.robot.robot import Robot
@@ -66,8 +67,14 @@ def control_times(duration: float) -> Array:
 
 
 def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
-    """Return a jump that is to be tracked, and its states at the periods of control."""
+    """Return a jump that is to be tracked, and its states at the periods of control.
+
+    InputError of one that is periodic.
+    """
     assert jump.flight is not None
+    if jump.request.is_periodic:
+        reason = "a periodic jump begins in motion, where no robot can be put"
+        raise InputError(reason, element="jump.landing.to", advice="fly as many flights from standing to standing")
     problem = jump.problem
     robot = problem.robot
     reduced = reduced_model(robot, problem.flight.gravity, rigid=())
