@@ -32,7 +32,7 @@ from make_images import SHEET_DPI, rendered, save, sheet
 import floatplan as fp
 from floatplan.files import write_atomically
 from floatplan.problem.file import problem_text
-from floatplan.problem.jump import JumpFlight
+from floatplan.problem.jump import Durations, JumpFlight
 from floatplan.view.figures.snapshots import moments
 from floatplan.view.style import styled
 
@@ -117,8 +117,6 @@ STUNTS = {
     "jump_far_down": Stunt(0, None, step=-1.1, edge=0.12),
     "jump_up": Stunt(0, None, step=0.35, edge=0.45),
     "jump_far_up": Stunt(0, None, step=0.6, edge=0.45),
-    "frontflip_down": Stunt(-1, None, "front", step=-0.6, edge=0.12),
-    "backflip_down": Stunt(1, None, step=-0.6, edge=0.12),
     "two_hops": Stunt(0, 0.3, "all", flights=2),
     "three_hops": Stunt(0, 0.2, "all", flights=3),
     "two_hops_off_rear": Stunt(0, 0.3, flights=2),
@@ -230,13 +228,28 @@ def planar_problem(base: fp.Problem, name: str, stunt: Stunt) -> fp.Problem | No
             landing=replace(
                 jump.landing,
                 contacts=landing,
-                durations=jump.landing.durations if same_feet and stunt.turns else None,
+                durations=landing_durations(base, stunt),
                 height=max(height, 0.0) or None,
             ),
             flights=flights,
             edge=edge,
         ),
     )
+
+
+def landing_durations(base: fp.Problem, stunt: Stunt) -> Durations | None:
+    """Bounds of the phases of a flip's landing, s: those of the base, if it has some, the first longer for a high one.
+
+    The feet that land first take up the fall, which grows with the square of the time in the air: a Go2 has 0.25 s of
+    its backflip, and stands after a high one only with 0.3 s or more.
+    """
+    assert base.jump is not None
+    durations = base.jump.landing.durations
+    if durations is None or not stunt.turns or stunt.rise is None:
+        return durations if stunt.turns else None
+    longer = fall_time(base, stunt.rise) / base.flight.duration
+    first = [round(bound * longer, 3) for bound in durations[0]]
+    return [first, *durations[1:]]
 
 
 def fall_time(problem: fp.Problem, rise: float) -> float:
