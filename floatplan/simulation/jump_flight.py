@@ -110,7 +110,7 @@ class MotionControl:
             if record:
                 torques = np.pad(sample.torque * tick.torques, (self.reduced.of_joints[1].start, 0))
                 state = base.parts(tick.state)
-                result.rows.append((*state, robot.accelerations(), torques, robot.forces(), robot.points()))
+                result.rows.append((*state, robot.accelerations(), torques, *robot.forces()))
         result.landing = {
             "stands": robot.stands(self.base_ends[1], base.orientation(tracked.positions[-1:])),
             "touched": robot.links(),
