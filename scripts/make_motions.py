@@ -240,8 +240,8 @@ def planar_problem(base: fp.Problem, name: str, stunt: Stunt) -> fp.Problem | No
 def landing_durations(base: fp.Problem, stunt: Stunt) -> Durations | None:
     """Bounds of the phases of a flip's landing, s: those of the base, if it has some, the first longer for a high one.
 
-    The feet that land first take up the fall, longer the longer it lasts: of a Go2's high front flips 6 of 12 land on the
-    bench with the 0.25 s of its backflip, 49 of 50 with 0.29 s.
+    The feet that land first take up the fall, longer the longer it lasts: of a Go2's high front flips 6 of 12 land on
+    the bench with the 0.25 s of its backflip, 49 of 50 with 0.29 s.
     """
     assert base.jump is not None
     durations = base.jump.landing.durations
