@@ -99,7 +99,7 @@ class MotionControl:
             if record:
                 torques = np.pad(sample.torque * tick.torques, (self.reduced.of_joints[1].start, 0))
                 state = base.parts(tick.state)
-                rows.append((*state, robot.accelerations(), torques, robot.forces(), robot.points()))
+                rows.append((*state, robot.accelerations(), torques, *robot.forces()))
         positions = np.array([state[0] for state in sensors.states])
         apart = base.apart(positions, tracked.positions[: len(positions)])
         landing = {

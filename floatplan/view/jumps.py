@@ -13,7 +13,7 @@ from floatplan.jumps.contacts import GroundContact
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.motion.dynamics import FlightState
-from floatplan.plans.trajectory import Trajectory
+from floatplan.plans.trajectory import JumpPhase, Trajectory
 from floatplan.plans.verdicts import Tone
 from floatplan.problem.problem import Problem
 from floatplan.robot.shapes.capsules import convex_hull
@@ -154,16 +154,26 @@ def _forces(jump: JumpMotion, contacts: dict[str, GroundContact | Foot], times: 
 
 
 def moments(jump: JumpMotion, flying: int = 2) -> Array:
-    """Instants (4 + flying,), s: standing, the last push's largest force, some in flight, then the reverse."""
+    """Instants, s: standing; of each flight the last push's largest force and some in flight; the fall's; standing.
+
+    There are 4 + ``flying`` of one flight, and 1 + ``flying`` more of each other one of a sequence.
+    """
     standing = footing(jump)
-    takeoff, landing = jump.flight_span
-    times = standing.times
     force = standing.sizes.sum(axis=1)
-    last_push = (jump.before[-1].span[0] < times) & (times < takeoff)
-    first_fall = (landing < times) & (times < jump.after[0].span[1])
-    before = times[(last_push * force).argmax()]
-    after = times[(first_fall * force).argmax()]
-    return np.array([0.0, before, *np.linspace(takeoff, landing, flying + 2)[1:-1], after, jump.duration])
+
+    def of_largest_force(phase: JumpPhase) -> float:
+        inside = (phase.begin < standing.times) & (standing.times < phase.end)
+        return float(standing.times[(inside * force).argmax()])
+
+    phases = jump.phases
+    flights = [index for index, phase in enumerate(phases) if phase.kind == "flight"]
+    times = [0.0]
+    for index in flights:
+        times.append(of_largest_force(phases[index - 1]))
+        times.extend(np.linspace(phases[index].begin, phases[index].end, flying + 2)[1:-1])
+    times.append(of_largest_force(phases[flights[-1] + 1]))
+    times.append(jump.duration)
+    return np.array(times)
 
 
 def efforts(jump: JumpMotion) -> dict[str, float]:

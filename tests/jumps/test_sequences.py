@@ -17,6 +17,7 @@ from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 from floatplan.keys import table_of
 from floatplan.problem.jump import JumpFlight, JumpLanding, JumpRequest, JumpTakeoff
+from floatplan.view.jumps import moments
 from floatplan.view.report.data import jump_data
 
 TURN = 2 * np.pi
@@ -161,6 +162,10 @@ def test_three_flips_in_a_row_are_found_checked_and_proved(tmp_path):
     assert np.array_equal(again.at(times).positions, jump.at(times).positions)
     assert again.check.figures == jump.check.figures
     assert jump_data(jump)["flown"] == [[flight.begin, flight.end] for flight in jump.timed_flights]
+    shown = moments(jump, flying=2)
+    assert np.all(np.diff(shown) > 0)
+    for flight in jump.timed_flights:
+        assert ((flight.begin < shown) & (shown < flight.end)).sum() == 2
 
 
 @pytest.mark.long

@@ -121,21 +121,15 @@ class ContactRobot:
                 self.touched.update(self._robot_geoms(pairs)[0].tolist())
         return bool(np.isfinite(data.qpos).all())
 
-    def forces(self) -> Array:
-        """Forces (C, 3) N of the ground on the feet; in the air they are zero."""
+    def forces(self) -> tuple[Array, Array]:
+        """Forces (C, 3) N of the ground on the feet, and the points (C, 3) m where they act; in the air 0 and NaN."""
+        contacts = self.data.contact
         forces = np.zeros((len(self.feet), 3))
-        frames = self.data.contact.frame
-        for index, foot, row, sign in self._foot_contacts():
-            forces[foot] += sign * (self.data.efc_force[row : row + 3] @ frames[index].reshape(3, 3))
-        return forces
-
-    def points(self) -> Array:
-        """Points (C, 3) m of these forces; in the air NaN."""
         points = np.full((len(self.feet), 3), np.nan)
-        positions = self.data.contact.pos
-        for index, foot, _, _ in self._foot_contacts():
-            points[foot] = positions[index]
-        return points
+        for index, foot, row, sign in self._foot_contacts():
+            forces[foot] += sign * (self.data.efc_force[row : row + 3] @ contacts.frame[index].reshape(3, 3))
+            points[foot] = contacts.pos[index]
+        return forces, points
 
     def slips(self) -> Array:
         """Speeds (C,) m/s over the ground of feet that press on it; of others zero."""
@@ -168,7 +162,8 @@ class ContactRobot:
 
     def presses(self) -> bool:
         """Whether any foot presses on the ground."""
-        return bool((self.forces() @ self.robot.up > self.light).any())
+        forces, _ = self.forces()
+        return bool((forces @ self.robot.up > self.light).any())
 
     def links(self) -> tuple[str, ...]:
         """Names of links other than feet that touched the ground."""

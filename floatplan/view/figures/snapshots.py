@@ -369,7 +369,7 @@ def _draw_rule(axes: Axes, length: float, begin: complex, tick: float) -> None:
 
 
 def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
-    """Draw moments of a jump, ``4 + flying`` of them, from left to right over the ground, with forces and times."""
+    """Draw moments of a jump, ``flying`` in each flight, from left to right over the ground, with forces and times."""
     placed = outlines.postures(jump, moment_times(jump, flying))
     stood = _ground_points(jump, placed)
     left_of_cones, right_of_cones = _sides_of_cones(jump, placed.times, stood)
