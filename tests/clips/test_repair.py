@@ -151,8 +151,8 @@ def test_a_page_plays_both(model: Path, tmp_path: Path, floatplan: Callable[...,
     first, second = (each["motion"] for each in data["pair"])
     assert second["duration"] < first["duration"]
     assert len(first["columns"]["com_z"]) > 50 * first["duration"]
-    assert "7.00 +-" in page
-    assert "9.81 +-" in page
+    assert "7.00 ±" in page
+    assert "9.81 ±" in page
 
 
 def test_momentum_is_constant_in_a_repaired_flight(robot: fp.Robot, tmp_path: Path) -> None:

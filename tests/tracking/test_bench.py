@@ -114,7 +114,7 @@ def test_what_cannot_be_followed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         for strange in (object(), -1.0, float("nan"), "\0", [1, "x"], 10**400):
             with pytest.raises(InputError):
                 fp.bench(**{"motion": backflip(), "flights": 1, name: strange})
-    monkeypatch.setattr("floatplan.tracking.bench.MOST_PERIODS", 500)  # 1 s
+    monkeypatch.setattr("floatplan.simulation.contact.tracked_motion.MOST_PERIODS", 750)  # 0.5 s
     with pytest.raises(InputError, match=r"box\.csv.*lasts"):
         fp.bench(path, model)
 
