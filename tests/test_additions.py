@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 
+import pytest
 from places import ROOT
 
 MOST_FILES_OF_A_LIMIT, MOST_FILES_OF_AN_OBSTACLE = 6, 6
@@ -269,6 +270,7 @@ def add(edits, folder):
         (folder / name).write_text(text, encoding="utf-8")
 
 
+@pytest.mark.long
 def test_additions_work_in_every_room(tmp_path):
     """Both in one copy, and one process."""
     assert len(EFFORT) <= MOST_FILES_OF_A_LIMIT

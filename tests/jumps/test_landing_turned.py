@@ -84,6 +84,7 @@ def test_a_half_plane_under_the_feet_is_their_ground(below):
     assert "obstacles" not in found.check.figures
 
 
+@pytest.mark.long
 def test_the_least_largest_share_is_that_of_the_whole_jump():
     """Of a hop: the flight of least torque takes more of a limit than the whole of the jump of the least share."""
     root = Path(__file__).resolve().parents[2]

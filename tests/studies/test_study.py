@@ -274,6 +274,7 @@ def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     assert timeless(fp.study(path, folder=tmp_path / "out", jobs=1).table).equals(timeless(study.table))
 
 
+@pytest.mark.long
 def test_dask_with_a_worker_killed_in_the_middle(done, tmp_path, monkeypatch):
     import dask
     import distributed

@@ -107,6 +107,7 @@ def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session, monkeypat
     assert session.view.problem.goal.orientation == start + 0.39
 
 
+@pytest.mark.long
 def test_a_process_that_is_lost_is_told_and_begun_anew(session):
     assert session.wait(settled, PATIENCE)
     for number in process_ids(session):

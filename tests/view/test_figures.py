@@ -176,6 +176,7 @@ def test_obstacles_are_drawn_with_their_margins(hindered: fp.Plan, compared: dic
     assert shown(moving, hindered.duration, 0.0)
 
 
+@pytest.mark.long
 def test_files_are_whole_and_repeat_to_the_byte(
     hindered: fp.Plan, handstand: fp.Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -128,6 +128,7 @@ def test_the_robot_is_drawn_where_it_is_over_its_shadow(view: SpatialJump) -> No
     assert (np.linalg.norm(view.state(times).com_position - centre, axis=1) < radius).all()
 
 
+@pytest.mark.long
 def test_it_is_drawn_filmed_and_shown(view: SpatialJump, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the methods of every motion; the film has pictures in flight too, when no foot bears anything."""
     monkeypatch.setattr(animation, "FILM", replace(animation.FILM, rate=8.0))
