@@ -80,7 +80,13 @@ def test_obstacles_are_not_for_several_flights():
 
 @pytest.mark.parametrize(
     "words",
-    ["edge = 0.5", "[[jump.flights]]\nrepeat = 2", "[jump.takeoff]\nheight = 0.4", '[jump.landing]\nto = "periodic"'],
+    [
+        "edge = 0.5",
+        "[[jump.flights]]\nrepeat = 2",
+        "[jump.takeoff]\nheight = 0.4",
+        "[jump.takeoff]\ncom_velocity = [1.0, 0.0]",
+        '[jump.landing]\nto = "periodic"',
+    ],
 )
 def test_in_space_they_are_refused(root, tmp_path, words):
     text = (root / "problems" / "jumps" / "space" / "go2_roll.toml").read_text()
@@ -200,7 +206,7 @@ def test_a_periodic_jump_ends_as_it_begins():
     assert np.abs(begin.velocities).max() > 0.1
     assert np.abs(end.velocities - begin.velocities).max() < 1e-5
     for follow in (fp.replay_jump, fp.bench):
-        with pytest.raises(InputError, match="begins in motion"):
+        with pytest.raises(InputError, match="ends in motion"):
             follow(jump)
 
 
