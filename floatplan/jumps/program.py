@@ -16,7 +16,8 @@ limit on torques, torque-speed curves and rates. One side alone is a jump whose 
 
 A sequence has more flights: what follows a landing leads to the next takeoff. In between is one more node, at which all
 feet of both stand as far apart as where the robot stands, and everything moves as it likes; forces of both are equal.
-A periodic jump begins and ends in such a node: its motion there is the same at both ends, but for whole turns.
+A periodic jump begins and ends in such a node: its motion there is the same at both ends, but for whole turns. Where
+one begins in motion, its posture and rates at the first node are fixed, and its accelerations are free.
 """
 
 from collections.abc import Sequence
