@@ -16,6 +16,7 @@ from floatplan.jumps.phases import begin_state
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 from floatplan.problem.jump import JumpFlight, JumpLanding, JumpRequest, JumpTakeoff
+from floatplan.view.report.data import request_rows
 
 ALL_FEET = [["RL_foot", "FL_foot"], ["RL_foot"]]
 BENT = {"FL_thigh_joint": 0.65, "FL_calf_joint": -1.6, "RL_thigh_joint": 0.8, "RL_calf_joint": -1.4}
@@ -127,6 +128,8 @@ def test_a_running_hop_is_found_proved_and_lands_in_mujoco(tmp_path):
     assert np.abs(begin.planned(jump.robot)[:2, :, 0] - begin_state(jump.robot, jump.request.takeoff)).max() < 1e-9
     assert jump.check.figures["begin"] < 1e-9
     assert fp.load_jump(jump.save(tmp_path / "jump.json")).check.figures["begin"] < 1e-9
+    shown = [row for row in request_rows(jump.problem, jump.request) if "1 m/s horizontally" in str(row)]
+    assert len(shown) == 1
     flown = fp.replay_jump(jump)
     assert flown.uncorrected.clean.all()
 
@@ -135,7 +138,13 @@ def test_a_running_hop_is_found_proved_and_lands_in_mujoco(tmp_path):
 def test_a_sole_s_heel_stands_still_from_the_beginning():
     problem = fp.load_problem(PROBLEMS / "jumps" / "talos_hop.toml")
     takeoff = replace(problem.jump.takeoff, com_velocity=(0.3, 0.0), orientation_rate=0.0)
-    jump = fp.jump(replace(problem, jump=replace(problem.jump, takeoff=takeoff)), starts=2, helps=False)
+    problem = replace(problem, jump=replace(problem.jump, takeoff=takeoff))
+    program = jump_setup(problem, problem.jump).program(MARGINS)
+    _, bounds = program.node_rows.stance(program.phases[0])
+    low, high = program._stance_bounds(0, bounds)
+    stands = [bound.kind for bound in bounds].index("stands")
+    assert low[stands, 0] == high[stands, 0] == 0.0, "its accelerations are free, so that the row is not implied"
+    jump = fp.jump(problem, starts=2, helps=False)
     assert jump.ok, jump.explanation
     assert jump.check.figures["begin"] < 1e-9
     assert jump.check.figures["foot_speed"] < 1e-6
