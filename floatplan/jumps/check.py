@@ -16,6 +16,7 @@ from floatplan.arrays import Array
 from floatplan.jumps.contacts import is_ground
 from floatplan.jumps.jump_motion import JumpMotion, TimedFlight
 from floatplan.jumps.motion import AnyStance, JumpState
+from floatplan.jumps.phases import begin_state
 from floatplan.motion.dynamics import FlightState
 from floatplan.plans.planned_motion import least_distances
 from floatplan.problem.jump import JumpRequest
@@ -107,7 +108,14 @@ FIGURES = {
     ),
     "gap": Figure("from the end of a phase to the next one are at most {:z.2g} s", "time between phases, s", SEAM),
     "rest": Figure(
-        "at its ends it moves by {:z.2g}", "rates and accelerations at both ends, times sqrt(1 m / g) and 1 m / g", SEAM
+        "at its ends it moves by {:z.2g}",
+        "rates and accelerations at the ends at which it stands still, times sqrt(1 m / g) and 1 m / g",
+        SEAM,
+    ),
+    "begin": Figure(
+        "it begins {:z.2g} off the requested state",
+        "difference of the state in which it begins from the requested one: rad, of rates times sqrt(1 m / g)",
+        SEAM,
     ),
     "periodic": Figure(
         "from one period to the next the motion steps by {:z.2g}",
@@ -441,7 +449,14 @@ def _seams(jump: JumpMotion) -> Iterator[Value]:
     if jump.request.is_periodic:
         yield "periodic", _step(jump.robot, further_on(jump, begin), end_state, unit)
         return
-    for state in (begin, end_state):
+    still_ends = [end_state]
+    if jump.request.takeoff.in_motion:
+        requested = begin_state(jump.robot, jump.request.takeoff)
+        off = np.abs(begin.planned(jump.robot)[:2, :, 0] - requested) * [[1.0], [unit]]
+        yield "begin", off.max()
+    else:
+        still_ends.append(begin)
+    for state in still_ends:
         yield "rest", max(np.abs(state.velocities).max() * unit, np.abs(state.accelerations).max() * unit**2)
 
 

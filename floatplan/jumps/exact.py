@@ -354,6 +354,10 @@ def _outer_end(program: JumpProgram, solution: JumpSolution, index: int) -> Arra
     standing = program.node_rows.standing(phase)
     is_first = index == 0
     is_last = index == len(program.phases) - 1
+    if is_first and program.begin_rates is not None:
+        dynamics = StanceDynamics(program.model, phase, standing)
+        state = np.stack((standing, program.begin_rates, solution.a[:, 0]))
+        return np.asarray(dynamics.close(*state[:, :, None])[:, :, 0])
     if (is_first or is_last) and not program.periodic:
         return np.stack((standing, 0 * standing, 0 * standing))
     landed = index - 1 if takes_off else index  # of a periodic jump's beginning the last one

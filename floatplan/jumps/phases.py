@@ -1,21 +1,23 @@
-"""Phases of a jump: which contacts stand when, for how long; and the standing posture at both ends."""
+"""Phases of a jump: which contacts stand when, for how long; and where it begins and ends, standing or in motion."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.optimize import Bounds, NonlinearConstraint, least_squares, minimize
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, ComplexArray
 from floatplan.errors import InputError
 from floatplan.jumps.contacts import LEVEL, GroundContact, contact_depths, contact_positions, names_of
-from floatplan.problem.jump import JumpRequest
+from floatplan.problem.jump import JumpRequest, JumpTakeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot import PlanarTree, Robot
+from floatplan.robot.standing import spot_weights
 
 SUPPORT_MARGIN = 0.2  # [-] of the support's length, by which the centre of mass stays inside it where the robot stands
 STILL = 1e-6  # [m, rad] what counts as level, and as within limits
@@ -237,14 +239,12 @@ def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Ar
     target : (n+1,) rad
     limits : (n+1, 2) rad
     """
-    depths = contact_depths(contacts)
     on_one_point = np.ptp(contact_positions(robot, contacts, target).real) < STILL
 
     def levels(y: Array) -> Array:
         """Heights of the contacts relative to the first; of one point its horizontal distance from the centre."""
-        positions = contact_positions(robot, contacts, y)
-        ground = positions.imag - depths
-        return np.append(ground[1:] - ground[0], positions.real[:1] if on_one_point else [])
+        over_point = contact_positions(robot, contacts[:1], y).real
+        return np.append(ground_steps(robot, contacts, y), over_point if on_one_point else [])
 
     def support(y: Array) -> Array:
         """Horizontal distances of the centre of mass from both ends of the support, less its margin."""
@@ -276,6 +276,19 @@ def standing_posture(robot: Robot, contacts: Sequence[GroundContact], target: Ar
         if stands(nearest.x):
             return _exactly_level(levels, nearest.x) if on_one_point else np.asarray(nearest.x)
     return None
+
+
+def level_posture(robot: Robot, contacts: Sequence[GroundContact], target: Array) -> Array:
+    """Return the posture (n+1,) rad next to a target in which all contacts are on level ground; the base stays."""
+    if len(contacts) == 1:
+        return target
+    return _exactly_level(lambda y: ground_steps(robot, contacts, y), target)
+
+
+def ground_steps(robot: Robot, contacts: Sequence[GroundContact], y: Array) -> Array:
+    """Heights (contacts - 1,) m of the ground below contacts over that below the first, in a posture y (n+1,)."""
+    ground = contact_positions(robot, contacts, y).imag - contact_depths(contacts)
+    return np.asarray(ground[1:] - ground[0])
 
 
 def _exactly_level(levels: Callable[[Array], Array], y: Array) -> Array:
@@ -335,6 +348,111 @@ def static_beyond_ranges(robot: Robot, contacts: Sequence[GroundContact], target
         if not low - STILL <= angle <= high + STILL:
             beyond.append(f"{joint} at {angle:.3g} rad, where {low:.3g} to {high:.3g} rad are left of its range")
     return f"static would be {' and '.join(beyond)}" if beyond else ""
+
+
+def running_start(
+    problem: Problem, request: JumpRequest, contacts: Sequence[GroundContact], posture: Array
+) -> JumpTakeoff:
+    """Return the request of a takeoff in motion with its whole state: every joint, and all rates.
+
+    Parameters
+    ----------
+    contacts : that stand first
+    posture : (n+1,) rad, in which they are on the ground
+
+    Raises
+    ------
+    InputError
+        With no rates like those requested the contacts stand; or a rate is beyond its limit.
+    """
+    takeoff = request.takeoff
+    robot = problem.robot
+    still, com = velocities_of_rates(robot, contacts, posture)
+    free = null_space(still) if len(still) else np.eye(len(posture))  # rates with which the contacts stand
+    selected: list[Array] = []
+    values: list[float] = []
+    for row, value in requested_rates(robot, takeoff, com):
+        selected.append(row)
+        values.append(value)
+    of_free = np.stack(selected) @ free
+    rates = free @ np.linalg.lstsq(of_free, np.array(values), rcond=None)[0]
+    tolerated = 0.01  # [rad/s, m/s] by which rates are moved so that feet stand: files have as many digits
+    off = float(np.abs(np.stack(selected) @ rates - values).max())
+    if off > tolerated:
+        names = ", ".join(contact.name for contact in contacts)
+        nearest = [f"{name} {rate:.4g}" for name, rate in zip(robot.joints, rates[1:], strict=True)]
+        reason = f"{names} would not stand: these rates and velocities are {off:.2g} off any with which they do"
+        advice = f"leave some out, which follow then; nearest is base {rates[0]:.4g}, {', '.join(nearest)} rad/s"
+        raise InputError(reason, element="jump.takeoff", advice=advice)
+    refuse_fast_rates(problem, request, rates)
+    velocity = com @ rates
+    return replace(
+        takeoff,
+        from_=dict(zip(robot.joints, posture[1:].tolist(), strict=True)),
+        com_velocity=(float(velocity[0]), float(velocity[1])),
+        velocities=dict(zip(robot.joints, rates[1:].tolist(), strict=True)),
+        orientation=float(posture[0]),
+        orientation_rate=float(rates[0]),
+    )
+
+
+def begin_state(robot: Robot, takeoff: JumpTakeoff) -> Array:
+    """Orientation and joints with their rates (2, n+1), rad and rad/s, of a takeoff with its whole state.
+
+    NaN of what it does not say.
+    """
+    posture = takeoff.from_ if not isinstance(takeoff.from_, str) else {}
+    rates = takeoff.velocities or {}
+    positions = [takeoff.orientation, *(posture.get(name) for name in robot.joints)]
+    velocities = [takeoff.orientation_rate, *(rates.get(name) for name in robot.joints)]
+    return np.array([positions, velocities], dtype=np.float64)
+
+
+def velocities_of_rates(robot: Robot, contacts: Sequence[GroundContact], posture: Array) -> tuple[Array, Array]:
+    """Velocities by rates (n+1,) of orientation and joints: of contacts from the first one, and of the centre of mass.
+
+    They are matrices (conditions, n+1), of a heel its vertical velocity, and (2, n+1), horizontal and vertical.
+    The first contact does not move, or rolls on the ground.
+    """
+    spots = [contact.spots[0] for contact in contacts]
+    from_com = position_derivatives(robot, spot_weights(robot, spots), posture)
+    still = []
+    for contact, derivative in zip(contacts[1:], from_com[1:] - from_com[0], strict=True):
+        still.append(derivative.imag)
+        if not contact.vertical:
+            still.append(derivative.real)
+    of_com = -from_com[0]
+    return np.reshape(still, (-1, len(posture))), np.stack((of_com.real, of_com.imag))
+
+
+def position_derivatives(robot: Robot, weights: ComplexArray, posture: Array) -> ComplexArray:
+    """Derivatives (points, n+1) by a posture (n+1,) of positions, horizontal + i vertical, that have such weights."""
+    tree = robot.tree
+    by_posture = np.column_stack((np.ones(len(tree.turns)), tree.turns))  # angles of bodies
+    rotations = tree.rotations(tree.absolute_angles(posture[0], posture[1:]))
+    of_rotations = 1j * tree.turn * rotations[:, None] * by_posture
+    return np.asarray(weights @ np.vstack((of_rotations, by_posture)))
+
+
+def requested_rates(robot: Robot, takeoff: JumpTakeoff, com: Array) -> Iterator[tuple[Array, float]]:
+    """Rows (n+1,) of rates, and the value that each is to have."""
+    units = np.eye(1 + len(robot.joints))
+    if takeoff.orientation_rate is not None:
+        yield units[0], takeoff.orientation_rate
+    for name, rate in (takeoff.velocities or {}).items():
+        yield units[1 + robot.joints.index(name)], rate
+    if takeoff.com_velocity is not None:
+        yield from zip(com, takeoff.com_velocity, strict=True)
+
+
+def refuse_fast_rates(problem: Problem, request: JumpRequest, rates: Array) -> None:
+    """Refuse rates (n+1,) of joints beyond what the margin leaves of their limits."""
+    most = request.margin["velocity"] * problem.velocity_limits
+    for name, rate, limit in zip(problem.robot.joints, rates[1:], most, strict=True):
+        if abs(rate) > limit:
+            reason = f"{name} would begin with {rate:.4g} rad/s, where {limit:.4g} rad/s are left of its limit"
+            advice = "begin more slowly, or in a posture in which legs are less bent or stretched"
+            raise InputError(reason, element="jump.takeoff", advice=advice)
 
 
 def indices_of_flights(phases: Sequence[Phase]) -> list[int]:

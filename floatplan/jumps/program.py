@@ -16,7 +16,8 @@ limit on torques, torque-speed curves and rates. One side alone is a jump whose 
 
 A sequence has more flights: what follows a landing leads to the next takeoff. In between is one more node, at which all
 feet of both stand as far apart as where the robot stands, and everything moves as it likes; forces of both are equal.
-A periodic jump begins and ends in such a node: its motion there is the same at both ends, but for whole turns.
+A periodic jump begins and ends in such a node: its motion there is the same at both ends, but for whole turns. Where
+one begins in motion, its posture and rates at the first node are fixed, and its accelerations are free.
 """
 
 from collections.abc import Sequence
@@ -59,6 +60,7 @@ from floatplan.jumps.variables import (
     JumpSolution,
     Variables,
     add_meeting,
+    bound_ends,
     bound_forces,
     ipopt_options,
     onset_cost,
@@ -78,6 +80,7 @@ class JumpProgram:
     periodic : whether it ends as it begins, in the middle of a stance, instead of standing
     limits : whether the factor on limits is minimised, instead of squared torques
     lift : of feet in the middle of the flight, m
+    begin_rates : (n+1,) rad/s, with which the jump begins; None where it stands still
     """
 
     def __init__(
@@ -90,6 +93,7 @@ class JumpProgram:
         periodic: bool = False,
         limits: bool = False,
         lift: float = FOOT_LIFT,
+        begin_rates: Array | None = None,
     ) -> None:
         self.node_rows = node_rows
         self.model = node_rows.model
@@ -107,6 +111,7 @@ class JumpProgram:
         self._limits = limits
         self._warm = False
         self.lift = lift
+        self.begin_rates = begin_rates
 
     @cached_property
     def _shapes(self) -> Variables:
@@ -170,11 +175,8 @@ class JumpProgram:
         box = self._shapes.map(lambda shape: np.stack((np.full(shape, -np.inf), np.full(shape, np.inf))))
         box.y[:] = np.stack((low, high))[:, :, None]
         box.v[:] = np.stack((-fastest, fastest))[:, :, None]
-        for node in (0, -1):
-            if self.phases[node].contacts and not self.periodic:
-                box.y[:, :, node] = ends[node]
-                box.v[:, :, node] = 0.0
-                box.a[:, :, node] = 0.0
+        if not self.periodic:
+            bound_ends(box, self.phases, ends, self.begin_rates)
         for end in self._fixed_ends:
             node = self.first_nodes[self.flights[0] + (1 if end.node else 0)]
             for bound, fixed in ((box.y, end.y), (box.v, end.v), (box.a, end.a)):
@@ -318,8 +320,8 @@ class JumpProgram:
                 low[row] *= phase.force_shares
             if kind == "stands" and phase.others[0].vertical:
                 # At rest accelerations are fixed, so that the row would be there twice.
-                is_end = phase in (self.phases[0], self.phases[-1])
-                low[row, outer] = -np.inf if is_end else 0.0
+                begins_still = index == 0 and self.begin_rates is None
+                low[row, outer] = -np.inf if begins_still or index == len(self.phases) - 1 else 0.0
                 high[row, outer] = -low[row, outer]
             if kind == "friction":
                 low[row, 1:-1] = PROGRAM.cone_margin * phase.force_shares[1:-1]

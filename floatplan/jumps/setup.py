@@ -32,10 +32,13 @@ from floatplan.jumps.phases import (
     FixedEnd,
     Phase,
     Side,
+    begin_state,
     in_sequence,
     indices_of_flights,
+    level_posture,
     not_static,
     refuse_other_feet,
+    running_start,
     side_phases,
     standing_posture,
     static_beyond_ranges,
@@ -67,6 +70,7 @@ class Setup:
     ground_from_com : height of the ground over the centre of mass, standing, m
     fixed_ends : what is fixed at the flight's ends
     fixed_momentum : of the flight, kg m^2/s, where it is fixed
+    begin_rates : (n+1,) rad/s, with which the jump begins; None where it stands still
     """
 
     problem: Problem
@@ -76,6 +80,7 @@ class Setup:
     ground_from_com: float
     fixed_ends: tuple[FixedEnd, ...] = ()
     fixed_momentum: float | None = None
+    begin_rates: Array | None = None
 
     def __post_init__(self) -> None:
         """Refuse feet that cannot stay where they stand."""
@@ -157,6 +162,7 @@ class Setup:
             periodic=self.request.is_periodic,
             limits=self.request.objective == "limits",
             lift=margins.lift,
+            begin_rates=self.begin_rates,
         )
 
     @property
@@ -187,6 +193,8 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     turns = round(problem.final.orientation / math.tau) - round(problem.initial.orientation / math.tau)
     _refuse_impossible_ends(problem, turns)
     before = _target_posture(problem, problem.initial, request.takeoff.from_)
+    if request.takeoff.orientation is not None:
+        before[0] = request.takeoff.orientation
     flights = _flights(problem, request, turns)
     phases: list[Phase] = []
     ends: list[Array] = []
@@ -196,11 +204,15 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         groups = (tuple(takeoff), tuple(landing))
         if groups not in sides:  # flights with the same contacts stand in the same postures
             takeoff_side = _side(problem, request, "takeoff", takeoff, before)
-            after = _target_posture(problem, problem.final, request.landing.to, takeoff_side[1])
+            stood = None if request.takeoff.in_motion else takeoff_side[1]
+            after = _target_posture(problem, problem.final, request.landing.to, stood)
             sides[groups] = (takeoff_side, _side(problem, request, "landing", landing, after))
         (takeoff_contacts, start), (landing_contacts, end) = sides[groups]
         if not number:
             ends.append(start)
+            if request.takeoff.in_motion:
+                request = replace(request, takeoff=running_start(problem, request, takeoff_contacts[0], start))
+                problem = replace(problem, jump=request)
             ground_from_com = ground_below(robot, takeoff_contacts[0][0], start)
             unit = math.sqrt(-ground_from_com / float(problem.flight.gravity))
             before_flight = chain.from_iterable(takeoff_contacts)
@@ -220,6 +232,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     for key, node, state in (("start", 0, problem.initial), ("goal", -1, problem.final)):
         if key in request.fixed:
             fixed_ends.append(FixedEnd(node, np.append(state.orientation, state.positions)))
+    begin_rates = begin_state(robot, request.takeoff)[1] if request.takeoff.in_motion else None
     return Setup(
         problem,
         request,
@@ -228,6 +241,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
         ground_from_com=ground_from_com,
         fixed_ends=tuple(fixed_ends),
         fixed_momentum=_fixed_momentum(problem, request),
+        begin_rates=begin_rates,
     )
 
 
@@ -402,6 +416,8 @@ def _side(
     if any(len(of_phase) > most for of_phase in contacts):
         raise InputError(f"more than {most} points would stand at once", element=contacts_key, advice="name fewer")
     outer = contacts[0 if takes_off else -1]
+    if takes_off and is_requested and request.takeoff.in_motion:
+        return contacts, posture_in_motion(robot, outer, target, posture_key)
     tilt = math.pi if problem.takeoff_frame.body == 0 else 0.0  # what stands on its base is not level
     ranges = narrowed(np.asarray(problem.position_limits), NodeMargins.range)
     limits = np.vstack((target[0] + [-tilt, tilt], ranges))
@@ -417,7 +433,7 @@ def _side(
         advice = "none was found on these contacts: give other ones, or plan more joints"
         if beyond:
             advice = f"{beyond}: give another posture, or other contacts"
-    elif is_requested and np.abs(posture - target)[1:].max() > 0.1:  # rad, by which it may be moved to be static
+    elif is_requested and is_moved(posture, target):
         static = [f"{name} {angle:.4g}" for name, angle in zip(robot.joints, posture[1:], strict=True)]
         advice = f"static is {', '.join(static)} rad"
     if posture is None or advice:
@@ -427,6 +443,24 @@ def _side(
     if floating:
         raise InputError(floating, element=contacts_key, advice="name what is on the ground where it stands")
     return contacts, posture
+
+
+def is_moved(posture: Array, target: Array) -> bool:
+    """Whether a posture (n+1,) rad that is static, or level, is another one than the requested target."""
+    most = 0.1  # [rad] of a joint; the base is level whatever is requested
+    return bool(np.abs(posture - target)[1:].max() > most)
+
+
+def posture_in_motion(robot: Robot, contacts: Sequence[GroundContact], target: Array, key: str) -> Array:
+    """The posture (n+1,) rad in which a jump begins in motion: the target, moved a little so that feet are level."""
+    posture = level_posture(robot, contacts, target)
+    floating = in_the_air(robot, contacts, posture)
+    if is_moved(posture, target):
+        floating = not_static(robot, contacts, target)
+    if floating:
+        advice = "bend the legs so that all are on the ground, or give the base's orientation there"
+        raise InputError(floating, element=key, advice=advice)
+    return posture
 
 
 def refuse_beyond_ranges(problem: Problem, joints: Array, key: str) -> None:

@@ -174,6 +174,21 @@ def bound_forces(box: Array, phase: Phase, towards_flight: Phase, least: float) 
             box[:, 2 * row : 2 * row + 2, seam] = 0.0
 
 
+def bound_ends(box: Variables, phases: Sequence[Phase], ends: Array, begin_rates: Array | None) -> None:
+    """Set bounds of the motion where a jump stands, as in its ``ends``, or where it begins in motion.
+
+    Where it begins with rates (n+1,) rad/s, its accelerations are free.
+    """
+    for node in (0, -1):
+        if phases[node].contacts:
+            box.y[:, :, node] = ends[node]
+            box.v[:, :, node] = 0.0
+            box.a[:, :, node] = 0.0
+    if begin_rates is not None:
+        box.v[:, :, 0] = begin_rates
+        box.a[:, :, 0] = np.array([[-np.inf], [np.inf]])
+
+
 def add_meeting(rows: Rows, node_rows: NodeRows, index: int, variables: Variables, periodic: bool) -> None:
     """Add rows where a stance ends and the next begins: equal forces; of a periodic jump's ends an equal motion.
 

@@ -1,15 +1,15 @@
 """The request of a whole jump around its flight: contacts, margins, friction, and what is fixed of the flight."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import Annotated, Any, ClassVar, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeAlias
 
 from floatplan.arguments import by_name, number, optional, pair, positive
 from floatplan.errors import InputError
 from floatplan.keys import Keyed
 from floatplan.robot.robot import Robot
-from floatplan.tables import ANGLE, KEY_TABLE, LEAST, Key, Range
+from floatplan.tables import ANGLE, KEY_TABLE, LEAST, RATE, Key, Range
 
 Standing: TypeAlias = Literal["standing"] | Mapping[str, float]
 Ending: TypeAlias = Literal["standing", "periodic"] | Mapping[str, float]
@@ -100,9 +100,45 @@ class JumpTakeoff(JumpSide):
     from_ : "standing", or mapping of joints to rad; in files it is ``from``
         By joint, those left out being where the reference posture has them, or "standing", the nearest to that which
         is static; knees that would be straight, where feet that are points stand as one, are bent for it.
+    com_velocity : (float, float), m/s, optional
+        In a plane: velocity of the centre of mass, horizontal and vertical, with which the jump begins. With this or
+        any other rate it begins in motion: its first feet stand, its posture need not be static, and rates that are
+        left out are the least ones with which these feet do not move.
+    velocities : mapping of joints to rad/s, optional
+        In a plane: rates of joints with which the jump begins in motion.
+    orientation : float, rad, optional
+        In a plane: of the base where the jump begins in motion; level if left out.
+    orientation_rate : float, rad/s, optional
+        In a plane: of the base where the jump begins in motion.
     """
 
     from_: Annotated[Standing, KEY_TABLE["jump.takeoff.from"]] = KEY_TABLE["jump.takeoff.from"].default
+    com_velocity: Annotated[tuple[float, float] | None, Key(unit="m/s", check=optional(pair(number("velocity"))))] = (
+        None
+    )
+    velocities: Annotated[Mapping[str, float] | None, Key(unit=RATE)] = None
+    orientation: Annotated[float | None, Key(unit=ANGLE)] = None
+    orientation_rate: Annotated[float | None, Key(unit=RATE, numbers="velocities")] = None
+
+    @property
+    def in_motion(self) -> bool:
+        """Whether the jump begins in motion, instead of standing still."""
+        return bool(self.velocities) or self.com_velocity is not None or self.orientation_rate is not None
+
+    @property
+    def from_standing(self) -> Self:
+        """The same takeoff from standing: of one that begins in motion without its posture."""
+        if not self.in_motion:
+            return self
+        return replace(
+            self, from_="standing", com_velocity=None, velocities=None, orientation=None, orientation_rate=None
+        )
+
+    def contradictions(self) -> Iterator[tuple[str, str]]:
+        """An orientation of what stands still, which is level, or without its posture."""
+        yield from super().contradictions()
+        if self.orientation is not None and not (self.in_motion and isinstance(self.from_, Mapping)):
+            yield "orientation", "is of a posture in motion; give from by joint and com_velocity too, or leave it out"
 
 
 @dataclass(frozen=True)
@@ -158,7 +194,7 @@ class JumpFlight(Keyed):
 
 @dataclass(frozen=True)
 class JumpRequest(Keyed):
-    """A jump around a flight: from standing, through phases of contact, to standing again.
+    """A jump around a flight: from standing, or in motion, through phases of contact, to standing again.
 
     Parameters
     ----------
@@ -230,6 +266,8 @@ class JumpRequest(Keyed):
         of_one = sorted(set(self.fixed) - {"duration"})
         if several and of_one:
             yield "fixed", f"{of_one[0]!r} is of one flight; leave it out where several follow one another"
+        if several and self.takeoff.in_motion:
+            yield "takeoff", "several flights begin standing, periodic ones as they end; leave velocities out"
         if several and self.rise:
             yield "landing.height", "several flights are on one ground; leave it out"
         if self.rise and self.edge is None:
@@ -247,6 +285,10 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
     in_a_plane = {
         "takeoff.height": jump.takeoff.height,
+        "takeoff.com_velocity": jump.takeoff.com_velocity,
+        "takeoff.velocities": jump.takeoff.velocities,
+        "takeoff.orientation": jump.takeoff.orientation,
+        "takeoff.orientation_rate": jump.takeoff.orientation_rate,
         "landing.height": jump.landing.height,
         "landing.to": "periodic" if jump.is_periodic else None,
         "flights": jump.flights or None,
@@ -264,8 +306,13 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
                     yield InputError(
                         f"the robot has no frame {frame!r}", element=element, advice="name a link or a joint"
                     )
-    for key, posture in (("takeoff.from", jump.takeoff.from_), ("landing.to", jump.landing.to)):
-        for joint in posture if isinstance(posture, Mapping) else ():
+    by_joint = {
+        "takeoff.from": jump.takeoff.from_,
+        "takeoff.velocities": jump.takeoff.velocities,
+        "landing.to": jump.landing.to,
+    }
+    for key, values in by_joint.items():
+        for joint in values if isinstance(values, Mapping) else ():
             if joint not in robot.joints:
                 advice = f"joints: {', '.join(robot.joints)}"
                 yield InputError(f"{joint!r} is not a planned joint", element=f"jump.{key}", advice=advice)

@@ -80,7 +80,13 @@ def test_obstacles_are_not_for_several_flights():
 
 @pytest.mark.parametrize(
     "words",
-    ["edge = 0.5", "[[jump.flights]]\nrepeat = 2", "[jump.takeoff]\nheight = 0.4", '[jump.landing]\nto = "periodic"'],
+    [
+        "edge = 0.5",
+        "[[jump.flights]]\nrepeat = 2",
+        "[jump.takeoff]\nheight = 0.4",
+        "[jump.takeoff]\ncom_velocity = [1.0, 0.0]",
+        '[jump.landing]\nto = "periodic"',
+    ],
 )
 def test_in_space_they_are_refused(root, tmp_path, words):
     text = (root / "problems" / "jumps" / "space" / "go2_roll.toml").read_text()
@@ -99,11 +105,18 @@ def test_requests_of_single_jumps_are_written_as_before():
     """Files of jumps hold them, and older versions read these."""
     written = table_of(JumpRequest())
     assert not {"flights", "edge"} & set(written)
-    assert "height" not in written["takeoff"]
+    assert not {"height", "com_velocity", "velocities", "orientation", "orientation_rate"} & set(written["takeoff"])
 
 
 @pytest.mark.parametrize(
-    "name", ["sequences/go2_flips", "sequences/go2_flips_periodic", "boxes/go2_box", "boxes/a1_box"]
+    "name",
+    [
+        "sequences/go2_flips",
+        "sequences/go2_flips_periodic",
+        "sequences/go2_running_hop",
+        "boxes/go2_box",
+        "boxes/a1_box",
+    ],
 )
 def test_problems_are_the_same_after_saving(root, tmp_path, name):
     problem = fp.load_problem(root / "problems" / "jumps" / f"{name}.toml")
@@ -200,7 +213,7 @@ def test_a_periodic_jump_ends_as_it_begins():
     assert np.abs(begin.velocities).max() > 0.1
     assert np.abs(end.velocities - begin.velocities).max() < 1e-5
     for follow in (fp.replay_jump, fp.bench):
-        with pytest.raises(InputError, match="begins in motion"):
+        with pytest.raises(InputError, match="ends in motion"):
             follow(jump)
 
 

@@ -54,6 +54,10 @@ SPOILED = {  # what is changed; the figure that shows it, or what reading says
     "all phases shifted": (arrays(lambda times: times + 0.01, "times", *STANCES), "gap"),
     "a phase stretched": (arrays(lambda times: 1.1 * times, "times", 0), "torque"),
     "a phase left out": (lambda content: content["stances"].pop(0), "rest"),
+    "a start in motion": (
+        lambda content: content["problem"]["jump"]["takeoff"].update(com_velocity=[1.0, 0.0]),
+        "begin",
+    ),
     "phases swapped": (lambda content: content["stances"].insert(0, content["stances"].pop(1)), "junction"),
     "accelerations between nodes": (arrays(lambda a: 1.3 * a, "a", 1), "residual"),
     "a posture bent": (arrays(bend, "y", 1), "derivative"),

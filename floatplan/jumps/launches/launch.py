@@ -182,7 +182,7 @@ def _calmer(
 def _of_one_flight(request: JumpRequest) -> JumpRequest:
     """A request without other flights and grounds: of a stance from standing, or to standing, they say nothing."""
     landing = replace(request.landing, height=None, to="standing" if request.is_periodic else request.landing.to)
-    takeoff = replace(request.takeoff, height=None)
+    takeoff = replace(request.takeoff.from_standing, height=None)
     return replace(request, flights=None, edge=None, takeoff=takeoff, landing=landing)
 
 

@@ -75,7 +75,7 @@ def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
     """
     assert jump.flight is not None
     if jump.request.is_periodic:
-        reason = "a periodic jump begins in motion, where no robot can be put"
+        reason = "a periodic jump ends in motion, and never stands"
         raise InputError(reason, element="jump.landing.to", advice="fly as many flights from standing to standing")
     problem = jump.problem
     robot = problem.robot

@@ -401,6 +401,9 @@ def request_rows(problem: Problem, request: JumpRequest) -> list[Row]:
     for name, end in (("from", request.takeoff.from_), ("to", request.landing.to)):
         angles = [] if isinstance(end, str) else [f"{joint} {np.degrees(angle):.4g}°" for joint, angle in end.items()]
         rows.append(Row(name, ", ".join(angles) or "standing"))
+    if request.takeoff.com_velocity is not None:
+        along, up = request.takeoff.com_velocity
+        rows.append(Row("begins with", f"{along:.3g} m/s horizontally, {up:.3g} m/s vertically"))
     shares = "{torque:.0%} of torques, {velocity:.0%} of rates".format(**request.margin)
     return [*rows, Row("friction", f"{request.friction:g}"), Row("stances use", shares)]
 
