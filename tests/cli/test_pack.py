@@ -71,7 +71,7 @@ def test_list_and_get(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("words", "message"),
     [
         (["motions", "all"], "motions: there is no 'all'; give list, or get NAME"),
-        (["motions", "--robot", "spot"], "--robot: there is no robot 'spot' in the pack; give one of"),
+        (["motions", "--robot", "atlas"], "--robot: there is no robot 'atlas' in the pack; give one of"),
         (["motions", "get", "go2_sleep"], "NAME: there is no motion 'go2_sleep' in the pack; give one of"),
         (["motions", "get", "go2_backflip", "-f", "gif"], "gif"),
         (["motions", "get", "go2_backflip", "-f", "toml", "--rate", "9"], "--rate: is for motions, not for problem"),
