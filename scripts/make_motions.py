@@ -45,12 +45,15 @@ PICTURE = ROOT / "docs" / "images" / "motions.png"
 SHOWN = ("go2_frontflip", "a1_two_backflips", "a1_jump_far_down", "go1_roll")
 BASES = {  # robot -> file of one of its jumps
     "a1": "problems/jumps/a1.toml",
+    "a2": "scripts/motions/a2.toml",
     "acrobat": "problems/jumps/acrobat.toml",
     "alexander": "scripts/motions/alexander.toml",
+    "aliengo": "scripts/motions/aliengo.toml",
     "anymal_b": "problems/jumps/anymal.toml",
     "anymal_c": "scripts/motions/anymal_c.toml",
     "b1": "problems/jumps/b1.toml",
     "b1_z1": "scripts/motions/b1_z1.toml",
+    "b2": "scripts/motions/b2.toml",
     "bolt": "problems/jumps/bolt.toml",
     "g1": "problems/jumps/g1.toml",
     "go1": "problems/jumps/go1.toml",
@@ -59,7 +62,9 @@ BASES = {  # robot -> file of one of its jumps
     "high_jumper": "problems/jumps/high_jumper.toml",
     "hyq": "problems/jumps/hyq.toml",
     "laikago": "scripts/motions/laikago.toml",
+    "mini_cheetah": "scripts/motions/mini_cheetah.toml",
     "solo12": "problems/jumps/solo12.toml",
+    "spot": "scripts/motions/spot.toml",
     "talos": "problems/jumps/talos_hop.toml",
 }
 COLUMNS = (

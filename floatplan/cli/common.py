@@ -108,7 +108,8 @@ def count_option(numbers: str, text: str, *, has_most: bool = False) -> Any:
 
 MODEL = "URDF or MJCF of what reads the file: it has its joints, bodies and actuators, in its order."
 RobotSource = Annotated[
-    str, argument("ROBOT", "A URDF, xacro or MJCF file, example-robot-data:PATH, or a NAME_description.")
+    str,
+    argument("ROBOT", "A URDF, xacro or MJCF file, example-robot-data:PATH, package:NAME/PATH, or a NAME_description."),
 ]
 ProblemFile = Annotated[str, argument("PROBLEM.toml", "A problem file.")]
 MotionFile = Annotated[str, typer.Argument(metavar="PLAN.json|JUMP.json", help="A plan or a jump file.")]

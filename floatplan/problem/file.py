@@ -40,7 +40,10 @@ class RobotRequest(Keyed):
 
     urdf: Annotated[
         str | None,
-        Key("Path from this file's folder; or `example-robot-data:` and a path there, or a name of robot_descriptions"),
+        Key(
+            "Path from this file's folder; or `example-robot-data:` and a path there, "
+            "`package:NAME/` and a path in an installed package, or a name of robot_descriptions"
+        ),
     ] = None
     mjcf: Annotated[str | None, Key("Instead of `urdf`: path or address of an MJCF file, which MuJoCo compiles")] = None
     plane: Annotated[str | None, KEY_TABLE["robot.plane"]] = None

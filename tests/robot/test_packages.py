@@ -1,15 +1,18 @@
-"""Robots that other packages give: xacro files, which are expanded, and robots of robot_descriptions by their names."""
+"""Robots that other packages give: files in them, xacro files, which are expanded, and robot_descriptions by name."""
 
 import hashlib
 import importlib
 import json
 import sys
+import types
 
 import numpy as np
 import pytest
 from places import ROOT
+from typer.testing import CliRunner
 
 import floatplan as fp
+from floatplan.cli.commands import app
 from floatplan.cli.option_values import is_robot
 from floatplan.errors import InputError
 from floatplan.robot.urdf import packages
@@ -190,3 +193,92 @@ class TestDescriptions:
             fp.InputError, match=r"not installed; .*pip install robot_descriptions; .*example-robot-data"
         ):
             fp.Robot.from_urdf("go2_description")
+
+
+@pytest.fixture
+def shipped(tmp_path, monkeypatch):
+    """A package that ships robots and cannot be imported, one without ``__init__.py``, and modules of one file."""
+    place = tmp_path / "site"
+    models = place / "shipped_robots" / "models"
+    models.mkdir(parents=True)
+    (place / "shipped_robots" / "__init__.py").write_text("raise RuntimeError('nobody asked for this')\n")
+    (models / "kangaroo.xml").write_bytes(KANGAROO.read_bytes())
+    (models / "gymnast.urdf").write_bytes(GYMNAST.read_bytes())
+    (place / "robots_in_parts").mkdir()
+    (place / "robots_in_parts" / "gymnast.urdf").write_bytes(GYMNAST.read_bytes())
+    (place / "one_module.py").touch()
+    (place / "secret.urdf").write_bytes(GYMNAST.read_bytes())
+    monkeypatch.syspath_prepend(place)
+    monkeypatch.setitem(sys.modules, "without_spec", types.ModuleType("without_spec"))
+    importlib.invalidate_caches()
+    return place
+
+
+class TestFilesInPackages:
+    @pytest.mark.parametrize(
+        ("address", "kind", "original"),
+        [
+            ("package:shipped_robots/models/kangaroo.xml", "mjcf", KANGAROO),
+            ("package:shipped_robots/models/gymnast.urdf", "urdf", GYMNAST),
+            ("package:robots_in_parts/gymnast.urdf", "urdf", GYMNAST),
+        ],
+    )
+    def test_are_read_without_importing_the_package(self, shipped, address, kind, original):
+        robot = fp.Robot.from_file(address)
+        assert (robot.kind, robot.source, robot.sha256) == (
+            kind,
+            address,
+            hashlib.sha256(original.read_bytes()).hexdigest(),
+        )
+        assert robot.path.is_relative_to(shipped)
+        assert is_robot(address)
+        assert "shipped_robots" not in sys.modules
+
+    def test_problem_and_plan_files_keep_the_address(self, shipped, tmp_path, monkeypatch):
+        """A plan is read and proved wherever the package is, and where it is not, one line says what to install."""
+        address = "package:shipped_robots/models/gymnast.urdf"
+        text = (ROOT / "problems" / "new_configuration.toml").read_text()
+        file = tmp_path / "problem.toml"
+        file.write_text(text.replace("../urdf/gymnast.urdf", address))
+        problem = fp.load_problem(file)
+        saved = fp.save_problem(problem, tmp_path / "elsewhere" / "saved.toml")
+        assert fp.load_problem(saved).robot.source == address
+        plan = fp.plan(problem).save(tmp_path / "elsewhere" / "plan.json")
+        monkeypatch.chdir(ROOT)
+        assert fp.load_plan(plan).robot.source == address
+        assert fp.certify(plan).proved
+        (shipped / "shipped_robots").rename(shipped / "gone")
+        importlib.invalidate_caches()
+        with pytest.raises(InputError, match=r"shipped_robots is not installed; .*-m pip install shipped_robots"):
+            fp.load_problem(saved)
+        with pytest.raises(InputError, match="shipped_robots is not installed"):
+            fp.load_plan(plan)
+
+    @pytest.mark.parametrize(
+        ("address", "reason", "advice"),
+        [
+            ("package:absent_robots/a.xml", "absent_robots is not installed", "-m pip install absent_robots"),
+            ("package:without_spec/a.xml", "without_spec is not installed", "pip install"),
+            ("package:shipped_robots/kangaro.xml", "has no file 'kangaro.xml'", "it has models/kangaroo.xml"),
+            ("package:shipped_robots/models", "has no file 'models'", "its files are in"),
+            ("package:shipped_robots/../secret.urdf", r"has no file '../secret.urdf'", "it has models/gymnast.urdf"),
+            ("package:shipped_robots//etc/passwd", "has no file '/etc/passwd'", "its files are in"),
+            ("package:one_module/a.xml", "one_module has no file", "it is a module"),
+            ("package:shipped_robots", "does not name a file in a package", "package:NAME/PATH"),
+            ("package:shipped_robots/", "does not name a file in a package", "package:NAME/PATH"),
+            ("package://shipped_robots/models/kangaroo.xml", "does not name a file in a package", "package:NAME/PATH"),
+            ("package:../secret.urdf", "does not name a file in a package", "package:NAME/PATH"),
+            ("package:shipped_robots.models/kangaroo.xml", "does not name a file in a package", "package:NAME/PATH"),
+        ],
+    )
+    def test_what_is_no_such_file_is_one_error(self, shipped, address, reason, advice):
+        with pytest.raises(InputError, match=reason) as caught:
+            fp.Robot.from_file(address)
+        assert caught.value.source == address
+        assert advice in (caught.value.advice or "")
+        assert "\n" not in str(caught.value)
+
+    def test_on_a_command_line_the_exit_code_is_2(self, shipped):
+        result = CliRunner().invoke(app, ["info", "package:absent_robots/a.xml"])
+        assert result.exit_code == 2
+        assert "pip install absent_robots" in " ".join(result.stderr.split())

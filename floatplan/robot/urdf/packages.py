@@ -1,7 +1,8 @@
-"""Robots of other packages: one of robot_descriptions by its name, and the URDF that a xacro file makes.
+"""Robots of other packages: a file in one, one of robot_descriptions by its name, and the URDF that a xacro file makes.
 
-Both run code that is not floatplan's: a module that may clone a repository, and the expressions of a file. So they run
-in a process of their own, for ``LONGEST`` seconds at most, with 2 GB, and Git brings nothing from other machines.
+The latter two run code that is not floatplan's: a module that may clone a repository, and the expressions of a file. So
+they run in a process of their own, for ``LONGEST`` seconds at most, with 2 GB, and Git brings nothing from other
+machines. A file in a package is only looked up: the package is not imported.
 """
 
 import difflib
@@ -12,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.util import find_spec
@@ -23,7 +25,7 @@ from floatplan.pool import same_modules
 from floatplan.tables import ROBOT_KINDS, RobotKind
 
 PACKAGE = "robot_descriptions"
-ADDRESS = re.compile(rf"(?:{PACKAGE}:)?(\w+_description)")
+ADDRESS = re.compile(rf"package:.*|(?:{PACKAGE}:)?\w+_description")  # a file in a package, or a robot of PACKAGE
 LONGEST = 60.0  # [s] of a file that is expanded, or a module that is imported
 
 
@@ -48,6 +50,55 @@ def robot_content(path: Path) -> bytes:
     if len(content) > LARGEST_URDF:
         raise InputError(f"makes a URDF of more than {LARGEST_URDF // 1_000_000} MB, as no robot has", source=path)
     return content
+
+
+def file_inside(folder: Path, name: str) -> Path | None:
+    """Return the file that has a path in a folder; None where that leads out of the folder, or to no file."""
+    path = folder / name
+    if Path(name).is_absolute() or ".." in Path(name).parts or not is_file(path):
+        return None
+    return path
+
+
+def package_path(address: str) -> Path:
+    """Return the file that an address means: ``package:``, the import name of an installed package, and a path in it.
+
+    Raises
+    ------
+    InputError
+        It is no such address, the package is not installed, or has no such file.
+    """
+    package, _, name = address.partition(":")[2].partition("/")
+    if not package.isidentifier() or not name:
+        form = "write package:NAME/PATH: the name by which Python imports the package, and a path in its folder"
+        raise InputError("does not name a file in a package", source=address, advice=form)
+    try:
+        spec = find_spec(package)
+    except ValueError:  # a module that runs as a script has no specification
+        spec = None
+    if spec is None:
+        install = f"{sys.executable} -m pip install {package}"
+        advice = f"install it: {install} (or the distribution that has it, where that has another name)"
+        raise InputError(f"the package {package} is not installed", source=address, advice=advice)
+    folders = [Path(folder) for folder in spec.submodule_search_locations or ()]  # a module that is one file has none
+    for folder in folders:
+        path = file_inside(folder, name)
+        if path is not None:
+            return path
+    raise InputError(f"{package} has no file {name!r}", source=address, advice=_similar_files(folders, name))
+
+
+def _similar_files(folders: Sequence[Path], name: str) -> str:
+    """Which robots' files of a package are nearly called so; else where its files are, or that it has none."""
+    if not folders:
+        return "it is a module, and has no files"
+    paths: dict[str, str] = {}  # by the file's name alone, as the folders are the same for many
+    for folder in folders:
+        for path in sorted(folder.rglob("*.*")):
+            if path.suffix.lower() in (".urdf", ".xacro", ".xml"):
+                paths.setdefault(path.name, path.relative_to(folder).as_posix())
+    close = [paths[file] for file in difflib.get_close_matches(Path(name).name, paths, n=3, cutoff=0.5)]
+    return f"it has {', '.join(close)}" if close else f"its files are in {folders[0]}"
 
 
 @cache

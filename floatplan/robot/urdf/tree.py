@@ -1,6 +1,7 @@
 """URDF files read: as XML, the single values in it, links and joints as data; reference postures of SRDF files.
 
-Robots of the package ``example-robot-data`` are named ``example-robot-data:<path of the URDF in it>``.
+Robots of the package ``example-robot-data`` are named ``example-robot-data:<path of the URDF in it>``, those that
+another package has in its folder ``package:<its import name>/<path in it>``.
 """
 
 import difflib
@@ -23,7 +24,7 @@ import pinocchio as pin
 from floatplan.arrays import Array, read_only
 from floatplan.errors import InputError, install_advice
 from floatplan.files import LARGEST_URDF, is_file, parsed_xml, read_regular
-from floatplan.robot.urdf.packages import ADDRESS, description_path, robot_content
+from floatplan.robot.urdf.packages import ADDRESS, description_path, file_inside, package_path, robot_content
 from floatplan.tables import RobotKind
 
 ROTATIONAL = ("revolute", "continuous")
@@ -307,8 +308,9 @@ def is_address(source: object) -> bool:
 def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
     """Return the file that ``source`` means: a path, or its address in a package.
 
-    That is ``example-robot-data:`` and a path in that package, or the name of a robot of robot_descriptions, such as
-    ``go2_description``, with or without ``robot_descriptions:``.
+    That is ``example-robot-data:`` and a path in that package; ``package:``, the import name of any other and a path in
+    its folder; or the name of a robot of robot_descriptions, such as ``go2_description``, with or without
+    ``robot_descriptions:``.
 
     Raises
     ------
@@ -318,6 +320,8 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
     if not isinstance(source, str) or not is_address(source):
         refuse_bare_name(Path(source))
         return Path(source)
+    if source.startswith("package:"):
+        return package_path(source)
     if not source.startswith(PREFIX):
         return description_path(source, kind)
     folder = robots_folder()
@@ -325,8 +329,8 @@ def urdf_path(source: str | Path, kind: RobotKind | None = None) -> Path:
         advice = f'{install_advice("robots")}, or set {FOLDER_VARIABLE} to its folder "robots"'
         raise InputError("the package example-robot-data is not installed", source=source, advice=advice)
     name = source.removeprefix(PREFIX)
-    path = folder / name
-    if Path(name).is_absolute() or ".." in Path(name).parts or not is_file(path):
+    path = file_inside(folder, name)
+    if path is None:
         raise InputError(f"example-robot-data has no file {name!r}", source=source, advice=_similar(folder, name))
     return path
 
