@@ -278,6 +278,7 @@ def test_what_people_call(problem, plan, authority, tmp_path, monkeypatch):
     assert found == []
 
 
+@pytest.mark.long
 def test_studies(root, problem, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     fp.save_problem(problem, tmp_path / "problem.toml")

@@ -66,6 +66,7 @@ def test_json(floatplan, go2, found):
     assert [path.name for path in sorted(Path("runs/go2_backflip").iterdir())] == ["jump.json", "plan.json"]
 
 
+@pytest.mark.long
 def test_show_draws_a_jump(floatplan, tmp_path):
     path = backflip().save(tmp_path / "jump.json")
     run = floatplan("show", path)

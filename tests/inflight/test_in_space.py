@@ -276,6 +276,7 @@ def test_the_landing_follows_the_centre_of_mass(diver, replanner):
     assert correction.landing == pytest.approx(landing, abs=1e-6)
 
 
+@pytest.mark.long
 def test_authority_has_three_momenta(diver, monkeypatch):
     monkeypatch.setattr(authority_module, "LARGEST", 0.01)
     monkeypatch.setattr(authority_module, "SHARES", (0.0, 0.9))

@@ -264,6 +264,7 @@ class TestFolder:
             fp.study(study_file(), folder=tmp_path / "out", jobs=1)
 
 
+@pytest.mark.long
 def test_killed_at_random_moments_it_ends_with_the_same_table(done, tmp_path):
     path, study = done
     rng, kept = random.Random(5), 0

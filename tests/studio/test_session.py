@@ -87,6 +87,7 @@ def test_what_is_impossible_is_explained_and_the_nearest_motion_is_shown(session
     assert session.wait(lambda view: settled(view) and view.verdict == "proved", PATIENCE)
 
 
+@pytest.mark.long
 def test_a_drag_ends_at_its_newest_point_and_is_undone_as_one(session, monkeypatch):
     monkeypatch.setattr("floatplan.studio.session.ONE_GESTURE", PATIENCE)  # also on a slow machine
     session.wait(settled, PATIENCE)
@@ -118,6 +119,7 @@ def test_a_process_that_is_lost_is_told_and_begun_anew(session):
     assert session.view.verdict == "proved"
 
 
+@pytest.mark.long
 def test_threads_may_all_change_it(session):
     def drag(path):
         for step in range(30):
@@ -135,6 +137,7 @@ def test_threads_may_all_change_it(session):
     assert session.view.result.plan.problem.goal.orientation == session.view.problem.goal.orientation
 
 
+@pytest.mark.long
 def test_the_map_is_around_the_plan_and_leads_there(problem):
     session = Session(problem)
     try:

@@ -145,6 +145,7 @@ def test_it_is_drawn_filmed_and_shown(view: SpatialJump, tmp_path: Path, monkeyp
             shown()
 
 
+@pytest.mark.long
 def test_the_scene_has_arrows_and_cones(view: SpatialJump, tmp_path: Path) -> None:
     from floatplan.view.scene.scene import write_scene
 

@@ -108,6 +108,7 @@ def shown_options(browser: Browser) -> list[str]:
     )
 
 
+@pytest.mark.long
 def test_it_is_turned_by_mouse_by_touch_and_from_the_keyboard(diver: fp.Plan, browser: Browser, tmp_path: Path) -> None:
     from selenium.webdriver.common.action_chains import ActionChains
     from selenium.webdriver.common.by import By
