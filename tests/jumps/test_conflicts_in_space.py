@@ -118,7 +118,7 @@ def test_what_was_made_too_small_binds(quarter_turn: fp.Problem) -> None:
     slow = (0.25 * np.asarray(quarter_turn.velocity_limits)).tolist()
     problem = replace(quarter_turn, limits=replace(quarter_turn.limits, velocity=slow))
     assert problem.jump is not None
-    coarse = spatial_setup(problem, problem.jump).program(replace(MARGINS, refinement=0.4))
+    coarse = spatial_setup(problem, problem.jump).program(replace(MARGINS, refinement=0.25))
     solution = coarse.solve(guess(coarse))
     assert not solution.converged
     limits = binding_limits(coarse, solution.raw)

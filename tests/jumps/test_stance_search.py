@@ -93,7 +93,7 @@ def test_what_is_in_the_way_is_said(case):
     """With hardly any friction nothing takes off sideways."""
     end = case.met([0.8, 0.0, 0.6], [0.0, 0.0, 0.0])
     slippery = replace(fp.JumpRequest(), friction=0.05)
-    result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 10, slippery)
+    result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 6, slippery)
     assert not result.ok
     assert not result.stances
     assert "duration of (takeoff on FL_foot and FR_foot" in result.broken[0]  # for a while: friction gives the rest
