@@ -259,7 +259,7 @@ class JumpMotion(MotionInFile):
 
     @property
     def duration(self) -> float:
-        """From standing to standing, s."""
+        """From its beginning to its end, standing as a rule, s."""
         return self.stances[-1].span[1] if self.after else 0.0
 
     @property

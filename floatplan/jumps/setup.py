@@ -53,7 +53,7 @@ from floatplan.problem.problem import Problem
 from floatplan.robot import Robot
 from floatplan.robot.standing import Spot, positions_from_com
 
-Standing: TypeAlias = tuple[list[tuple[GroundContact, ...]], Array]  # contacts of a side's phases, and its posture
+SideContacts: TypeAlias = tuple[list[tuple[GroundContact, ...]], Array]  # contacts of a side's phases, and its posture
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     flights = _flights(problem, request, turns)
     phases: list[Phase] = []
     ends: list[Array] = []
-    sides: dict[tuple[Any, Any], tuple[Standing, Standing]] = {}  # by names of contacts
+    sides: dict[tuple[Any, Any], tuple[SideContacts, SideContacts]] = {}  # by names of contacts
     for number, (own_turns, flight_bounds) in enumerate(flights):
         takeoff, landing = _groups(problem, request, own_turns, before)
         groups = (tuple(takeoff), tuple(landing))
@@ -401,7 +401,7 @@ def check_robot_stands(problem: Problem) -> None:
 
 def _side(
     problem: Problem, request: JumpRequest, side: Side, groups: Sequence[Sequence[str]], target: Array
-) -> Standing:
+) -> SideContacts:
     """Contacts of a side's phases, and the posture (n+1,) in which the robot stands still at its outer end, rad."""
     robot = problem.robot
     takes_off = side == "takeoff"

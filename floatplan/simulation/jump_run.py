@@ -118,7 +118,7 @@ class JumpControl(MotionControl):
 
 @dataclass(eq=False)
 class _JumpGuide(MotionGuide):
-    """A jump's motion from standing to standing, with corrections in its flights, if any.
+    """A jump's motion until it has stood, with corrections in its flights, if any.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ STIFF = (4e-3, 1.0)  # [s, -] time constant and damping of contacts and stops
 
 
 @dataclass(frozen=True)
-class Standing:
+class StandingBounds:
     """What counts as standing at the end of a motion."""
 
     height: float = 0.6  # [-] of the planned height of the base over the ground: a robot that lies or sits is lower
@@ -184,9 +184,9 @@ class ContactRobot:
         up_planned = pin.Quaternion(*base[3:]).matrix().T @ up
         height_now = self.data.qpos[:3] @ up - self.end_ground
         height_planned = base[:3] @ up - self.end_ground
-        is_level = up_now @ up_planned > np.cos(Standing.tilt)
-        is_high = height_now > Standing.height * height_planned
-        return bool(is_level and is_high and apart < Standing.rotation)
+        is_level = up_now @ up_planned > np.cos(StandingBounds.tilt)
+        is_high = height_now > StandingBounds.height * height_planned
+        return bool(is_level and is_high and apart < StandingBounds.rotation)
 
 
 def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> MujocoSpec:

@@ -171,7 +171,9 @@ def report_data(
         tables = jump_sections(plan, tone, stances)
         motion |= jump_data(plan)
         in_flight = sum(own.duration for own in plan.flights)
-        question = f"{plan.duration:.3g} s from standing to standing, {in_flight:.3g} s of it in flight"
+        begin = "a running start" if plan.request.takeoff.in_motion else "standing"
+        span = "of one period" if plan.request.is_periodic else f"from {begin} to standing"
+        question = f"{plan.duration:.3g} s {span}, {in_flight:.3g} s of it in flight"
     for table in tables:
         table["rows"] = [(row[0], raised(row[1])) for row in table["rows"]]
     data: dict[str, Any] = json_value(
