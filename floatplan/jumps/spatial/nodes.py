@@ -22,6 +22,7 @@ class SpatialBounds:
     clearance : m, of what is no foot from the ground
     lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
+    beside_feet : m, of points beside feet from the ground; 0 where none is looked at
     tilt : rad, of the middle one of the base's angles
     """
 
@@ -34,6 +35,7 @@ class SpatialBounds:
     clearance: float
     lift: float
     dip: float
+    beside_feet: float
     tilt: float
 
 

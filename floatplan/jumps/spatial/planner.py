@@ -9,7 +9,7 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.flight import planned_flight
-from floatplan.jumps.rounds import CORRECTIONS, NodeMargins, refined_until_checked
+from floatplan.jumps.rounds import CORRECTIONS, LINK_HEIGHT, NodeMargins, are_links_low, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
 from floatplan.jumps.spatial.exact import exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
@@ -19,6 +19,7 @@ from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram, solved_again
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
+from floatplan.jumps.spatial.standing import points_beside_feet
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
@@ -104,6 +105,8 @@ def solved_start(setup: SpatialSetup, seed: int, number: int, previous: Start | 
 def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:
     """Return the jump of a start's solution; where its check fails, of one with more nodes, and stricter margins.
 
+    So it goes on where the check holds, but links come too near to the ground; of jumps that hold it is the highest.
+
     Parameters
     ----------
     start : whose program has a solution
@@ -113,6 +116,9 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
     setup = start.setup
     programs = 1 + CORRECTIONS
     number = 1
+    highest: SpatialJump | None = None  # of those whose check holds
+    # Without links that are wider than the feet on them there is nothing to be mended.
+    are_wider = bool(points_beside_feet(setup.problem.robot, setup.feet, LINK_HEIGHT))
 
     def finer(margins: NodeMargins) -> SpatialProgram:
         nonlocal number
@@ -122,11 +128,27 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
 
     def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[SpatialJump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
+        nonlocal highest
         jump = jump_of_solution(setup, program, solution, seed)
-        return jump, None if jump.ok else jump.check.figures
+        figures = jump.check.figures
+        if not jump.ok:
+            return jump, None if highest is not None else figures
+        if highest is None or figures["ground"] > highest.check.figures["ground"]:
+            highest = jump
+        return jump, figures if are_wider and are_links_low(setup.request, figures) else None
+
+    def again(
+        finer: SpatialProgram, program: SpatialProgram, solution: SpatialSolution
+    ) -> tuple[SpatialProgram, SpatialSolution] | None:
+        if bool(finer.beside_feet) == bool(program.beside_feet):
+            return solved_again(finer, program, solution)
+        # With rows of links beside feet legs tilt less, which is another motion: the search begins anew.
+        anew = finer.solve(guess(finer))
+        return (finer, anew) if anew.converged else None
 
     solved = (start.program, start.solution)
-    return refined_until_checked(start.margins, setup.request, solved, finer, complete, solved_again)
+    last = refined_until_checked(start.margins, setup.request, solved, finer, complete, again)
+    return last if highest is None else highest
 
 
 def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int) -> SpatialJump:
