@@ -116,6 +116,7 @@ def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(ro
 def test_what_cannot_be_is_not_found_and_says_why(monkeypatch):
     """With a tenth of its torque the robot does not even lift itself; ``test_conflicts.py`` has what would help."""
     monkeypatch.setattr(planner, "_try_relaxed", lambda *_: "")
+    monkeypatch.setattr("floatplan.jumps.program.ITERATIONS", 125)  # with which a jump is found where there is one
     problem = go2_problem()
     weak = replace(problem, limits=fp.Limits(velocity="urdf", torque=2.0))
     found = jump(weak, starts=1)
@@ -124,7 +125,7 @@ def test_what_cannot_be_is_not_found_and_says_why(monkeypatch):
 
 
 @pytest.mark.long
-def test_from_a_jump_at_hand_another_is_found_that_holds_as_well():
+def test_from_a_jump_at_hand_another_is_found_that_holds_as_well(monkeypatch):
     """Whatever changed, without a start; and where none is, the same is said as without."""
     found, said = backflip(), list[str]()
     lasted = [phase.end - phase.begin for phase in found.phases]
@@ -140,6 +141,7 @@ def test_from_a_jump_at_hand_another_is_found_that_holds_as_well():
     programs = {words for words in said if words.startswith("program ")}
     assert "program 1 of 3 at most: flight, stances, check" in programs
     assert set(said) - programs == {"from the jump at hand"}
+    monkeypatch.setattr("floatplan.jumps.program.ITERATIONS", 5)  # of the start, which ends anywhere
     icy = jump(found.problem, fp.JumpRequest(friction=0.12), starts=1, helps=False, near=found)
     assert icy.explanation == "No jump was found in 1 start."
 
