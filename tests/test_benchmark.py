@@ -93,8 +93,8 @@ def test_section_runs(section, benchmark, capsys, monkeypatch):
         few_iterations = {"print_level": 0, "sb": "yes", "max_iter": 5}  # the search ends before it is solved
         options = {"ipopt": few_iterations, "print_time": False, "error_on_fail": False}
         monkeypatch.setattr(SpatialProgram, "_options", lambda program, loose: options | program.assembly.functions)
-    if section == "jump":
-        monkeypatch.setattr(fp, "jump", jumps.jump_once)
+    if section in ("jump", "contact"):
+        monkeypatch.setattr(fp, "jump", lambda *_: jumps.planned_jump("go2"))
     if section == "contact-in-space":
         monkeypatch.setattr(fp, "jump", lambda _: jumps.roll())
     if section == "clip-stances":
