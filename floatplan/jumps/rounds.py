@@ -22,17 +22,7 @@ from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.problem.jump import JumpRequest
 from floatplan.tables import POINT_FEET
 
-LINK_HEIGHT = 2e-3  # [m] over the ground of all but feet: these give way by a millimetre where a robot lands
 CORRECTIONS = 2  # [-] programs after the first, each with more nodes and stricter margins
-
-
-def are_links_low(request: JumpRequest, figures: Mapping[str, float]) -> bool:
-    """Whether something but feet comes nearer to the ground than ``LINK_HEIGHT``, or than a lower requested clearance.
-
-    That breaks no limit of the check.
-    """
-    tolerated = 5e-4  # [m] less: rows are of points of a rim, not of all of it
-    return figures.get("ground", np.inf) < min(LINK_HEIGHT, request.clearance) - tolerated
 
 
 @dataclass(frozen=True)
@@ -51,8 +41,8 @@ class NodeMargins:
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
-    beside_feet : of links to which feet are fixed from the ground, m, in jumps in space; 0 for none
-        Most robots' shanks are high enough without rows.
+    shank_height : of links to which feet are fixed, m over the ground, in jumps in space; 0 for no rows
+        Most robots' shanks are high enough without.
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
     """
 
@@ -67,7 +57,7 @@ class NodeMargins:
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
-    beside_feet: float = 0.0
+    shank_height: float = 0.0
     tilt: float = math.inf
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
@@ -87,11 +77,6 @@ class NodeMargins:
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
         too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
-        beside_feet = self.beside_feet
-        if are_links_low(request, figures):
-            # Where there are rows, what the exact stance has lost comes on top.
-            lost = 1.5 * (LINK_HEIGHT - figures["ground"])
-            beside_feet = beside_feet + lost if beside_feet else LINK_HEIGHT
         too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
         return replace(
             self,
@@ -103,7 +88,6 @@ class NodeMargins:
             reserve=self.reserve - too_near,
             lift=self.lift + 1.5 * too_deep,
             dip=max(0.0, self.dip - 1.5 * too_deep),
-            beside_feet=beside_feet,
             pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )

@@ -12,12 +12,12 @@ import pytest
 
 import floatplan as fp
 from floatplan.jumps.model import casadi
-from floatplan.jumps.rounds import LINK_HEIGHT, NodeMargins, are_links_low
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.flight import merged_levels
 from floatplan.jumps.spatial.setup import spatial_setup
-from floatplan.jumps.spatial.standing import feet_links, points_beside_feet
+from floatplan.jumps.spatial.standing import feet_links, shank_points
 
+HEIGHT = 2e-3  # [m] that links should have
 ROOM = 6e-4  # [m] by which a rim is lower than the points of it
 
 
@@ -35,9 +35,9 @@ def heights_where_it_tilts(reach_of, foot, upright):
     return foot.depth - reach_of(-upright) - upright @ np.array(foot.local)
 
 
-def test_points_beside_feet_are_as_low_as_the_shank_in_every_tilt(solo):
+def test_points_are_as_low_as_the_shank_in_every_tilt(solo):
     robot = solo.problem.robot
-    points = points_beside_feet(robot, solo.feet, LINK_HEIGHT)
+    points = shank_points(robot, solo.feet, HEIGHT)
     rng = np.random.default_rng(0)
     for foot in solo.feet:
         upright = rng.normal(size=(1200, 3))
@@ -56,10 +56,10 @@ def test_points_beside_feet_are_as_low_as_the_shank_in_every_tilt(solo):
         of_points = heights_where_it_tilts(
             lambda down, places=places, radii=radii: (down @ places.T + radii).max(axis=1), foot, upright
         )
-        low = true_heights < LINK_HEIGHT - ROOM
+        low = true_heights < HEIGHT - ROOM
         assert low.sum() > 20
         assert (true_heights[low] > 1e-3).all()  # whatever the tilt: the foot carries it
-        assert (of_points[low] < LINK_HEIGHT).all()
+        assert (of_points[low] < HEIGHT).all()
         assert (of_points[low] - true_heights[low] < ROOM).all()
         assert (of_points >= true_heights - 1e-9).all()
 
@@ -67,12 +67,12 @@ def test_points_beside_feet_are_as_low_as_the_shank_in_every_tilt(solo):
 def test_shanks_that_are_thinner_than_their_feet_have_no_points(root):
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "a1_roll.toml")
     setup = spatial_setup(problem, problem.jump)
-    assert points_beside_feet(problem.robot, setup.feet, LINK_HEIGHT) == []
+    assert shank_points(problem.robot, setup.feet, HEIGHT) == []
 
 
-def test_rows_beside_a_foot_that_stands_do_not_change_with_what_it_is_off_its_place(solo):
+def test_rows_of_a_shank_above_a_foot_that_stands_do_not_change_with_what_it_is_off_its_place(solo):
     """At nodes feet are off by up to millimetres: rows are about what is left of it in the exact stance, the tilt."""
-    margins = replace(planner.MARGINS, refinement=0.3, beside_feet=LINK_HEIGHT)
+    margins = replace(planner.MARGINS, refinement=0.3, shank_height=HEIGHT)
     program = solo.program(margins)
     kind = program.kinds[2]
     assert {foot.name for foot in kind.tracking} == {foot.name for foot in solo.feet}
@@ -84,11 +84,11 @@ def test_rows_beside_a_foot_that_stands_do_not_change_with_what_it_is_off_its_pl
     level = np.array(heights_at(y)).ravel()
     y[2] += 0.002
     raised = np.array(heights_at(y)).ravel()
-    beside = np.array([use == "beside" for use in uses])
-    assert beside.any()
-    assert np.abs(raised - level)[beside].max() < 1e-12
-    assert raised[~beside] - level[~beside] == pytest.approx(0.002)
-    assert program._least_heights(kind, 2)[beside] * program.height == pytest.approx(LINK_HEIGHT)
+    of_shanks = np.array([use == "shank" for use in uses])
+    assert of_shanks.any()
+    assert np.abs(raised - level)[of_shanks].max() < 1e-12
+    assert raised[~of_shanks] - level[~of_shanks] == pytest.approx(0.002)
+    assert program._least_heights(kind, 2)[of_shanks] * program.height == pytest.approx(HEIGHT)
 
 
 @dataclass(eq=False)
@@ -114,7 +114,7 @@ class Stub:
     ],
 )
 def test_of_jumps_whose_check_holds_the_highest_is_returned(solo, monkeypatch, rounds, returned, heights):
-    programs = [SimpleNamespace(beside_feet=0.0)]
+    programs = [SimpleNamespace(shank_points=0.0)]
     anew = []
 
     def program_of(margins):
@@ -122,7 +122,7 @@ def test_of_jumps_whose_check_holds_the_highest_is_returned(solo, monkeypatch, r
             anew.append(raw)
             return SimpleNamespace(converged=True)
 
-        programs.append(SimpleNamespace(beside_feet=margins.beside_feet, solve=solve))
+        programs.append(SimpleNamespace(shank_points=margins.shank_height, solve=solve))
         return programs[-1]
 
     setup = SimpleNamespace(problem=solo.problem, request=solo.request, feet=solo.feet, program=program_of)
@@ -132,17 +132,30 @@ def test_of_jumps_whose_check_holds_the_highest_is_returned(solo, monkeypatch, r
     monkeypatch.setattr(planner, "solved_again", lambda finer, *_: (finer, "solution"))
     start = planner.Start(setup, planner.MARGINS, programs[0], "solution")
     assert planner.checked_jump(start, 0) is rounds[returned]
-    assert [program.beside_feet for program in programs] == pytest.approx(heights)
+    assert [program.shank_points for program in programs] == pytest.approx(heights)
     assert anew == programs[1:2]  # the first one with such rows; others begin with the solution before
 
 
-def test_links_are_low_below_what_is_requested(solo):
-    request = solo.request
-    assert are_links_low(request, {"ground": 0.0012})
-    assert not are_links_low(request, {"ground": LINK_HEIGHT})
-    assert not are_links_low(request, {})
-    assert not are_links_low(replace(request, clearance=0.0), {"ground": 0.0001})
-    assert NodeMargins(1.0, 1.0, 1.0).tightened(request, {"ground": 0.01}).beside_feet == 0.0
+def test_a_check_that_fails_asks_for_no_rows_of_shanks(solo, monkeypatch):
+    """Nor does a request without clearance."""
+    monkeypatch.setattr(planner, "solved_again", lambda finer, *_: (finer, "solution"))
+
+    def heights(request, *made):
+        programs = [SimpleNamespace(shank_points=0.0)]
+
+        def program_of(margins):
+            programs.append(SimpleNamespace(shank_points=margins.shank_height))
+            return programs[-1]
+
+        setup = SimpleNamespace(problem=solo.problem, request=request, feet=solo.feet, program=program_of)
+        results = iter(made)
+        monkeypatch.setattr(planner, "jump_of_solution", lambda *_: next(results))
+        found = planner.checked_jump(planner.Start(setup, planner.MARGINS, programs[0], "solution"), 0)
+        assert found is made[-1]
+        return [program.shank_points for program in programs]
+
+    assert heights(solo.request, Stub(False, 0.001), Stub(False, -0.1), Stub(True, 0.003)) == [0.0, 0.0, 0.0]
+    assert heights(replace(solo.request, clearance=0.0), Stub(True, 0.0001)) == [0.0]
 
 
 def test_neighbouring_levels_become_one_at_the_lower_of_both():

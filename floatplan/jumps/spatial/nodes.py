@@ -22,7 +22,7 @@ class SpatialBounds:
     clearance : m, of what is no foot from the ground
     lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
-    beside_feet : m, of points beside feet from the ground; 0 where none is looked at
+    shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
     """
 
@@ -35,7 +35,7 @@ class SpatialBounds:
     clearance: float
     lift: float
     dip: float
-    beside_feet: float
+    shank_height: float
     tilt: float
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.flight import planned_flight
-from floatplan.jumps.rounds import CORRECTIONS, LINK_HEIGHT, NodeMargins, are_links_low, refined_until_checked
+from floatplan.jumps.rounds import CORRECTIONS, NodeMargins, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
 from floatplan.jumps.spatial.exact import exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
@@ -19,7 +19,7 @@ from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram, solved_again
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
-from floatplan.jumps.spatial.standing import points_beside_feet
+from floatplan.jumps.spatial.standing import shank_points
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
@@ -116,39 +116,49 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
     setup = start.setup
     programs = 1 + CORRECTIONS
     number = 1
-    highest: SpatialJump | None = None  # of those whose check holds
+    valid: list[SpatialJump] = []  # whose check holds
+    usual = 2e-3  # [m] over the ground of all but feet: these give way by a millimetre where a robot lands
+    least = min(usual, setup.request.clearance)
     # Without links that are wider than the feet on them there is nothing to be mended.
-    are_wider = bool(points_beside_feet(setup.problem.robot, setup.feet, LINK_HEIGHT))
+    are_wider = bool(shank_points(setup.problem.robot, setup.feet, least))
+    shank_height = 0.0
 
     def finer(margins: NodeMargins) -> SpatialProgram:
-        nonlocal number
+        nonlocal number, shank_height
         number += 1
         say(f"program {number} of {programs} at most, with more nodes")
-        return setup.program(margins)
+        if valid:
+            # Where there are rows, what the exact stance has lost comes on top.
+            shank_height = shank_height + 1.5 * (least - link_height(valid[-1])) if shank_height else least
+        return setup.program(replace(margins, shank_height=shank_height))
 
     def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[SpatialJump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
-        nonlocal highest
+        tolerated = 5e-4  # [m] less: rows are of points of a rim, not of all of it
         jump = jump_of_solution(setup, program, solution, seed)
-        figures = jump.check.figures
         if not jump.ok:
-            return jump, None if highest is not None else figures
-        if highest is None or figures["ground"] > highest.check.figures["ground"]:
-            highest = jump
-        return jump, figures if are_wider and are_links_low(setup.request, figures) else None
+            return jump, None if valid else jump.check.figures
+        valid.append(jump)
+        is_low = are_wider and link_height(jump) < least - tolerated
+        return jump, jump.check.figures if is_low else None
 
     def again(
         finer: SpatialProgram, program: SpatialProgram, solution: SpatialSolution
     ) -> tuple[SpatialProgram, SpatialSolution] | None:
-        if bool(finer.beside_feet) == bool(program.beside_feet):
+        if bool(finer.shank_points) == bool(program.shank_points):
             return solved_again(finer, program, solution)
-        # With rows of links beside feet legs tilt less, which is another motion: the search begins anew.
+        # With rows of shanks legs tilt less, which is another motion: the search begins anew.
         anew = finer.solve(guess(finer))
         return (finer, anew) if anew.converged else None
 
     solved = (start.program, start.solution)
     last = refined_until_checked(start.margins, setup.request, solved, finer, complete, again)
-    return last if highest is None else highest
+    return max(valid, key=link_height, default=last)
+
+
+def link_height(jump: SpatialJump) -> float:
+    """Least height over the ground of all of a checked jump but its feet, m."""
+    return jump.check.figures["ground"]
 
 
 def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int) -> SpatialJump:

@@ -40,7 +40,7 @@ class SpatialProgram:
     ends : SpatialEnds
     points : that stay above the ground
     corners : of the feet's shapes, which nearly do
-    beside_feet : points of the links to which feet are fixed, which do
+    shank_points : of the links to which feet are fixed, which do
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
     reference : (6+n, K+1) of a motion y to which it is to be near; None for none
@@ -51,7 +51,7 @@ class SpatialProgram:
     ends: SpatialEnds
     points: Sequence[ClearancePoint]
     corners: Sequence[ClearancePoint]
-    beside_feet: Sequence[ClearancePoint]
+    shank_points: Sequence[ClearancePoint]
     bounds: SpatialBounds
     friction: float
     reference: Array | None = None
@@ -289,11 +289,11 @@ class SpatialProgram:
         return rows
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
-        """What stays above the ground at nodes of a kind, as "link", "corner" of a foot, "beside" one, or "foot"."""
+        """What stays above the ground at nodes of a kind, and as what: "link", foot's "corner", "shank" or "foot"."""
         standing = {foot.name for foot in kind.tracking}
         heights = [(point, "link") for point in self.points]
         heights += [(point, "corner") for point in self.corners]
-        heights += [(point, "beside") for point in self.beside_feet]
+        heights += [(point, "shank") for point in self.shank_points]
         in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.name not in standing}
         for foot in sorted(in_the_air, key=lambda foot: foot.body):
             heights.append((ClearancePoint(foot.name, foot.body, foot.local, foot.depth), "foot"))
@@ -306,7 +306,7 @@ class SpatialProgram:
             position, _, _ = self.model.placed(self.model.bodies[point.body - 1].point(np.array(point.local)))
             height = position[2] - point.radius
             foot = standing.get(point.body)
-            if use == "beside" and foot is not None:
+            if use == "shank" and foot is not None:
                 # From the foot's point, not from the ground: at nodes feet are up to millimetres off their places, to
                 # which the exact stance brings them back.
                 height += foot.depth - self.model.foot(foot.name)[1][0][2]
@@ -321,7 +321,7 @@ class SpatialProgram:
             share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
             lift = self.bounds.lift * lifted_share(share)
         bounds = self.bounds
-        least_of = {"link": bounds.clearance, "foot": lift, "corner": -bounds.dip, "beside": bounds.beside_feet}
+        least_of = {"link": bounds.clearance, "foot": lift, "corner": -bounds.dip, "shank": bounds.shank_height}
         return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:

@@ -26,7 +26,7 @@ from floatplan.jumps.spatial.standing import (
     feet_links,
     foot_corners,
     not_standing,
-    points_beside_feet,
+    shank_points,
     standing_joints,
 )
 from floatplan.motion.planar.contact_rates import End
@@ -93,15 +93,15 @@ class SpatialSetup:
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
             lift=margins.lift,
             dip=margins.dip,
-            beside_feet=margins.beside_feet,
+            shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
         points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
-        beside = points_beside_feet(problem.robot, self.feet, margins.beside_feet) if margins.beside_feet else []
-        return SpatialProgram(model, phases, self.ends, points, corners, beside, bounds, request.friction)
+        shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
+        return SpatialProgram(model, phases, self.ends, points, corners, shanks, bounds, request.friction)
 
     @property
     def is_combined(self) -> bool:

@@ -264,10 +264,10 @@ def foot_corners(robot: Robot, feet: Sequence[Foot], least: float) -> list[Clear
     return corners
 
 
-def points_beside_feet(robot: Robot, feet: Sequence[Foot], height: float) -> list[ClearancePoint]:
+def shank_points(robot: Robot, feet: Sequence[Foot], height: float) -> list[ClearancePoint]:
     """Return points of the links to which feet are fixed, that are lower than a height, m, where such a leg tilts.
 
-    A shank may be wider than its foot: with the foot's point in its place, how low it reaches follows from the tilt.
+    A shank may be wider than its foot, whose point does not move: how low it reaches follows from the tilt.
     """
     alike = math.cos(math.radians(15.0))  # of directions from the foot's point: a rim between them is 0.3 mm lower
     points: list[ClearancePoint] = []
