@@ -214,17 +214,19 @@ def _planned_jumps(study: StudyFile, problems: Family, first: int) -> dict[str, 
 
 def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[PlanEntry, dict[str, Any]]:
     """A whole jump, and measures of it 2000 times a second: the check's figures, and those of the motors."""
-    planned = jump(problem, seed=seed, starts=plan.starts, helps=False)
+    in_space = problem.robot.in_plane is None  # there limits that bind are told without any other program
+    planned = jump(problem, seed=seed, starts=plan.starts, helps=in_space)
     if not planned.ok or planned.flight is None:
         return PlanEntry("not_found", starts=plan.starts, message=planned.explanation), {}
     verdict = certify(planned.flight).verdict if plan.prove else ""
     figures = planned.check.figures
     times = np.linspace(0.0, planned.duration, int(planned.duration * RATE) + 2)
     torques = planned.state(times).motor_torques
+    momentum = planned.flight.angular_momentum
     result = PlanEntry(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
-        angular_momentum=planned.flight.angular_momentum,
+        angular_momentum=float(np.linalg.norm(momentum)) if in_space else momentum,
         starts=plan.starts,
         verdict=verdict,
         message=planned.explanation,

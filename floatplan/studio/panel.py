@@ -31,6 +31,8 @@ class SliderEnds:
     """How far sliders reach, so that a usual change is neither too small to hit nor out of reach."""
 
     orientation: float = math.radians(400)  # [rad] to both sides of the present value
+    rotation: float = math.radians(180)  # [rad] of a jump in space, to both sides of the present value
+    displacement: float = 1.0  # [m] of a jump in space, either way
     speed: float = 4.0  # [m/s] horizontal, to both sides
     position: float = 2.0  # [m] of obstacles, to both sides
     least_limit: float = 0.01  # [-] of the upper end of a limit's slider
@@ -67,16 +69,25 @@ class Controls:
         if session.view.problem.jump is not None:
             with tabs.add_tab("Jump"):
                 self._jump = JumpTab(self._gui, session, self.inputs)
+        self._landing: LandingTab | None = None
+        self._momentum: Any = None
+        self._obstacles: ObstaclesTab | None = None
+        in_space = session.view.problem.robot.in_plane is None
         with tabs.add_tab("Goal"):
-            self._add_posture("goal")
-        with tabs.add_tab("Start"):
-            self._add_posture("start")
+            if in_space:
+                self._landing = LandingTab(self._gui, session, self.inputs)
+            else:
+                self._add_posture("goal")
+        if not in_space:
+            with tabs.add_tab("Start"):
+                self._add_posture("start")
         with tabs.add_tab("Flight"):
-            self._add_flight()
+            self._add_flight(in_space)
         with tabs.add_tab("Limits"):
             self._limits = LimitsTab(self._gui, session, self.inputs)
-        with tabs.add_tab("Obstacles") as tab:
-            self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_position())
+        if not in_space:
+            with tabs.add_tab("Obstacles") as tab:
+                self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_position())
         self._map_html = None
         if self._jump is None:
             with tabs.add_tab("Map"):
@@ -110,8 +121,12 @@ class Controls:
             self._jump.draw(view)
         self._comparison.content = cards.comparison_card(view.result, view.compared)
         self._limits.draw(view)
-        self._obstacles.draw(view)
-        self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
+        if self._landing is not None:
+            self._landing.draw(view)
+        if self._obstacles is not None:
+            self._obstacles.draw(view)
+        if self._momentum is not None:
+            self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
         longest = 0.0
         for shown in (view.result, view.compared):
             if shown is not None:
@@ -196,15 +211,26 @@ class Controls:
         hint = "As it was found, or is changed then. Without, it is a guess from which the jump is sought."
         self.inputs.tick(label, lambda problem: problem.jump is not None and key in problem.jump.fixed, edit, hint)
 
-    def _add_flight(self) -> None:
+    def _add_flight(self, in_space: bool) -> None:
+        """Duration and degree of the flight; in a plane also what a jump in space finds by itself."""
+        present = self._session.view.problem.flight.duration
+        self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
+        if not in_space:
+            self._add_momentum()
+        self._add_keep("duration", "keep duration")
+        if not in_space:
+            self._add_keep("angular_momentum", "keep h")
+        hint = "Of the polynomials: higher ones move more freely."
+        self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
+        if not in_space:
+            self.inputs.tick("keep above the ground", lambda problem: problem.ground, edits.ground)
 
+    def _add_momentum(self) -> None:
+        """Angular momentum, horizontal velocity and objective of a flight in a plane."""
         result = self._session.view.result
-        problem = self._session.view.problem
         low, high = (result and result.plan.angular_momentum_bounds) or (0.0, 1.0)
         half = max(high - low, abs(low), abs(high), 0.1)
-        present = problem.flight.duration
-        speed = problem.flight.speed_in_plane
-        self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
+        speed = self._session.view.problem.flight.speed_in_plane
         hint = "Angular momentum: the middle of what suits joints that do not turn back "
         hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
         self.inputs.choice(
@@ -222,11 +248,6 @@ class Controls:
             lambda word: edits.change("motion", objective=word),
             "What the motion minimises.",
         )
-        self._add_keep("duration", "keep duration")
-        self._add_keep("angular_momentum", "keep h")
-        hint = "Of the polynomials: higher ones move more freely."
-        self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
-        self.inputs.tick("keep above the ground", lambda problem: problem.ground, edits.ground)
 
     def _momentum_of(self, problem: fp.Problem, unknown: float = math.nan) -> float:
         """The angular momentum of the problem; that of the present motion where the problem has a word."""
@@ -291,6 +312,7 @@ class JumpTab:
         self._bar: Any = None
         self._last_ends: tuple[float, ...] = ()  # [s] of the phases
         self._flight = 0  # index of the flight among the phases
+        problem = session.view.problem
         with self._folder:
             self._style = gui.add_html("")
             hint = "How long all phases last, by the bar of their ends: dragging one fixes all."
@@ -301,7 +323,7 @@ class JumpTab:
             inputs.slider(f"{name}, %", (f"jump.margin.{name}",), ENDS.least_margin, 1.0, 0.01, hint)
         hint = "Height that what does not stand keeps above the ground."
         inputs.slider("clearance, mm", ("jump.clearance",), 0.0, ENDS.clearance, 1e-3, hint)
-        for key in ("objective", "feet"):
+        for key in () if problem.robot.in_plane is None else ("objective", "feet"):  # in space there is one of each
             words = [word for word in get_args(JumpRequest.hints[key]) if word != "point"]  # it has "points"
             inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
 
@@ -346,6 +368,40 @@ def _of_jump(key: str, problem: fp.Problem) -> str:
 
 def _jump_edit(key: str, word: str) -> edits.Edit:
     return edits.change("jump", **{key: word})
+
+
+class LandingTab:
+    """How a jump in space has turned when it lands, and where it stands then."""
+
+    def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
+        self._session = session
+        goal = session.view.problem.final.attitude
+        if goal is not None and goal.axes is not None:
+            for index in (0, 2):  # the middle one stays small: the base is level in the end
+                path = f"goal.orientation.angles.{index}"
+                angle = edits.number_at(session.view.problem, path)
+                hint = "About an axis of the base as the angles before have turned it; 360° is a whole turn."
+                ends = (angle - ENDS.rotation, angle + ENDS.rotation)
+                inputs.slider(f"about {goal.axes[index]}, °", (path,), *ends, math.radians(1), hint)
+        hint = "Keep how far the robot has come in the end, as it was found, or is changed then."
+        inputs.tick("keep the place", _has_place, self._keep, hint)
+        self._places = []
+        for index, axis in enumerate("xy"):
+            path = f"jump.landing.displacement.{index}"
+            self._places.append(inputs.slider(f"along {axis}, m", (path,), -ENDS.displacement, ENDS.displacement))
+
+    def draw(self, view: View) -> None:
+        """Let the place be moved where it is kept."""
+        for slider in self._places:
+            slider.disabled = not _has_place(view.problem)
+
+    def _keep(self, is_on: bool) -> edits.Edit:
+        result = self._session.view.result
+        return edits.displaced(result.solved_jump if is_on and result else None)
+
+
+def _has_place(problem: fp.Problem) -> bool:
+    return problem.jump is not None and problem.jump.landing.displacement is not None
 
 
 class LimitsTab:
