@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -101,16 +102,20 @@ def keep(key: FlightKey, plan: fp.Plan | None) -> Edit:
     return edit
 
 
+@lru_cache(maxsize=4)
+def displacement_of(jump: Jump) -> tuple[float, float]:
+    """How far the centre of mass comes in a jump in space, along x and y, m, to a millimetre."""
+    first, last = jump.state([0.0, jump.duration]).com_position[:, :2].tolist()
+    return round(last[0] - first[0], 3), round(last[1] - first[1], 3)
+
+
 def displaced(jump: Jump | None) -> Edit:
-    """Let a jump in space come as far as one that was found, to a millimetre; without one, wherever it lands."""
-    displacement = None
-    if jump is not None:
-        first, last = jump.state([0.0, jump.duration]).com_position[:, :2].tolist()
-        displacement = (round(last[0] - first[0], 3), round(last[1] - first[1], 3))
+    """Let a jump in space come as far as one that was found; without one, wherever it lands."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
         request = problem.jump or fp.JumpRequest()
-        return replace(problem, jump=replace(request, landing=replace(request.landing, displacement=displacement)))
+        landing = replace(request.landing, displacement=None if jump is None else displacement_of(jump))
+        return replace(problem, jump=replace(request, landing=landing))
 
     return edit
 

@@ -385,15 +385,27 @@ class LandingTab:
                 inputs.slider(f"about {goal.axes[index]}, °", (path,), *ends, math.radians(1), hint)
         hint = "Keep how far the robot has come in the end, as it was found, or is changed then."
         inputs.tick("keep the place", _has_place, self._keep, hint)
+        hint = "How far the centre of mass has come in the end."
         self._places = []
         for index, axis in enumerate("xy"):
             path = f"jump.landing.displacement.{index}"
-            self._places.append(inputs.slider(f"along {axis}, m", (path,), -ENDS.displacement, ENDS.displacement))
+            ends = (-ENDS.displacement, ENDS.displacement)
+            get = partial(self._place, index)
+            self._places.append(inputs.slider(f"along {axis}, m", (path,), *ends, hint=hint, get=get))
 
     def draw(self, view: View) -> None:
         """Let the place be moved where it is kept."""
         for slider in self._places:
             slider.disabled = not _has_place(view.problem)
+
+    def _place(self, axis: int, problem: fp.Problem) -> float:
+        """How far the robot comes along x or y, m: as the problem has it, else as it was found."""
+        result = self._session.view.result
+        if problem.jump is not None and problem.jump.landing.displacement is not None:
+            return problem.jump.landing.displacement[axis]
+        if result is None or result.solved_jump is None:
+            return 0.0
+        return edits.displacement_of(result.solved_jump)[axis]
 
     def _keep(self, is_on: bool) -> edits.Edit:
         result = self._session.view.result

@@ -66,6 +66,7 @@ class Stage:
         self._shown: View | None = None
         self._forces: tuple[scene.ForceNodes, ...] = ()
         self._lock = threading.Lock()  # the player moves obstacles too
+        self._sees_jump = first.solved_jump is not None
         if self._plane is None:
             scene.look_in_space(server, first.motion)
         else:
@@ -103,6 +104,9 @@ class Stage:
             for end, ghost in self.ghosts.items():
                 ghost.put(end_poses(view, end), 0)
             if view.result is not None and (before is None or before.result is not view.result):
+                if self._plane is None and view.result.solved_jump and not self._sees_jump:
+                    scene.look_in_space(self._server, view.result.motion)  # which reaches further than its flight alone
+                    self._sees_jump = True
                 self._draw_paths(view.result)
                 self._draw_forces(view.result)
             if before is None or before.compared is not view.compared:

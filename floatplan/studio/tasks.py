@@ -83,14 +83,13 @@ class ShownPlan:
     def of(cls, plan: fp.Plan, settled: bool, jump: Jump | None = None) -> ShownPlan:
         """Measure a plan, or the jump around it."""
         motion: Trajectory = plan if jump is None or jump.flight is None else jump
-        along = np.linspace(0.0, motion.duration, 161)  # instants of the paths
         paths: tuple[Array, ...]
         grid = np.zeros((0, 2, 3))
         if flies_in_space(motion):
-            paths = paths_in_space(motion, along)
+            paths = paths_in_space(motion, np.linspace(0.0, motion.duration, 361))
             grid = np.reshape(grids(motion), (-1, 2, 3))
         else:
-            placed = postures(motion, along)
+            placed = postures(motion, np.linspace(0.0, motion.duration, 161))
             in_plane = (placed.com, placed.takeoff, placed.landing)
             # [rad] a polygon of such angles looks smooth
             paths = tuple(world_points(plan.robot.plane, path[bends(path, 0.05)]) for path in in_plane)

@@ -426,10 +426,10 @@ class SpatialProgram:
             shares += (index + phase.shares[1:]).tolist()
         return np.array(shares)
 
-    def solve(self, guess: Array, is_near: bool = False) -> SpatialSolution:
+    def solve(self, guess: Array, is_near: bool = False, tight_solves: int = 4) -> SpatialSolution:
         """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from its result.
 
-        A guess that ``is_near`` a solution needs no loose stage.
+        A guess that ``is_near`` a solution needs no loose stage; of tight ones there are so many at most.
         """
         ca = casadi()
         assembly = self.assembly
@@ -438,7 +438,7 @@ class SpatialProgram:
         raw = np.clip(guess, low, high)
         iterations = 0
         violation = np.inf
-        for stage in range(1 if is_near else 0, 5):
+        for stage in range(1 if is_near else 0, 1 + tight_solves):
             solver = ca.nlpsol("jump", "ipopt", assembly.problem, self._options(loose=stage == 0))
             weight = 0.1 if stage == 0 else 1.0
             result = solver(x0=raw, p=np.append(raw, weight), **limits)

@@ -169,9 +169,13 @@ def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, a
 
 
 def look_in_space(server: Any, plan: Trajectory) -> None:
-    """Light the scene, and look at all of a motion in space as pictures do."""
+    """Light the scene, and look at all of a motion in space as pictures do, on open pages too."""
     centre, radius = outlines.ball(plan)
-    _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
+    eye = centre + 1.7 * radius * CAMERA.toward
+    _view(server, np.array([0.0, 0.0, 1.0]), centre, eye, 1.2)
+    for client in server.get_clients().values():
+        client.camera.position = tuple(eye)
+        client.camera.look_at = tuple(centre)
 
 
 def _view(server: Any, up: Array, middle: Array, eye: Array, ambient: float = 1.6) -> None:
