@@ -178,7 +178,7 @@ def load_study_file(path: str | Path) -> StudyFile:
     if tables.plan.jump and base.jump is None:
         advice = f"add a table [jump] to {problem.name}, or leave it out"
         raise InputError("is for problems of whole jumps", source=path, element="plan.jump", advice=advice)
-    if base.robot.in_plane is None and not tables.plan.jump:
+    if base.robot.base == "free-flyer" and not tables.plan.jump:
         advice = "set it to true, for whole jumps" if base.jump else "study a flight in a plane"
         reason = "in space studies are of whole jumps, not yet of flights"
         raise InputError(reason, source=path, element="plan.jump", advice=advice)

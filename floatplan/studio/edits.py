@@ -110,7 +110,7 @@ def displacement_of(jump: Jump) -> tuple[float, float]:
 
 
 def displaced(jump: Jump | None) -> Edit:
-    """Let a jump in space come as far as one that was found; without one, wherever it lands."""
+    """Let a jump in space come as far as another one; without one, wherever it lands."""
 
     def edit(problem: fp.Problem) -> fp.Problem:
         request = problem.jump or fp.JumpRequest()

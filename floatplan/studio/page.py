@@ -39,8 +39,8 @@ class Studio:
         self, problem: fp.Problem, folder: str = "runs/studio", port: int = 8080, with_map: bool = True
     ) -> None:
         viser = import_optional("viser", name="viser", element="studio", extra="view")
-        if problem.robot.in_plane is None and problem.jump is None:
-            reason = "in space the studio is for whole jumps, not yet for flights alone"
+        if problem.robot.base == "free-flyer" and problem.jump is None:
+            reason = "in space the studio is for whole jumps, not yet for single flights"
             raise fp.InputError(reason, element="jump", advice="add a table [jump], or use floatplan plan and show")
         self.session = Session(problem, with_map)
         self.server: Any = None

@@ -1,8 +1,7 @@
 """The panel: the problem as sliders and choices, and the cards of the session."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -10,11 +9,11 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.errors import printable
-from floatplan.problem.jump import MARGIN, JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
-from floatplan.studio.curves import bar_style, curves_card, instant_mark, phase_colours
-from floatplan.studio.inputs import Inputs, by_user, in_turn, is_alike, on
+from floatplan.studio.curves import curves_card, instant_mark
+from floatplan.studio.inputs import ENDS, Inputs, by_user, in_turn, is_alike, on
+from floatplan.studio.jump_tabs import JumpTab, LandingTab
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Document, Session, View
 from floatplan.studio.stage import Player, Stage
@@ -24,27 +23,6 @@ from floatplan.tables import KEY_TABLE, LIMIT_TABLE, OBJECTIVES, LimitKey, Momen
 SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 A_NUMBER = "a number"
 DEGREES = ("auto", "7", "9", "11", "13")
-
-
-@dataclass(frozen=True)
-class SliderEnds:
-    """How far sliders reach, so that a usual change is neither too small to hit nor out of reach."""
-
-    orientation: float = math.radians(400)  # [rad] to both sides of the present value
-    rotation: float = math.radians(180)  # [rad] of a jump in space, to both sides of the present value
-    displacement: float = 1.0  # [m] of a jump in space, either way
-    speed: float = 4.0  # [m/s] horizontal, to both sides
-    position: float = 2.0  # [m] of obstacles, to both sides
-    least_limit: float = 0.01  # [-] of the upper end of a limit's slider
-    largest_limit: float = 3.0  # [-] of the first motion's peak, where the URDF has no limit
-    friction: tuple[float, float] = (0.1, 1.5)  # [-]
-    least_margin: float = 0.3  # [-] of the limits that stances may use
-    clearance: float = 0.1  # [m] of a jump's links above the ground
-    phases: float = 1.25  # [-] of the first jump's duration
-    shortest_phase: float = 0.02  # [s]
-
-
-ENDS = SliderEnds()
 
 
 class Controls:
@@ -72,20 +50,20 @@ class Controls:
         self._landing: LandingTab | None = None
         self._momentum: Any = None
         self._obstacles: ObstaclesTab | None = None
-        in_space = session.view.problem.robot.in_plane is None
+        is_planar = bool(stage.ghosts)  # there are postures and obstacles to drag
         with tabs.add_tab("Goal"):
-            if in_space:
-                self._landing = LandingTab(self._gui, session, self.inputs)
-            else:
+            if is_planar:
                 self._add_posture("goal")
-        if not in_space:
+            else:
+                self._landing = LandingTab(self._gui, session, self.inputs)
+        if is_planar:
             with tabs.add_tab("Start"):
                 self._add_posture("start")
         with tabs.add_tab("Flight"):
-            self._add_flight(in_space)
+            self._add_flight(is_planar)
         with tabs.add_tab("Limits"):
             self._limits = LimitsTab(self._gui, session, self.inputs)
-        if not in_space:
+        if is_planar:
             with tabs.add_tab("Obstacles") as tab:
                 self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_position())
         self._map_html = None
@@ -211,18 +189,18 @@ class Controls:
         hint = "As it was found, or is changed then. Without, it is a guess from which the jump is sought."
         self.inputs.tick(label, lambda problem: problem.jump is not None and key in problem.jump.fixed, edit, hint)
 
-    def _add_flight(self, in_space: bool) -> None:
+    def _add_flight(self, is_planar: bool) -> None:
         """Duration and degree of the flight; in a plane also what a jump in space finds by itself."""
         present = self._session.view.problem.flight.duration
         self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
-        if not in_space:
+        if is_planar:
             self._add_momentum()
         self._add_keep("duration", "keep duration")
-        if not in_space:
+        if is_planar:
             self._add_keep("angular_momentum", "keep h")
         hint = "Of the polynomials: higher ones move more freely."
         self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
-        if not in_space:
+        if is_planar:
             self.inputs.tick("keep above the ground", lambda problem: problem.ground, edits.ground)
 
     def _add_momentum(self) -> None:
@@ -299,121 +277,6 @@ def _degree_word(problem: fp.Problem) -> str:
 
 def _degree_edit(word: str) -> edits.Edit:
     return edits.change("motion", degree=int(word) if word.isdecimal() else word)
-
-
-class JumpTab:
-    """The request of a whole jump: its phases as a bar, friction, margins."""
-
-    def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
-        self._gui = gui
-        self._session = session
-        self._inputs = inputs
-        self._folder = gui.add_folder("Phases")
-        self._bar: Any = None
-        self._last_ends: tuple[float, ...] = ()  # [s] of the phases
-        self._flight = 0  # index of the flight among the phases
-        problem = session.view.problem
-        with self._folder:
-            self._style = gui.add_html("")
-            hint = "How long all phases last, by the bar of their ends: dragging one fixes all."
-            inputs.tick("fixed", lambda problem: edits.phase_ends(problem) is not None, self._fix, hint)
-        inputs.slider("friction", ("jump.friction",), *ENDS.friction, hint=f"{KEY_TABLE['jump.friction'].meaning}.")
-        hint = "Of the limits, what stances may use."
-        for name in MARGIN:
-            inputs.slider(f"{name}, %", (f"jump.margin.{name}",), ENDS.least_margin, 1.0, 0.01, hint)
-        hint = "Height that what does not stand keeps above the ground."
-        inputs.slider("clearance, mm", ("jump.clearance",), 0.0, ENDS.clearance, 1e-3, hint)
-        for key in () if problem.robot.in_plane is None else ("objective", "feet"):  # in space there is one of each
-            words = [word for word in get_args(JumpRequest.hints[key]) if word != "point"]  # it has "points"
-            inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
-
-    def draw(self, view: View) -> None:
-        """Show the phases of the plan; the bar comes with the first jump."""
-        jump = None if view.result is None else view.result.solved_jump
-        if jump is None:
-            return
-        if self._bar is None:
-            ends = self._ends(view.problem)
-            self._flight = [phase.kind for phase in jump.phases].index("flight")
-            with self._folder:
-                most = round(ENDS.phases * ends[-1], 2)
-                shortest = ENDS.shortest_phase
-                self._bar = self._gui.add_multi_slider("ends, s", 0.0, most, 0.001, ends, min_range=shortest)
-            self._inputs.add(self._bar, self._ends, "phases", self._drag)
-        present = self._ends(view.problem)
-        self._bar.max = max(self._bar.max, *present)
-        ends = self._bar.value if is_alike(self._bar.value, present) else present
-        self._style.content = bar_style(phase_colours(jump), [end / self._bar.max for end in ends])
-
-    def _ends(self, problem: fp.Problem) -> tuple[float, ...]:
-        """When the phases end: as the problem fixes them, else as in the plan."""
-        result = self._session.view.result
-        ends = edits.phase_ends(problem)
-        if ends is None and result is not None and result.jump is not None:
-            ends = tuple(phase.end for phase in result.jump.phases)
-        self._last_ends = tuple(round(end, 3) for end in ends or self._last_ends)
-        return self._last_ends
-
-    def _drag(self, ends: Sequence[float]) -> None:
-        self._session.edit(edits.phases(ends, self._flight), "phases")
-
-    def _fix(self, is_on: bool) -> edits.Edit:
-        present = self._session.view.problem
-        return edits.phases(self._ends(present) if is_on and self._bar else None, self._flight)
-
-
-def _of_jump(key: str, problem: fp.Problem) -> str:
-    return str(getattr(problem.jump, key))
-
-
-def _jump_edit(key: str, word: str) -> edits.Edit:
-    return edits.change("jump", **{key: word})
-
-
-class LandingTab:
-    """How a jump in space has turned when it lands, and where it stands then."""
-
-    def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
-        self._session = session
-        goal = session.view.problem.final.attitude
-        if goal is not None and goal.axes is not None:
-            for index in (0, 2):  # the middle one stays small: the base is level in the end
-                path = f"goal.orientation.angles.{index}"
-                angle = edits.number_at(session.view.problem, path)
-                hint = "About an axis of the base as the angles before have turned it; 360° is a whole turn."
-                ends = (angle - ENDS.rotation, angle + ENDS.rotation)
-                inputs.slider(f"about {goal.axes[index]}, °", (path,), *ends, math.radians(1), hint)
-        hint = "Keep how far the robot has come in the end, as it was found, or is changed then."
-        inputs.tick("keep the place", _has_place, self._keep, hint)
-        hint = "How far the centre of mass has come in the end."
-        self._places = []
-        for index, axis in enumerate("xy"):
-            path = f"jump.landing.displacement.{index}"
-            ends = (-ENDS.displacement, ENDS.displacement)
-            get = partial(self._place, index)
-            self._places.append(inputs.slider(f"along {axis}, m", (path,), *ends, hint=hint, get=get))
-
-    def draw(self, view: View) -> None:
-        """Let the place be moved where it is kept."""
-        for slider in self._places:
-            slider.disabled = not _has_place(view.problem)
-
-    def _place(self, axis: int, problem: fp.Problem) -> float:
-        """How far the robot comes along x or y, m: as the problem has it, else as it was found."""
-        result = self._session.view.result
-        if problem.jump is not None and problem.jump.landing.displacement is not None:
-            return problem.jump.landing.displacement[axis]
-        if result is None or result.solved_jump is None:
-            return 0.0
-        return edits.displacement_of(result.solved_jump)[axis]
-
-    def _keep(self, is_on: bool) -> edits.Edit:
-        result = self._session.view.result
-        return edits.displaced(result.solved_jump if is_on and result else None)
-
-
-def _has_place(problem: fp.Problem) -> bool:
-    return problem.jump is not None and problem.jump.landing.displacement is not None
 
 
 class LimitsTab:

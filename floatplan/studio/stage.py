@@ -68,7 +68,7 @@ class Stage:
         self._lock = threading.Lock()  # the player moves obstacles too
         self._sees_jump = first.solved_jump is not None
         if self._plane is None:
-            scene.look_in_space(server, first.motion)
+            scene.look_in_space(server, first.motion, 1.2)
         else:
             placed = outlines.postures(plan, outlines.snapshot_times(plan))
             self._box = outlines.picture_box(plan, placed)
@@ -105,7 +105,7 @@ class Stage:
                 ghost.put(end_poses(view, end), 0)
             if view.result is not None and (before is None or before.result is not view.result):
                 if self._plane is None and view.result.solved_jump and not self._sees_jump:
-                    scene.look_in_space(self._server, view.result.motion)  # which reaches further than its flight alone
+                    scene.look_in_space(self._server, view.result.motion, 1.2)  # which reaches further
                     self._sees_jump = True
                 self._draw_paths(view.result)
                 self._draw_forces(view.result)

@@ -90,9 +90,9 @@ class ShownPlan:
             grid = np.reshape(grids(motion), (-1, 2, 3))
         else:
             placed = postures(motion, np.linspace(0.0, motion.duration, 161))
-            in_plane = (placed.com, placed.takeoff, placed.landing)
+            planar_paths = (placed.com, placed.takeoff, placed.landing)
             # [rad] a polygon of such angles looks smooth
-            paths = tuple(world_points(plan.robot.plane, path[bends(path, 0.05)]) for path in in_plane)
+            paths = tuple(world_points(plan.robot.plane, path[bends(path, 0.05)]) for path in planar_paths)
         return cls(
             plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,

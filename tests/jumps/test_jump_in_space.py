@@ -213,7 +213,7 @@ def test_what_no_search_can_begin_from_is_refused(roll, program_of_roll):
         (turning_twice, roll, "turns by 360 degrees less or more"),
         (program, replace(roll, after=roll.after[:1]), "other phases: FL_foot and .* and not FL_foot and"),
         (program, jumps.backflip(), "of another robot"),
-        (program, replace(roll, flight=None), "no jump that was found"),
+        (program, replace(roll, flight=None), "no jump: its search had none"),
     ):
         with pytest.raises(fp.InputError, match=words) as error:
             guess_near(other, setup.mechanics, near)

@@ -148,7 +148,7 @@ def test_a_jump_at_hand_of_other_phases_is_left_aside(monkeypatch):
 
 
 def test_a_flight_in_space_alone_is_refused():
-    with pytest.raises(fp.InputError, match="for whole jumps, not yet for flights alone"):
+    with pytest.raises(fp.InputError, match="for whole jumps, not yet for single flights"):
         Studio(replace(roll().problem, jump=None))
 
 

@@ -69,7 +69,7 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
     Raises
     ------
     InputError
-        It is of another robot, has other phases or contacts, turns by other whole turns, or is no jump that was found.
+        It is of another robot, has other phases or contacts, has other rotations, or is none at all.
     """
     _refuse_unlike(program, near)
     of_near = np.array([phase.end - phase.begin for phase in near.phases])
@@ -89,7 +89,7 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
     displacement = program.ends.displacement
     after[:2] = 0.0 if displacement is None else displacement - motion[0, :2, -1]
     turns = np.abs(after[3:BASE]).max() / (2 * np.pi)
-    most = 0.25  # [-] of a turn, by which a motion may be bent: more of it leads nowhere
+    most = 0.25  # [-] of a whole rotation, by which a motion may be bent: more of it leads nowhere
     if turns > most:
         raise _unlike(f"a jump that turns by {360 * turns:.4g} degrees less or more than this one has to")
     begin, end = times[program.borders[[program.flight, program.flight + 1]]]
@@ -110,10 +110,10 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
 def _refuse_unlike(program: SpatialProgram, near: Jump) -> None:
     """Refuse a jump that is not one of a program's robot, phases and contacts."""
     if near.flight is None:
-        raise _unlike("no jump that was found")
-    joints = program.model.robot.joints
-    if near.robot.in_plane is not None or near.robot.joints != joints:
-        raise _unlike(f"a jump of another robot: of this one {', '.join(joints)} are planned")
+        raise _unlike("no jump: its search had none")
+    robot = program.model.robot
+    if (near.robot.base, near.robot.joints) != (robot.base, robot.joints):
+        raise _unlike(f"a jump of another robot: of this one {', '.join(robot.joints)} are planned")
     own = [" and ".join(phase.names) or "flight" for phase in program.phases]
     others = [" and ".join(phase.contacts) or "flight" for phase in near.phases]
     if own != others:

@@ -168,10 +168,13 @@ def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, a
     _view(server, plane.vertical, middle, middle + size * (aside * across + above * plane.vertical))
 
 
-def look_in_space(server: Any, plan: Trajectory) -> None:
-    """Light the scene, and look at all of a motion in space as pictures do, on open pages too."""
+def look_in_space(server: Any, plan: Trajectory, distance: float = 1.7) -> None:
+    """Light the scene, and look at a motion in space from where pictures do, on open pages too.
+
+    The eye is at a distance, in radii of the ball around all of the motion, from its centre.
+    """
     centre, radius = outlines.ball(plan)
-    eye = centre + 1.7 * radius * CAMERA.toward
+    eye = centre + distance * radius * CAMERA.toward
     _view(server, np.array([0.0, 0.0, 1.0]), centre, eye, 1.2)
     for client in server.get_clients().values():
         client.camera.position = tuple(eye)
