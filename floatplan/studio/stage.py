@@ -68,7 +68,7 @@ class Stage:
         self._lock = threading.Lock()  # the player moves obstacles too
         self._sees_jump = first.solved_jump is not None
         if self._plane is None:
-            scene.look_in_space(server, first.motion, 1.2)
+            self._look_in_space(first)
         else:
             placed = outlines.postures(plan, outlines.snapshot_times(plan))
             self._box = outlines.picture_box(plan, placed)
@@ -105,7 +105,7 @@ class Stage:
                 ghost.put(end_poses(view, end), 0)
             if view.result is not None and (before is None or before.result is not view.result):
                 if self._plane is None and view.result.solved_jump and not self._sees_jump:
-                    scene.look_in_space(self._server, view.result.motion, 1.2)  # which reaches further
+                    self._look_in_space(view.result)  # which reaches further
                     self._sees_jump = True
                 self._draw_paths(view.result)
                 self._draw_forces(view.result)
@@ -128,6 +128,9 @@ class Stage:
             instant -= jump.takeoff_time if jump else 0.0  # their clock begins with the flight
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
                 scene.move_obstacle(node, self._plane, obstacle, instant)
+
+    def _look_in_space(self, shown: ShownPlan) -> None:
+        scene.look_in_space(self._server, shown.motion, 1.2)  # [-] radii: so near that it fills the scene
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
         ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
