@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jumps import backflip, go2_problem, roll
+from jumps import backflip, go2_problem, planned_jump, roll
 from places import PROBLEMS
 from studio_insides import logged_errors
 
@@ -190,7 +190,7 @@ def test_a_jump_is_planned_changed_and_saved(tmp_path):
         assert session.view.verdict == "waiting"
         assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view.fault
         answer = session.view.result
-        expected = fp.jump(problem).flight
+        expected = planned_jump("go2").flight
         assert np.array_equal(answer.plan.coefficients, expected.coefficients)
         ends = [phase.end for phase in answer.jump.phases]
         ends[1] -= 0.02
