@@ -58,7 +58,7 @@ LOWEST, HIGHEST = -0.25, 1.0  # [m] in the picture
 SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 
 
-STUDIES = ("somersault", "weak_motors", "pole", "go2_flip")
+STUDIES = ("somersault", "weak_motors", "pole", "go2_flip", "go2_turn")
 
 
 def main() -> None:

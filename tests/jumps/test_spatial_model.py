@@ -1,5 +1,9 @@
 """The model of jumps in space: against Pinocchio; and pieces of a program against finite differences."""
 
+import ctypes
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -205,3 +209,16 @@ def test_derivatives_of_pieces_are_those_of_differences():
     hessian = np.array(assembly.functions["hess_lag"](x, parameters, 1.3, multipliers))
     second = np.array([(gradient(x + one) - gradient(x - one)) / 2e-6 for one in step])
     assert np.abs(hessian - np.triu(second)).max() < 1e-8
+
+
+def test_the_solver_s_blas_has_one_thread():
+    """With more, jumps in processes, which have one, were others than here."""
+    before = dict(os.environ)
+    casadi()
+    assert dict(os.environ) == before
+    maps = Path("/proc/self/maps")
+    lines = maps.read_text().splitlines() if maps.exists() else []
+    loaded = {line.split()[-1] for line in lines if "libcasadi-tp-openblas" in line}
+    if not loaded:
+        pytest.skip("this CasADi has no such library")
+    assert [ctypes.CDLL(path).openblas_get_num_threads() for path in loaded] == [1]
