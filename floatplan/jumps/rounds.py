@@ -42,6 +42,7 @@ class NodeMargins:
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
+    inside : least share of a sole's vertical force on each of its points; of jumps in space
     """
 
     torque: float
@@ -56,6 +57,7 @@ class NodeMargins:
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
     tilt: float = math.inf
+    inside: float = 0.05
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""

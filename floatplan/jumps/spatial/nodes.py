@@ -23,6 +23,7 @@ class SpatialBounds:
     lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     tilt : rad, of the middle one of the base's angles
+    inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     """
 
     torque: Array
@@ -35,6 +36,7 @@ class SpatialBounds:
     lift: float
     dip: float
     tilt: float
+    inside: float
 
 
 @dataclass(frozen=True)

@@ -178,6 +178,7 @@ class SpatialProgram:
                 angle = 2 * math.pi * side / sides
                 along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
                 rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
+        rows += self._pressure_rows(kind, shares)
         motor_rows, cost = self._motor_rows(forces)
         height_rows: list[tuple[Any, float, float, str]] = []
         if kind.fixed < 3:
@@ -258,6 +259,16 @@ class SpatialProgram:
                 rows.append((share + lost, -most, most, label))
                 rows.append((share - lost, -most, most, label))
         return rows, cost
+
+    def _pressure_rows(self, kind: NodeKind, shares: dict[str, Any]) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep the centre of pressure inside each sole: each of its points bears a share of its force."""
+        rows = []
+        for foot in kind.bearing:
+            if foot.suffix:
+                of_sole = [shares[other.name][2] for other in kind.bearing if other.frame == foot.frame]
+                least = self.bounds.inside * sum(of_sole[1:], of_sole[0])
+                rows.append((shares[foot.name][2] - least, 0.0, np.inf, f"pressure of {foot.name}"))
+        return rows
 
     def _leverage_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
         """Rows that keep legs which stand from postures in which their joints cannot move the foot every way."""
@@ -378,6 +389,12 @@ class SpatialProgram:
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high
+
+    @property
+    def lands_on_one_sole(self) -> bool:
+        """Whether the robot comes down from its flight on one sole, and then on both."""
+        landing = self.phases[self.flight + 1 :]
+        return len(landing) > 1 and landing[0].is_on_one_sole
 
     @property
     def flight_nodes(self) -> slice:
