@@ -9,9 +9,8 @@ from floatplan.jumps.reading import read_spatial_stance
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
-from floatplan.jumps.spatial.pendulum import Line, Pendulum
+from floatplan.jumps.spatial.pendulum import Line, Pendulum, pushed_from
 from floatplan.jumps.spatial.pieces import Assembly, Piece
-from floatplan.jumps.spatial.pushed import pushed_from
 from floatplan.jumps.spatial.stance import shared_forces
 from floatplan.jumps.spatial.standing import feet_at
 from floatplan.problem.attitude import Attitude

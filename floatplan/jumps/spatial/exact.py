@@ -4,9 +4,9 @@ The program's base and joints are taken as they are, but next to the flight, whe
 are made those of free fall with feet that do not move; legs that stand follow from where their feet are. The feet of
 the phase with most of them bear any motion of the base. On two points the moment about the line through them takes no
 force: the whole robot is turned about that line by an angle that follows from this moment, an inverted pendulum, from
-the flight's end on. On one sole, or on three feet beside a phase with more, the program's forces push the base. What a
-phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the phase
-in which most feet stand.
+the flight's end on. On one sole, or on three feet where another phase has more, the program's forces push the base.
+What a phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the
+phase in which most feet stand.
 """
 
 from collections.abc import Callable
@@ -20,10 +20,9 @@ from floatplan.jumps.motion import quintic, quintic_spline, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
-from floatplan.jumps.spatial.pendulum import Line, balanced_about
+from floatplan.jumps.spatial.pendulum import Line, balanced_about, pushed_from
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.program import SpatialProgram
-from floatplan.jumps.spatial.pushed import pushed_from
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
 
 Curve = Callable[[Array], Array]  # a motion (3, 6+n, N) at N times, s from the stance's begin

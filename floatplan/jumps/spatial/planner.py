@@ -150,7 +150,7 @@ def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: Spa
         takeoff, landing = np.split(ends.motion, 2, axis=2)
         before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
         ends_of_landing = np.concatenate((landing, last), axis=2)
-        if program.lands_on_one_sole:
+        if program.phases[program.flight + 1].is_on_one_sole:
             after = _landing_anew(setup, program, solution, ends_of_landing)
         else:
             after = exact_stances(program, solution, mechanics, "landing", ends_of_landing)
@@ -176,7 +176,7 @@ def _landing_anew(
     Raises
     ------
     NoExactStanceError
-        None is found, or it does not hold.
+        There is none, or it does not hold.
     """
     first = program.flight + 1
     phases = []

@@ -150,7 +150,6 @@ class SpatialProgram:
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
         stiffness = 625.0  # [1/s^2] and
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
         for index in range(6):
@@ -171,14 +170,7 @@ class SpatialProgram:
                 off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
                 pulled = change + sign * damping * speed + stiffness * off
                 rows.append((pulled / model.gravity, 0.0, 0.0, label))
-        for foot in kind.bearing:
-            share = shares[foot.name]
-            steepest = self.bounds.friction * math.cos(math.pi / sides)
-            for side in range(sides):
-                angle = 2 * math.pi * side / sides
-                along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
-                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
-        rows += self._pressure_rows(kind, shares)
+        rows += self._force_rows(kind, shares)
         motor_rows, cost = self._motor_rows(forces)
         height_rows: list[tuple[Any, float, float, str]] = []
         if kind.fixed < 3:
@@ -260,14 +252,23 @@ class SpatialProgram:
                 rows.append((share - lost, -most, most, label))
         return rows, cost
 
-    def _pressure_rows(self, kind: NodeKind, shares: dict[str, Any]) -> list[tuple[Any, float, float, str]]:
-        """Rows that keep the centre of pressure inside each sole: each of its points bears a share of its force."""
+    def _force_rows(self, kind: NodeKind, shares: dict[str, Any]) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep forces inside friction cones, and the centre of pressure inside each sole.
+
+        Each point of a sole bears a share of the sole's vertical force at least.
+        """
+        sides = 8  # [-] of the pyramid inside the friction cone
+        steepest = self.bounds.friction * math.cos(math.pi / sides)
         rows = []
         for foot in kind.bearing:
+            share = shares[foot.name]
+            for side in range(sides):
+                angle = 2 * math.pi * side / sides
+                along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
+                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
             if foot.suffix:
-                of_sole = [shares[other.name][2] for other in kind.bearing if other.frame == foot.frame]
-                least = self.bounds.inside * sum(of_sole[1:], of_sole[0])
-                rows.append((shares[foot.name][2] - least, 0.0, np.inf, f"pressure of {foot.name}"))
+                of_sole = sum(shares[other.name][2] for other in kind.bearing if other.frame == foot.frame)
+                rows.append((share[2] - self.bounds.inside * of_sole, 0.0, np.inf, f"pressure of {foot.name}"))
         return rows
 
     def _leverage_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
@@ -389,12 +390,6 @@ class SpatialProgram:
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high
-
-    @property
-    def lands_on_one_sole(self) -> bool:
-        """Whether the robot comes down from its flight on one sole, and then on both."""
-        landing = self.phases[self.flight + 1 :]
-        return len(landing) > 1 and landing[0].is_on_one_sole
 
     @property
     def flight_nodes(self) -> slice:
