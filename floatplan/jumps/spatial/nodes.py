@@ -22,6 +22,7 @@ class SpatialBounds:
     clearance : m, of what is no foot from the ground
     lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
+    shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
     inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     """
@@ -35,6 +36,7 @@ class SpatialBounds:
     clearance: float
     lift: float
     dip: float
+    shank_height: float
     tilt: float
     inside: float
 

@@ -26,6 +26,7 @@ from floatplan.jumps.spatial.standing import (
     feet_links,
     foot_corners,
     not_standing,
+    shank_points,
     standing_joints,
 )
 from floatplan.motion.planar.contact_rates import End
@@ -92,6 +93,7 @@ class SpatialSetup:
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
             lift=margins.lift,
             dip=margins.dip,
+            shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
             inside=margins.inside,
         )
@@ -99,7 +101,8 @@ class SpatialSetup:
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
         points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
-        return SpatialProgram(model, phases, self.ends, points, corners, bounds, request.friction)
+        shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
+        return SpatialProgram(model, phases, self.ends, points, corners, shanks, bounds, request.friction)
 
     @property
     def is_combined(self) -> bool:
