@@ -155,7 +155,7 @@ def _text(robot: Robot, stunt: Stunt, setup: SpatialSetup, options: Mapping[str,
 
 def _phases(setup: SpatialSetup) -> str:
     """Which feet stand before takeoff and after landing, for a person."""
-    stands = [" and ".join(phase.names) or "none" for phase in setup.phases]
+    stands = [" and ".join(phase.frames) or "none" for phase in setup.phases]
     return ", then ".join(stands)
 
 

@@ -46,6 +46,7 @@ class NodeMargins:
     shank_height : of links to which feet are fixed, m over the ground, in jumps in space; 0 for no rows
         Most robots' shanks are high enough without.
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
+    inside : least share of a sole's vertical force on each of its points; of jumps in space
     """
 
     torque: float
@@ -61,6 +62,7 @@ class NodeMargins:
     dip: float = POINT_FEET / 2
     shank_height: float = 0.0
     tilt: float = math.inf
+    inside: float = 0.05
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""

@@ -13,7 +13,7 @@ from floatplan.jumps.reading import read_spatial_stance
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
-from floatplan.jumps.spatial.pendulum import Line, Pendulum
+from floatplan.jumps.spatial.pendulum import Line, Pendulum, pushed_from
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.stance import shared_forces
 from floatplan.jumps.spatial.standing import feet_at
@@ -142,6 +142,38 @@ def test_a_sole_stands_on_three_points(g1, feet):
     closed = mechanics.feet(mechanics.close(moved, dict(zip(names, places, strict=True))), names)[0][:, 0]
     assert np.abs(closed[0] - places).max() < 1e-11
     assert np.abs(closed[1:]).max() < 1e-8
+
+
+@pytest.mark.parametrize("near", [0, -1])
+def test_on_a_sole_the_base_moves_as_forces_push_it(g1, feet, near):
+    """The motion takes these forces and no others, its sole stands, and a finer grid gives the same motion."""
+    mechanics = Mechanics(g1, "zyx", 9.81, feet)
+    names = [foot.name for foot in feet]
+    weight = 9.81 * g1.mass
+    ends = np.array(
+        [[[0.1, 0.0, 0.5], [-0.1, 0.1, 0.4], [0.0, -0.1, 0.3]], [[0.0, 0.1, 0.2], [0.1, 0.0, 0.3], [0.1, 0.1, 0.4]]]
+    )
+
+    def pushed(count):
+        times = np.linspace(0.0, 0.03, count)
+        motion = np.zeros((3, BASE + 6, count))
+        motion[0, BASE:] = BENT[:, None]
+        places = dict(zip(names, mechanics.feet(motion, names)[0][0, 0], strict=True))
+        shares = weight * np.array([np.interp(times, times[[0, -1]], of_ends) for of_ends in ends.reshape(2, -1).T])
+        return pushed_from(mechanics, times, motion, shares, places, near), shares, places
+
+    motion, shares, places = pushed(3)
+    positions, _ = mechanics.feet(motion, names)
+    assert np.abs(positions[0] - np.array(list(places.values()))).max() < 1e-11
+    forces = shares.T.reshape(3, 3, 3)
+    arms = np.array(list(places.values())) - motion[0, :3].T[:, None]
+    borne = np.hstack((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)))
+    assert np.abs(mechanics.base_wrench(motion) - borne).max() < 1e-9 * weight
+    assert np.abs(motion[:2, :BASE, near]).max() == 0.0
+    far = -1 - near
+    fine, _, _ = pushed(5)
+    assert np.abs(motion[0, :BASE, far]).max() > 1e-3
+    assert np.abs(fine[:2, :, far] - motion[:2, :, far]).max() < 1e-4 * np.abs(motion[1, :, far]).max()
 
 
 def test_forces_make_the_wrench_inside_the_cones():

@@ -61,7 +61,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     high = np.concatenate((assembly.high, box_high))
     labels = [*assembly.labels, *_variable_labels(program)]
     kinds = np.array([kind_of(label) for label in labels])
-    is_limit = np.isin(kinds, (*KINDS, "distance")) & (low < high)
+    is_limit = np.isin(kinds, (*KINDS, "distance", "pressure")) & (low < high)
     sizes = _sizes(low, high)
 
     # Where the violations of all else descend most steeply, in variables scaled as the proximal term has them.
@@ -126,5 +126,7 @@ def binding_sentence(limit: BindingLimit, problem: Problem) -> str:
         return f"{limit.label}, with all of the {most:.3g}{unit} that are allowed"
     if limit.kind == "distance":
         return f"{limit.label}, which is the least"
+    if limit.kind == "pressure":
+        return f"{limit.label}, whose sole would tip"
     unit = {"range": "rad", "duration": "s"}.get(limit.kind, "m")
     return f"{limit.label}, which ends at {limit.bound:.3g} {unit}"

@@ -214,10 +214,20 @@ class Mechanics:
             self._step(closed[0], frames, jacobians, gaps)
             if np.abs(gaps).max() < 1e-12:
                 break
-        for order in (1, 2):
-            now, jacobians = self.feet(closed, frames)
-            self._step(closed[order], frames, jacobians, -now[order])
+        self._still(closed, frames, 1)
+        self._still(closed, frames, 2)
         return closed
+
+    def unaccelerated(self, motion: Array, frames: Sequence[str]) -> Array:
+        """The motion with legs whose feet, which do not move, have no acceleration."""
+        still = motion.copy()
+        self._still(still, frames, 2)
+        return still
+
+    def _still(self, motion: Array, frames: Sequence[str], order: int) -> None:
+        """Change the derivative of an order of a motion's joints, 1 or 2, so that its feet do not have it."""
+        now, jacobians = self.feet(motion, frames)
+        self._step(motion[order], frames, jacobians, -now[order])
 
     def _step(self, rows: Array, frames: Sequence[str], jacobians: Array, gaps: Array) -> None:
         """Add to rows (6+n, N) of a motion what moves feet by gaps (N, F, 3), all points of a leg at once."""

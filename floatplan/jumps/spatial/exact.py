@@ -1,11 +1,12 @@
 """Stances in space that satisfy the dynamics between the program's nodes too, and meet the flight at its ends.
 
 The program's base and joints are taken as they are, but next to the flight, where the base's rates and accelerations
-are made those of free fall with feet that do not move; legs that stand follow from where their feet are. Three feet and
-more bear any motion of the base. On two the moment about the line through them takes no force: the whole robot is
-turned about that line by an angle that follows from this moment, an inverted pendulum, from the flight's end on. What a
-phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the phase
-in which most feet stand.
+are made those of free fall with feet that do not move; legs that stand follow from where their feet are. The feet of
+the phase with most of them bear any motion of the base. On two points the moment about the line through them takes no
+force: the whole robot is turned about that line by an angle that follows from this moment, an inverted pendulum, from
+the flight's end on. On one sole, or on three feet where another phase has more, the program's forces push the base.
+What a phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the
+phase in which most feet stand.
 """
 
 from collections.abc import Callable
@@ -15,14 +16,16 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.exact import NoExactStanceError
-from floatplan.jumps.motion import quintic, refined
+from floatplan.jumps.motion import quintic, quintic_spline, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
-from floatplan.jumps.spatial.pendulum import Line, balanced_about
+from floatplan.jumps.spatial.pendulum import Line, balanced_about, pushed_from
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
+
+Curve = Callable[[Array], Array]  # a motion (3, 6+n, N) at N times, s from the stance's begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +154,9 @@ def stance_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: M
     for end, phase in ((0, program.phases[0]), (-1, program.phases[-1])):
         motion = np.stack((solution.y, solution.v, solution.a))[:, :, [end]]
         fixed = program.ends.fixed(end)
-        for order, values in ((1, program.ends.v), (2, program.ends.a)):
+        for order, derivatives in ((1, program.ends.v), (2, program.ends.a)):
             if order < fixed:
-                motion[order, :, 0] = values[end]
+                motion[order, :, 0] = derivatives[end]
         places = _standing_places(program, solution, phase)
         ends.append(mechanics.close(mechanics.from_centre(motion), places))
     return np.concatenate(ends, axis=2)
@@ -256,11 +259,12 @@ def exact_stances(
             motion = motion + _vanishing(times, seams[end] - motion[:, :, end], end)
         places = _standing_places(program, solution, phase)
         motion = mechanics.close(motion, places)
-        if len(places) == 2:
-            if index == middle:
-                raise NoExactStanceError("on no more than two feet it cannot begin and end as it has to")
+        if len(places) == 2 and index == middle:
+            raise NoExactStanceError("on no more than two feet it cannot begin and end as it has to")
+        if index != middle:
             beyond = _standing_places(program, solution, program.phases[index + (1 if near == 0 else -1)])
-            motion = _on_two_feet(mechanics, times, motion, places, beyond, near)
+            others = {frame: position for frame, position in beyond.items() if frame not in places}
+            motion = _borne(mechanics, times, motion, shares, places, others, near)
         seams[near] = motion[:, :, -1 - near]
         motions[index] = SpatialGrid(times + begin, motion[0], motion[1], motion[2], shares)
     model = program.model
@@ -272,31 +276,61 @@ def exact_stances(
     ]
 
 
-def _on_two_feet(
+def _borne(
     mechanics: Mechanics,
     times: Array,
     motion: Array,
+    shares: Array,
     places: dict[str, Array],
-    beyond: dict[str, Array],
+    others: dict[str, Array],
     near: int,
 ) -> Array:
-    """The motion (3, 6+n, G) balanced on two feet, with other legs that stand at the far end, in the phase beyond.
+    """The motion (3, 6+n, G) that feet at ``places`` can bear, with ``others`` that stand at the far end.
 
-    The angle about the line moves their feet, and their legs move the robot about the line: a fixed point.
+    On two feet it is balanced about the line through them; else their forces, ``shares`` (3 F, G), push the base. So
+    the base moves the other legs, and these move it: a fixed point.
+
+    Raises
+    ------
+    NoExactStanceError
+        The other legs do not reach the ground.
     """
-    line = Line.through(places)
-    others = {frame: position for frame, position in beyond.items() if frame not in places}
     far = -1 - near
-    changed = motion.copy()
+    scale = ((times[-1] - times[0]) ** np.arange(3))[:, None]
+    bent = np.zeros(motion.shape[:2])  # by how much joints differ from the motion at the far end
+    tried: list[tuple[Array, Array]] = []
     for _ in range(30):
-        result = balanced_about(mechanics, line, times, changed, near)
-        at_junction = result[:, :, [far]]
-        change = (mechanics.close(at_junction, others) - at_junction)[:, :, 0]
-        scale = (times[-1] - times[0]) ** np.arange(3)
-        if np.abs(change * scale[:, None]).max() < 1e-9:
+        changed = motion + _vanishing(times, bent, far)
+        if len(places) == 2:
+            result = balanced_about(mechanics, Line.through(places), times, changed, near)
+        else:
+            result = pushed_from(mechanics, times, changed, shares, places, near)
+        change = _to_the_ground(mechanics, result, others, far)
+        if not np.isfinite(change).all():
+            break
+        if np.abs(change * scale).max() < 1e-8:
             return result
-        changed += _vanishing(times, change, far)
-    raise NoExactStanceError("on two feet the other legs do not reach the ground where they stand")
+        tried.append((bent * scale, change * scale))
+        bent = _mixed(tried) / scale
+    raise NoExactStanceError("on the feet next to the flight the other legs do not reach the ground where they stand")
+
+
+def _mixed(tried: list[tuple[Array, Array]]) -> Array:
+    """The next point of a fixed-point iteration, from points and their changes so far: Anderson's mixing (1965).
+
+    Of all sums of points with weights that add up to 1 it is the one whose change would be least, were it linear.
+    """
+    points = np.array([point.ravel() for point, _ in tried])
+    changes = np.array([change.ravel() for _, change in tried])
+    weights, *_ = np.linalg.lstsq(np.diff(changes, axis=0).T, changes[-1], rcond=1e-12)
+    following = points[-1] + changes[-1] - weights @ np.diff(points + changes, axis=0)
+    return np.asarray(following.reshape(tried[-1][0].shape))
+
+
+def _to_the_ground(mechanics: Mechanics, motion: Array, places: dict[str, Array], end: int) -> Array:
+    """What (3, 6+n) of a motion (3, 6+n, G) has to change at an end, 0 or -1, for feet to stand at places there."""
+    at_end = motion[:, :, [end]]
+    return np.asarray((mechanics.close(at_end, places) - at_end)[:, :, 0])
 
 
 def _vanishing(times: Array, change: Array, near: int) -> Array:
@@ -305,6 +339,19 @@ def _vanishing(times: Array, change: Array, near: int) -> Array:
     zero = np.zeros_like(change)
     first, last = (change, zero) if near == 0 else (zero, change)
     return quintic(times, span, first, last)
+
+
+def motion_of_side(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, side: str) -> Curve:
+    """Return the program's motion on a side of the flight, whose legs may miss their feet between nodes.
+
+    It takes times (N,), s from the side's begin.
+    """
+    indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
+    pieces = [_fine_motion(program, solution, mechanics, index)[:2] for index in indices]
+    times = np.concatenate([pieces[0][0][:1], *(of_phase[1:] for of_phase, _ in pieces)])
+    motion = np.concatenate([pieces[0][1][:, :, :1], *(of_phase[:, :, 1:] for _, of_phase in pieces)], axis=2)
+    curve = quintic_spline(times - times[0], motion)
+    return lambda at: values(curve, np.clip(at, 0.0, times[-1] - times[0]))
 
 
 def _fine_motion(

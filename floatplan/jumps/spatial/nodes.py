@@ -24,6 +24,7 @@ class SpatialBounds:
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
+    inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     """
 
     torque: Array
@@ -37,6 +38,7 @@ class SpatialBounds:
     dip: float
     shank_height: float
     tilt: float
+    inside: float
 
 
 @dataclass(frozen=True)

@@ -36,9 +36,19 @@ class SpatialPhase(TimedPhase):
         return tuple(dict.fromkeys(foot.frame for foot in self.feet))
 
     @property
+    def is_on_one_sole(self) -> bool:
+        """Whether one sole stands, and nothing else."""
+        return is_one_sole(self.feet)
+
+    @property
     def name(self) -> str:
         """Side and frames, for a person."""
         return f"{self.side} on {' and '.join(self.frames)}" if self.frames else self.side
+
+
+def is_one_sole(feet: Sequence[Foot]) -> bool:
+    """Whether feet are the points of one sole, and nothing else."""
+    return len({foot.frame for foot in feet}) == 1 and len(feet) == len(Foot.of_soles)
 
 
 def side_phases(
@@ -47,6 +57,7 @@ def side_phases(
     unit: float,
     bounds: Sequence[tuple[float, float] | None],
     rotation: float = 0.0,
+    meets_one_sole: bool = False,
 ) -> list[SpatialPhase]:
     """Return the phases of a side of the flight, or the flight, with generic durations.
 
@@ -57,6 +68,7 @@ def side_phases(
     unit : sqrt(height / g) of the centre of mass where the robot stands, s
     bounds : of their durations, s; None for generic ones
     rotation : of the base in the flight, all angles added, rad
+    meets_one_sole : whether a flight begins or ends on one sole
     """
     # Durations over sqrt(height / g), and intervals, of jumps of quadrupeds.
     durations = {
@@ -70,6 +82,8 @@ def side_phases(
     for feet, (guess, count), fixed in zip(groups, durations, bounds, strict=True):
         # Fast rotations need nodes: one more for each 18 degrees beyond 360.
         count += max(0, round((rotation - 2 * math.pi) / math.radians(18.0)))
+        if meets_one_sole or is_one_sole(feet):  # there errors between nodes grow like those of an inverted pendulum
+            count = round(1.5 * count)
         usual = Usual(guess, 0.6, 1.8, count)
         phases.append(SpatialPhase(side, feet, *usual.duration(unit, fixed), usual.intervals))
     return phases

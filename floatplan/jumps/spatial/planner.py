@@ -1,18 +1,19 @@
 """From a problem in space to a jump: one program over all phases, its flight planned, its stances exact and checked."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.flight import planned_flight
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.rounds import CORRECTIONS, NEAR_FAILED, NodeMargins, refined_until_checked, saying_on
 from floatplan.jumps.spatial.conflicts import shortfall
-from floatplan.jumps.spatial.exact import exact_stances, flight_ends, stance_ends
+from floatplan.jumps.spatial.exact import exact_stances, feet_places, flight_ends, motion_of_side, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess, guess_near
 from floatplan.jumps.spatial.jump import SpatialJump
@@ -20,6 +21,8 @@ from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram, solved_again
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
+from floatplan.jumps.spatial.stance import SpatialStance
+from floatplan.jumps.spatial.stance_search import StanceEnd, planned_stance, stance_setup
 from floatplan.jumps.spatial.standing import shank_points
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
@@ -202,7 +205,11 @@ def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: Spa
         first, last = np.split(outer, 2, axis=2)
         takeoff, landing = np.split(ends.motion, 2, axis=2)
         before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
-        after = exact_stances(program, solution, mechanics, "landing", np.concatenate((landing, last), axis=2))
+        ends_of_landing = np.concatenate((landing, last), axis=2)
+        if program.phases[program.flight + 1].is_on_one_sole:
+            after = _landing_anew(setup, program, solution, ends_of_landing)
+        else:
+            after = exact_stances(program, solution, mechanics, "landing", ends_of_landing)
     except InputError as error:
         explanation = f"The flight between the stances cannot be planned: {error}"
         return SpatialJump(problem, request, explanation=explanation)
@@ -213,3 +220,31 @@ def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: Spa
     check = jump.check
     sentence = "The stances hold at 2 kHz." if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     return jump.explained(sentence)
+
+
+def _landing_anew(
+    setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, ends: Array
+) -> Sequence[SpatialStance]:
+    """The landing between its ends (3, 6+n, 2), solved once more from where the flight brings the robot.
+
+    That is not quite where the program had it, and on one sole the difference grows like that of an inverted pendulum.
+
+    Raises
+    ------
+    NoExactStanceError
+        There is none, or it does not hold.
+    """
+    first = program.flight + 1
+    phases = []
+    for phase, duration in zip(program.phases[first:], solution.durations[first:].tolist(), strict=True):
+        phases.append(replace(phase, duration=duration))
+    touchdown = StanceEnd(ends[:, :, 0], flies=True)
+    standing = StanceEnd(ends[:, :, 1])
+    places = feet_places(program, solution, "landing")
+    search = stance_setup(setup.problem, setup.request, setup.axes, phases, (touchdown, standing), places)
+    curve = motion_of_side(program, solution, setup.mechanics, "landing")
+    begin = float(solution.durations[:first].sum())
+    result = planned_stance(search, curve, begin=begin)
+    if not result.ok:
+        raise NoExactStanceError(f"from where it lands, {result.broken[0]}")
+    return result.stances

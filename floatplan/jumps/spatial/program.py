@@ -152,7 +152,6 @@ class SpatialProgram:
         of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
         stiffness = 625.0  # [1/s^2] and
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        sides = 8  # [-] of the pyramid inside the friction cone
         rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
         balance = model.balance(forces)
         for index in range(6):
@@ -173,13 +172,7 @@ class SpatialProgram:
                 off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
                 pulled = change + sign * damping * speed + stiffness * off
                 rows.append((pulled / model.gravity, 0.0, 0.0, label))
-        for foot in kind.bearing:
-            share = shares[foot.name]
-            steepest = self.bounds.friction * math.cos(math.pi / sides)
-            for side in range(sides):
-                angle = 2 * math.pi * side / sides
-                along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
-                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
+        rows += self._force_rows(kind, shares)
         motor_rows, cost = self._motor_rows(forces)
         height_rows: list[tuple[Any, float, float, str]] = []
         if kind.fixed < 3:
@@ -261,6 +254,24 @@ class SpatialProgram:
                 rows.append((share - lost, -most, most, label))
         return rows, cost
 
+    def _force_rows(self, kind: NodeKind, shares: dict[str, Any]) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep forces inside friction cones, and the centre of pressure inside each sole.
+
+        Each point of a sole bears a share of the sole's vertical force at least.
+        """
+        sides = 8  # [-] of the pyramid inside the friction cone
+        steepest = self.bounds.friction * math.cos(math.pi / sides)
+        rows = []
+        for foot in kind.bearing:
+            share = shares[foot.name]
+            for angle in np.linspace(0.0, 2 * math.pi, sides, endpoint=False).tolist():
+                along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
+                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
+            if foot.suffix:
+                of_sole = sum(shares[other.name][2] for other in kind.bearing if other.frame == foot.frame)
+                rows.append((share[2] - self.bounds.inside * of_sole, 0.0, np.inf, f"pressure of {foot.name}"))
+        return rows
+
     def _leverage_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
         """Rows that keep legs which stand from postures in which their joints cannot move the foot every way."""
         ca = casadi()
@@ -284,8 +295,14 @@ class SpatialProgram:
                 continue
             between = self.model.foot(first.name)[1][0] - self.model.foot(second.name)[1][0]
             least = first.depth + second.depth + apart
-            label = f"distance of {first.name} from {second.name}"
-            rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
+            rows.append(
+                (
+                    (ca.sumsqr(between) - least**2) / self.height**2,
+                    0.0,
+                    np.inf,
+                    f"distance of {first.name} from {second.name}",
+                )
+            )
         return rows
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:

@@ -16,7 +16,7 @@ from floatplan.jumps.setup import check_frames, check_robot_stands, duration_bou
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
-from floatplan.jumps.spatial.phases import SpatialPhase, side_phases, usual_groups
+from floatplan.jumps.spatial.phases import SpatialPhase, is_one_sole, side_phases, usual_groups
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
 from floatplan.jumps.spatial.standing import (
     Foot,
@@ -95,6 +95,7 @@ class SpatialSetup:
             dip=margins.dip,
             shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
+            inside=margins.inside,
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
@@ -173,7 +174,9 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
-        *side_phases("flight", [()], unit, [flight_bounds], rotation),
+        *side_phases(
+            "flight", [()], unit, [flight_bounds], rotation, is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
+        ),
         *side_phases("landing", landing, unit, duration_bounds(request, "landing", len(landing))),
     )
     return SpatialSetup(problem, request, axes, phases, ends, origin)

@@ -5,7 +5,7 @@ between two ("step"). :func:`stance_setup` states it, :func:`planned_stance` sol
 nodes, and checks it 2000 times a second.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic
 from floatplan.jumps.rounds import NodeMargins, refined_until_checked
 from floatplan.jumps.spatial.conflicts import shortfall
-from floatplan.jumps.spatial.exact import exact_stances, stance_ends
+from floatplan.jumps.spatial.exact import Curve, exact_stances, stance_ends
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.nodes import SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase
@@ -27,8 +27,6 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
 MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3)  # of the first program
-
-Curve = Callable[[Array], Array]  # a motion (3, 6+n, N) at N times, s from the stance's begin
 
 
 @dataclass(frozen=True, eq=False)
