@@ -14,14 +14,13 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
 from floatplan.jumps.contacts import (
     GroundContact,
-    GroundStep,
     contact_depths,
     contact_positions,
-    edge_obstacles,
     links_of,
     names_of,
     near_contact,
 )
+from floatplan.jumps.ground_step import GroundStep, edge_obstacles
 from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, MotionInFile, PinocchioDynamics
@@ -239,13 +238,14 @@ class JumpMotion(MotionInFile):
     @property
     def step(self) -> GroundStep | None:
         """Of the ground, where takeoff and landing are on grounds of different heights."""
-        return GroundStep.of(self.request, self.before[-1].ground) if self.before else None
+        if not self.before:
+            return None
+        return GroundStep.of(self.request, self.problem.takeoff.position, self.before[-1].ground)
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The problem's obstacles, and the edge between grounds of different heights."""
-        edges = edge_obstacles(self.request, self.before[-1].ground) if self.before else ()
-        return (*self.problem.obstacles, *edges)
+        return (*self.problem.obstacles, *edge_obstacles(self.step))
 
     @property
     def contacts(self) -> list[Any]:

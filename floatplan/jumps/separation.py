@@ -21,7 +21,8 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import GroundEdge, displacement, is_ground
+from floatplan.jumps.contacts import displacement, is_ground
+from floatplan.jumps.ground_step import GroundEdge
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.phases import instants

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.jumps.contacts import GroundEdge
+from floatplan.jumps.ground_step import EDGES
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
@@ -364,7 +364,7 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     plan = sampled.plan
     obstacles = plan.whole_problem.obstacles
     certificate = certificate_of(plan)
-    names = ["edge" if isinstance(obstacle, GroundEdge) else obstacle.kind for obstacle in obstacles]
+    names = ["edge" if isinstance(obstacle, EDGES) else obstacle.kind for obstacle in obstacles]
     proved = {}
     for finding in () if certificate is None else certificate.findings:
         if finding.kind == "obstacle" and finding.verdict == "proved" and finding.bound is not None:

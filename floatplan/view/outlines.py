@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.jumps.contacts import GroundEdge
+from floatplan.jumps.ground_step import EDGES
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.kinematics import poses_about, posture_about
@@ -475,7 +475,7 @@ def ground_step(plan: Trajectory) -> tuple[complex, complex] | None:
 
 def shown_obstacles(problem: Problem) -> list[Obstacle]:
     """Obstacles that pictures show as such: all but the edge of higher ground, which :func:`ground_step` shows."""
-    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, GroundEdge)]
+    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, EDGES)]
 
 
 def obstacle_times(obstacle: Obstacle, duration: float) -> Array:

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
+from floatplan.jumps.ground_step import DEPTH, EDGE_MARGIN, GroundStep
 from floatplan.jumps.model import casadi
-from floatplan.jumps.phases import instants
+from floatplan.jumps.phases import grounds_below, instants
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import NodeKind, SpatialBounds, SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase
@@ -43,6 +44,7 @@ class SpatialProgram:
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
     reference : (6+n, K+1) of a motion y to which it is to be near; None for none
+    step : of the ground, in the program's world; None where it is level
     """
 
     model: SpatialModel
@@ -53,6 +55,7 @@ class SpatialProgram:
     bounds: SpatialBounds
     friction: float
     reference: Array | None = None
+    step: GroundStep | None = None
     kinds: list[NodeKind] = field(init=False)
     phase_of: IntArray = field(init=False)
 
@@ -185,6 +188,7 @@ class SpatialProgram:
         if not kind.fixed:
             rows += self._leverage_rows(kind)
             rows += self._distance_rows(kind)
+            rows += self._edge_rows(kind)
             height_rows = self._height_rows(kind)
         smoothness = 1e-5  # [s^4/rad^2] 100 rad/s^2 cost as much as a motor with a third of its torque;
         evenness = 1e-2  # [-] and so does a force of three weights
@@ -286,6 +290,40 @@ class SpatialProgram:
             rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
         return rows
 
+    def _edge_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep each capsule of a link above the higher ground, or beyond its edge, where there is a step.
+
+        The flight's obstacles ask the same of it. Minimum and maximum are smooth: less than the minimum, and more than
+        the maximum by half of the smoothing where both sides are equal.
+        """
+        ca = casadi()
+        step = self.step
+        if step is None:
+            return []
+        apart = 2 * EDGE_MARGIN  # [m] half of which the flight keeps, whose motion is not the program's between nodes
+        smoothing = 0.01  # [m]
+        with_feet = {foot.body for phase in self.phases for foot in phase.feet}
+        rows = []
+        for capsule in self.model.robot.solid_capsules:
+            body = self.model.bodies[capsule.body - 1]
+            first, second = (self.model.placed(body.point(end))[0] for end in (capsule.start, capsule.end))
+            outside = [step.inwards * (step.edge - end[step.axis]) for end in (first, second)]
+            heights = [first[2], second[2]]
+            if (capsule.start == capsule.end).all():
+                if not capsule.radius:  # no more than a point, inside of other links
+                    continue
+                beyond, height = outside[0], heights[0]
+            else:
+                beyond = (sum(outside) - ca.sqrt((outside[0] - outside[1]) ** 2 + smoothing**2)) / 2
+                height = (sum(heights) - ca.sqrt((heights[0] - heights[1]) ** 2 + smoothing**2)) / 2
+            may_touch = bool(kind.tracking) or capsule.body in with_feet  # capsules are thicker than what stands
+            top = step.high - (DEPTH + EDGE_MARGIN + apart if may_touch else 0.0)
+            above = height - top
+            distance = (beyond + above + ca.sqrt((beyond - above) ** 2 + smoothing**2)) / 2 - capsule.radius
+            label = f"distance of {capsule.link} from the edge of the ground"
+            rows.append(((distance - apart) / self.height, 0.0, np.inf, label))
+        return rows
+
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
         """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
         standing = {foot.name for foot in kind.tracking}
@@ -305,14 +343,19 @@ class SpatialProgram:
         return rows
 
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
-        """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
+        """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass.
+
+        They are over the ground on which it stands then, in flight over that which :func:`grounds_below` says.
+        """
         lift = 0.003  # [m] of feet in the air in stance
+        ground = self.ends.rise if kind.side == "landing" else 0.0
         in_flight = self.flight >= 0 and self.borders[self.flight] < node < self.borders[self.flight + 1]
         if in_flight:
             share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
             lift = self.bounds.lift * lifted_share(share)
+            ground = float(grounds_below(np.array(share), 0.0, self.ends.rise))
         least_of = {"link": self.bounds.clearance, "foot": lift, "corner": -self.bounds.dip}
-        return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
+        return np.array([ground + least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:
         """Rows of the intervals of a phase: y and v follow from accelerations that are linear."""
