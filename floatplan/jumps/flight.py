@@ -12,13 +12,13 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.contacts import GroundContact, ground_below, is_ground
-from floatplan.jumps.ground_step import GroundStep, edge_obstacles
 from floatplan.jumps.phases import grounds_below
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Obstacle, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, positions_from_com, undersides

@@ -20,7 +20,6 @@ from floatplan.jumps.contacts import (
     names_of,
     near_contact,
 )
-from floatplan.jumps.ground_step import GroundStep, edge_obstacles
 from floatplan.jumps.motion import JumpState, Stance, flight_state, joined
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.flight import FullMotion, MotionInFile, PinocchioDynamics
@@ -30,6 +29,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.plans.trajectory import JumpPhase
 from floatplan.pool import one_thread
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle, Posture
 from floatplan.problem.problem import Problem

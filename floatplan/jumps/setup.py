@@ -26,7 +26,6 @@ from floatplan.jumps.contacts import (
     standing_feet,
     with_bent_knees,
 )
-from floatplan.jumps.ground_step import GroundStep, edge_obstacles
 from floatplan.jumps.model import PlanarModel
 from floatplan.jumps.phases import (
     FixedEnd,
@@ -47,6 +46,7 @@ from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.rows import NodeLimits, NodeRows
 from floatplan.jumps.separation import Separation
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.jump import Ending, JumpFlight, JumpRequest
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem

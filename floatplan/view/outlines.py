@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.jumps.ground_step import EDGES, GroundStep
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.kinematics import poses_about, posture_about
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
+from floatplan.problem.ground_step import GroundStep, OfHigherGround
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
 from floatplan.problem.spatial_obstacles import Box, HalfSpace, SpatialObstacle
@@ -514,7 +514,7 @@ def shown_obstacles(problem: Problem) -> list[Obstacle]:
 
     See :func:`ground_step` and :func:`platform`.
     """
-    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, EDGES)]
+    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, OfHigherGround)]
 
 
 def obstacle_times(obstacle: Obstacle, duration: float) -> Array:

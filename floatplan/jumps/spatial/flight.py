@@ -7,7 +7,6 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.flight import obstacles_in
-from floatplan.jumps.ground_step import GroundStep, edge_obstacles
 from floatplan.jumps.phases import grounds_below
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.exact import FlightEnds
@@ -16,6 +15,7 @@ from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.parts import Flight, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.problem.spatial_obstacles import HalfSpace
@@ -84,7 +84,10 @@ def _grounds(
     ground = float(solution.origin[2])
     above = _lowest(program, mechanics, motion) - ground
     gap = 1e-3  # [m] below capsules in the ground, which may be as much lower between nodes
-    share = 0.75  # [-] of the program's height: polynomials have fewer variables than its nodes
+    share = np.full(len(below), 0.75)  # [-] of the program's height: polynomials have fewer variables than its nodes
+    # Next to the change of grounds legs begin to reach for the other one, and feet stay less above the first.
+    changes_soon = np.append(below[1:] != below[:-1], False) | np.insert(below[1:] != below[:-1], 0, False)
+    share[changes_soon] = 0.25
     least = np.minimum(above[1:], above[:-1]) - below
     levels = np.where(least > 0, share * np.minimum(least, program.bounds.lift), least) - gap
     levels = (ground + below + levels).round(4)

@@ -6,13 +6,13 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.ground_step import GroundStep
 from floatplan.jumps.spatial.standing import Foot, feet_links
 from floatplan.motion.dynamics import FlightState
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, pair_distances_in_space, shapes_in_space
 from floatplan.motion.spatial.kinematics import poses_about
 from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid
 

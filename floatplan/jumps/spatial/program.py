@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.jumps.ground_step import DEPTH, EDGE_MARGIN, GroundStep
 from floatplan.jumps.model import casadi
 from floatplan.jumps.phases import grounds_below, instants
 from floatplan.jumps.spatial.model import BASE, SpatialModel
@@ -25,6 +24,7 @@ from floatplan.jumps.spatial.nodes import NodeKind, SpatialBounds, SpatialEnds, 
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
+from floatplan.problem.ground_step import GroundStep
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
@@ -188,7 +188,6 @@ class SpatialProgram:
         if not kind.fixed:
             rows += self._leverage_rows(kind)
             rows += self._distance_rows(kind)
-            rows += self._edge_rows(kind)
             height_rows = self._height_rows(kind)
         smoothness = 1e-5  # [s^4/rad^2] 100 rad/s^2 cost as much as a motor with a third of its torque;
         evenness = 1e-2  # [-] and so does a force of three weights
@@ -276,7 +275,10 @@ class SpatialProgram:
         return rows
 
     def _distance_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
-        """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles."""
+        """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles.
+
+        Where the ground has a step, these are of the links' distances from it too.
+        """
         ca = casadi()
         apart = 0.01  # [m] between their surfaces
         feet = sorted({foot for phase in self.phases for foot in phase.feet if not foot.suffix}, key=lambda f: f.body)
@@ -288,41 +290,7 @@ class SpatialProgram:
             least = first.depth + second.depth + apart
             label = f"distance of {first.name} from {second.name}"
             rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
-        return rows
-
-    def _edge_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
-        """Rows that keep each capsule of a link above the higher ground, or beyond its edge, where there is a step.
-
-        The flight's obstacles ask the same of it. Minimum and maximum are smooth: less than the minimum, and more than
-        the maximum by half of the smoothing where both sides are equal.
-        """
-        ca = casadi()
-        step = self.step
-        if step is None:
-            return []
-        apart = 2 * EDGE_MARGIN  # [m] half of which the flight keeps, whose motion is not the program's between nodes
-        smoothing = 0.01  # [m]
-        with_feet = {foot.body for phase in self.phases for foot in phase.feet}
-        rows = []
-        for capsule in self.model.robot.solid_capsules:
-            body = self.model.bodies[capsule.body - 1]
-            first, second = (self.model.placed(body.point(end))[0] for end in (capsule.start, capsule.end))
-            outside = [step.inwards * (step.edge - end[step.axis]) for end in (first, second)]
-            heights = [first[2], second[2]]
-            if (capsule.start == capsule.end).all():
-                if not capsule.radius:  # no more than a point, inside of other links
-                    continue
-                beyond, height = outside[0], heights[0]
-            else:
-                beyond = (sum(outside) - ca.sqrt((outside[0] - outside[1]) ** 2 + smoothing**2)) / 2
-                height = (sum(heights) - ca.sqrt((heights[0] - heights[1]) ** 2 + smoothing**2)) / 2
-            may_touch = bool(kind.tracking) or capsule.body in with_feet  # capsules are thicker than what stands
-            top = step.high - (DEPTH + EDGE_MARGIN + apart if may_touch else 0.0)
-            above = height - top
-            distance = (beyond + above + ca.sqrt((beyond - above) ** 2 + smoothing**2)) / 2 - capsule.radius
-            label = f"distance of {capsule.link} from the edge of the ground"
-            rows.append(((distance - apart) / self.height, 0.0, np.inf, label))
-        return rows
+        return rows if self.step is None else rows + self.model.step_rows(self.step, self.height)
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
         """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""

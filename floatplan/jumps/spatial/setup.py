@@ -10,7 +10,6 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.ground_step import GroundStep
 from floatplan.jumps.phases import Side, over_step
 from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.setup import (
@@ -38,6 +37,7 @@ from floatplan.jumps.spatial.standing import (
 )
 from floatplan.motion.planar.contact_rates import End
 from floatplan.problem.attitude import Attitude, required
+from floatplan.problem.ground_step import GroundStep
 from floatplan.problem.jump import Ending, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
@@ -421,10 +421,12 @@ def _refuse_at_edge(
             continue
         distances = f"{1e3 * distance:.0f} mm {where}, {1e3 * least:.0f} mm are the least"
         reason = f"where it stands at {side}, {name!r} would be {distances}"
+        position = request.edge if side == "takeoff" else moved
+        enough = ahead * math.ceil(1e3 * (abs(position) + missing)) / 1e3  # mm, rounded up
         if side == "takeoff":
-            advice = f"let the edge be at {request.edge + ahead * missing:.3f} {along}"
+            advice = f"let the edge be at {enough:g} {along}"
             raise InputError(reason, element="jump.edge", advice=advice)
-        advice = f"let it come {moved + ahead * missing:.3f} {along}"
+        advice = f"let it come {enough:g} {along}"
         raise InputError(reason, element="jump.landing.displacement", advice=advice)
 
 

@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray
 from floatplan.jumps.check import LIGHT
-from floatplan.jumps.ground_step import GroundStep
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.robot.robot import Robot
 from floatplan.simulation.base_states import base_states
@@ -250,7 +250,7 @@ def _add_step(spec: Any, robot: Robot, step: GroundStep, friction: float) -> Non
     """Add the higher ground of a jump: a box on the floor, which is the lower one."""
     half = np.array([2.0, (step.high - step.low) / 2, 2.0])  # [m] far along, as high as it is, far across
     middle = np.array([step.along(half[0]), step.low + half[1], step.across or 0.0])
-    if robot.in_plane is None:
+    if step.across is not None:
         along, upwards = np.eye(3)[[step.axis, 2]]
         middle[2] *= np.cross(along, upwards)[1 - step.axis]
     else:

@@ -9,11 +9,11 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.jumps.contacts import links_of
-from floatplan.jumps.ground_step import GroundStep
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import point_in_joint
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.standing import feet_links
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid, evenly
 

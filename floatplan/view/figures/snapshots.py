@@ -410,7 +410,7 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
         farthest = _ends_of_shadows(placed, shifts)[1] + margin
         axes.axhspan(low.imag, farthest, color=PALETTE.pale, alpha=0.3, linewidth=0, zorder=0)
     com = outlines.com_positions(jump, placed.times)
-    around = 0.6 * outlines.robot_size(jump)  # [m] of a moment's part of higher ground
+    around = 0.6 * outlines.robot_size(jump)  # [m] of higher ground next to a moment
     for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
         draw_shadow(axes, placed, index, zorder=0.9, shift=shifts[index])
         if placed.shadows is not None:

@@ -16,7 +16,6 @@ from floatplan.arguments import short
 from floatplan.arrays import Array
 from floatplan.files import json_value
 from floatplan.jumps.check import JumpCheck, sentences_on
-from floatplan.jumps.ground_step import GroundStep
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.plans.plan import Plan
@@ -24,6 +23,7 @@ from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, 
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import TONES, Tone
 from floatplan.problem.attitude import required
+from floatplan.problem.ground_step import GroundStep
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -11,10 +11,6 @@ from floatplan.problem.attitude import Triple
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Bar, Obstacle
 from floatplan.problem.spatial_obstacles import Box, Capsule
-
-DEPTH = 2e-2  # [m] of obstacles below the ground on which feet stand, farther than capsules around these reach into it
-EDGE_RADIUS = 0.01  # [m] of the bar at an edge: where side and top of the ground meet is a round edge inside it
-EDGE_MARGIN = 0.01  # [m] that links keep from it
 
 
 @dataclass(frozen=True)
@@ -26,9 +22,14 @@ class GroundStep:
     edge : horizontal position of it, m, in the flight's world: in space along one axis, at right angles to the other
     low, high : heights of both grounds, m
     inwards : 1 or -1, the direction from the edge in which the higher ground is
-    axis : in space 0 where the edge has a place along x, 1 along y; 0 in a plane
+    axis : in space 0 where the edge crosses x, 1 where it crosses y; 0 in a plane
     across : in space the position along the other horizontal axis at which the edge has its middle, m; None in a plane
+    depth : of obstacles below the ground on which feet stand, farther than capsules around these reach into it, m
+    margin : that links keep from the edge, m
     """
+
+    depth: ClassVar[float] = 2e-2
+    margin: ClassVar[float] = 0.01
 
     edge: float
     low: float
@@ -49,8 +50,8 @@ class GroundStep:
         """
         if request.edge is None or not request.rise:
             return None
-        in_space = len(takeoff) == 3
-        axis = request.edge_axis if in_space else 0
+        is_spatial = len(takeoff) == 3
+        axis = request.edge_axis if is_spatial else 0
         ahead = 1 if request.edge > 0 else -1  # from the feet that take off
         return cls(
             edge=takeoff[axis] + request.edge,
@@ -58,7 +59,7 @@ class GroundStep:
             high=ground + max(0.0, request.rise),
             inwards=-ahead if request.rise < 0 else ahead,
             axis=axis,
-            across=takeoff[1 - axis] if in_space else None,
+            across=takeoff[1 - axis] if is_spatial else None,
         )
 
     def above_low(self, along: Array) -> Array:
@@ -72,30 +73,31 @@ class GroundStep:
     def point(self, inside: float, across: float, height: float) -> Triple:
         """A point in space, m: so far inside the edge and from its middle, at a height."""
         along = self.along(inside)
-        beside = (self.across or 0.0) + across
-        return (along, beside, height) if self.axis == 0 else (beside, along, height)
+        aside = (self.across or 0.0) + across
+        return (along, aside, height) if self.axis == 0 else (aside, along, height)
 
     def size(self, along: float, across: float, height: float) -> Triple:
         """The edges of a box in space, m along x, y and z, from what they are along and across the axis."""
         return (along, across, height) if self.axis == 0 else (across, along, height)
 
 
+class OfHigherGround:
+    """What obstacles have in common that stand for higher ground, and are no obstacles of a problem."""
+
+
 @dataclass(frozen=True, kw_only=True)
-class GroundEdge(Bar):
+class GroundEdge(Bar, OfHigherGround):
     """A bar that stands for the edge of higher ground."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpatialGroundEdge(Capsule):
+class SpatialGroundEdge(Capsule, OfHigherGround):
     """A bar along the edge of higher ground, in space."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class HigherGround(Box):
+class HigherGround(Box, OfHigherGround):
     """A box that stands for higher ground, in space."""
-
-
-EDGES = (GroundEdge, SpatialGroundEdge, HigherGround)  # obstacles that are no obstacles of a problem
 
 
 def edge_obstacles(step: GroundStep | None) -> tuple[Obstacle, ...]:
@@ -107,24 +109,24 @@ def edge_obstacles(step: GroundStep | None) -> tuple[Obstacle, ...]:
     if step is None:
         return ()
     far = 3.0  # [m] inside, and to either side: farther than any robot stands from the edge
-    radius = EDGE_RADIUS
+    radius = 0.01  # [m] of the bar at an edge: where side and top of the ground meet is a round edge inside it
     if step.across is None:
         x = step.along(radius)
-        side = GroundEdge(start=(x, step.low - radius), end=(x, step.high - radius), radius=radius, margin=EDGE_MARGIN)
+        side = GroundEdge(start=(x, step.low - radius), end=(x, step.high - radius), radius=radius, margin=step.margin)
         beyond = x + step.inwards * far
-        top = GroundEdge(start=(x, step.high - DEPTH), end=(beyond, step.high - DEPTH), radius=0.0)
+        top = GroundEdge(start=(x, step.high - step.depth), end=(beyond, step.high - step.depth), radius=0.0)
         return side, top
     edge = SpatialGroundEdge(
         start=step.point(radius, -far, step.high - radius),
         end=step.point(radius, far, step.high - radius),
         radius=radius,
-        margin=EDGE_MARGIN,
+        margin=step.margin,
     )
-    top_of_box = step.high - DEPTH - EDGE_MARGIN
+    top_of_box = step.high - step.depth - step.margin
     bottom = step.low - 1.0  # [m] so far below that nothing is nearer to the box's lower face
     box = HigherGround(
         center=step.point(far / 2, 0.0, (bottom + top_of_box) / 2),
         size=step.size(far, 2 * far, top_of_box - bottom),
-        margin=EDGE_MARGIN,
+        margin=step.margin,
     )
     return edge, box
