@@ -290,7 +290,9 @@ class SpatialProgram:
             least = first.depth + second.depth + apart
             label = f"distance of {first.name} from {second.name}"
             rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
-        return rows if self.step is None else rows + self.model.step_rows(self.step, self.height)
+        if self.step is not None:
+            rows += self.model.step_rows(self.step, self.height, self.ends.standing, bool(kind.tracking))
+        return rows
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
         """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
