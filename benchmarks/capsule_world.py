@@ -85,7 +85,7 @@ class World:
         self.data.qpos[self.rows] = first[7:]
         mujoco.mj_forward(model, self.data)
         self.feet = [geom for geom in range(model.ngeom) if model.geom(geom).name.startswith("foot ")]
-        self.floor = jump.ground
+        self.floor = jump.stances[-1].ground  # on which it is to stand
         self.quaternions = [self.data.qpos[3:7].copy()]
         self.measured: list[tuple[Array, Array]] = []
         self.com: list[tuple[Array, Array]] = []
@@ -127,7 +127,7 @@ class World:
         force = np.zeros(6)
         for index, geoms in enumerate(self.data.contact.geom.tolist()):
             mujoco.mj_contactForce(self.model, self.data, index, force)
-            yield max(geoms), float(force[0])  # the floor is the first geom
+            yield max(geoms), float(force[0])  # the floor is the first geom, higher ground the second
 
     def stands(self, planned: Array) -> bool:
         """Whether the base is as high as planned but for 40 %, level, and turned as often: of ``planned`` (7 + J,)."""
@@ -240,7 +240,9 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
     touching = {"friction": [friction, 0, 0], "solref": list(CONTACT)}
     kinds = mujoco.mjtGeom
     spec.worldbody.add_geom(name="floor", type=kinds.mjGEOM_PLANE, size=[0, 0, 1], pos=[0, 0, jump.ground], **touching)
-    height = float(jump.q(np.zeros(1))[0, 2] - jump.ground)
+    if jump.step is not None:
+        _add_higher_ground(spec, jump, touching)
+    height = float(jump.q(np.zeros(1))[0, 2] - jump.stances[0].ground)
     for foot in {foot.name: foot for foot in jump.contacts}.values():
         radius = max(foot.depth, 5e-3)  # m; a sole's points are corners
         body = spec.joint(robot.model.names[foot.body]).parent
@@ -265,6 +267,19 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
                 **touching,
             )
     return spec
+
+
+def _add_higher_ground(spec: mujoco.MjSpec, jump: fp.Jump, touching: dict[str, list[float]]) -> None:
+    """Add a box of 4 m with an edge where the higher ground ends."""
+    step = jump.step
+    assert step is not None
+    assert step.across is not None
+    middle = np.zeros(3)
+    middle[step.axis] = step.edge + 2.0 * step.inwards
+    middle[1 - step.axis] = step.across
+    middle[2] = (step.low + step.high) / 2
+    size = [2.0, 2.0, (step.high - step.low) / 2]
+    spec.worldbody.add_geom(name="higher", type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=middle, **touching)
 
 
 def angle(quaternion: Array, other: Array) -> float:

@@ -3,14 +3,13 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Self
 
 import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray
 from floatplan.errors import InputError
 from floatplan.problem.jump import JumpRequest
-from floatplan.problem.parts import Bar, HalfPlane, Obstacle
+from floatplan.problem.parts import HalfPlane, Obstacle
 from floatplan.robot import Robot
 from floatplan.robot.standing import (
     HEEL,
@@ -80,62 +79,6 @@ class GroundContact:
     def name(self) -> str:
         """The first point's name."""
         return self.frame + self.suffix
-
-
-@dataclass(frozen=True)
-class GroundStep:
-    """A step of the ground between takeoff and landing.
-
-    Attributes
-    ----------
-    edge : horizontal position of it, m, in the flight's world
-    low, high : heights of both grounds, m
-    inwards : 1 or -1, the direction from the edge in which the higher ground is
-    """
-
-    edge: float
-    low: float
-    high: float
-    inwards: int
-
-    @classmethod
-    def of(cls, request: JumpRequest, ground: float) -> Self | None:
-        """The step of a request, from the ground that it leaves, m; None where both are equally high."""
-        if request.edge is None or not request.rise:
-            return None
-        ahead = 1 if request.edge > 0 else -1  # from the feet that take off
-        inwards = -ahead if request.rise < 0 else ahead
-        return cls(request.edge, ground + min(0.0, request.rise), ground + max(0.0, request.rise), inwards)
-
-    def above_low(self, along: Array) -> Array:
-        """Heights (..) m of the ground over the lower one at horizontal positions (..), m."""
-        return np.where(self.inwards * (along - self.edge) > 0, self.high - self.low, 0.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class GroundEdge(Bar):
-    """A bar that stands for the edge of higher ground."""
-
-
-def edge_obstacles(request: JumpRequest, ground: float) -> tuple[Obstacle, ...]:
-    """The higher ground as obstacles; none where the grounds are equally high.
-
-    Parameters
-    ----------
-    request : JumpRequest
-    ground : height of that which it leaves, m
-    """
-    step = GroundStep.of(request, ground)
-    if step is None:
-        return ()
-    radius = 0.01  # [m] of both bars: where they meet is a round edge inside that of the ground
-    deep = 2e-2  # [m] below the ground on which it stands, farther than capsules around feet reach into it
-    far = 3.0  # [m] inside, farther than any robot stands from the edge
-    x = step.edge + step.inwards * radius
-    side = GroundEdge(start=(x, step.low - radius), end=(x, step.high - radius), radius=radius, margin=0.01)
-    beyond = x + step.inwards * far
-    top = GroundEdge(start=(x, step.high - deep), end=(beyond, step.high - deep), radius=0.0)
-    return side, top
 
 
 def least_distance(robot: Robot, request: JumpRequest, contacts: Sequence[GroundContact], y: Array) -> float | None:

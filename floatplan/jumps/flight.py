@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import GroundContact, edge_obstacles, ground_below, is_ground
+from floatplan.jumps.contacts import GroundContact, ground_below, is_ground
 from floatplan.jumps.phases import grounds_below
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.variables import FOOT_LIFT, JumpSolution
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 from floatplan.plans.plan import Plan
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.parts import Flight, HalfPlane, Landing, Limits, Obstacle, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.robot.standing import Spot, corners, positions_from_com, undersides
@@ -57,6 +58,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
     time = float(solution.durations[index])
     request = problem.jump
     assert request is not None
+    edges = edge_obstacles(GroundStep.of(request, problem.takeoff.position, ground))
     return replace(
         problem,
         start=postures[0],
@@ -70,7 +72,7 @@ def flight_problem(problem: Problem, program: JumpProgram, solution: JumpSolutio
             gravity=model.gravity,
         ),
         obstacles=(
-            *obstacles_in((*problem.obstacles, *edge_obstacles(request, ground)), time, ground),
+            *obstacles_in((*problem.obstacles, *edges), time, ground),
             *_grounds(problem, program, solution, index, ground),
         ),
         ground=False,

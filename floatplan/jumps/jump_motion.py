@@ -14,10 +14,8 @@ from floatplan.arrays import Array, IntArray, read_only
 from floatplan.errors import InputError
 from floatplan.jumps.contacts import (
     GroundContact,
-    GroundStep,
     contact_depths,
     contact_positions,
-    edge_obstacles,
     links_of,
     names_of,
     near_contact,
@@ -31,6 +29,7 @@ from floatplan.plans.plan import Plan
 from floatplan.plans.planned_motion import least_distances
 from floatplan.plans.trajectory import JumpPhase
 from floatplan.pool import one_thread
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle, Posture
 from floatplan.problem.problem import Problem
@@ -239,13 +238,14 @@ class JumpMotion(MotionInFile):
     @property
     def step(self) -> GroundStep | None:
         """Of the ground, where takeoff and landing are on grounds of different heights."""
-        return GroundStep.of(self.request, self.before[-1].ground) if self.before else None
+        if not self.before:
+            return None
+        return GroundStep.of(self.request, self.problem.takeoff.position, self.before[-1].ground)
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The problem's obstacles, and the edge between grounds of different heights."""
-        edges = edge_obstacles(self.request, self.before[-1].ground) if self.before else ()
-        return (*self.problem.obstacles, *edges)
+        return (*self.problem.obstacles, *edge_obstacles(self.step))
 
     @property
     def contacts(self) -> list[Any]:

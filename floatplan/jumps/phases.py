@@ -518,8 +518,15 @@ def in_sequence(phase: Phase, flight_number: int, problem: Problem, request: Jum
     phase = replace(phase, flight_number=flight_number)
     if phase.side == "landing":
         return replace(phase, rise=request.rise)
-    low, high = phase.bounds
-    if phase.side == "takeoff" or low == high:
+    if phase.side == "takeoff":
         return phase
-    fall = math.sqrt(2 * abs(request.rise) / float(problem.flight.gravity))  # [s] through the step
-    return replace(phase, duration=phase.duration + fall / 2, bounds=(low, high + fall))
+    return replace(phase, **over_step(phase, request.rise, float(problem.flight.gravity)))
+
+
+def over_step(flight: TimedPhase, rise: float, gravity: float) -> dict[str, Any]:
+    """Duration and bounds of a flight, s, that lands on ground which is so much higher or lower, m."""
+    low, high = flight.bounds
+    if low == high:
+        return {}
+    fall = math.sqrt(2 * abs(rise) / gravity)  # [s] through the step
+    return {"duration": flight.duration + fall / 2, "bounds": (low, high + fall)}

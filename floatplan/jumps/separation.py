@@ -21,12 +21,13 @@ import numpy as np
 
 from floatplan.arrays import Array, BoolArray, ComplexArray, IntArray
 from floatplan.errors import InputError
-from floatplan.jumps.contacts import GroundEdge, displacement, is_ground
+from floatplan.jumps.contacts import displacement, is_ground
 from floatplan.jumps.model import casadi
 from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.phases import instants
 from floatplan.jumps.rows import NodeRows, Rows
 from floatplan.motion.planar.clearance import Segments, obstacle_distances, pair_distances
+from floatplan.problem.ground_step import GroundEdge
 from floatplan.problem.parts import Bar, Circle, HalfPlane, Obstacle, SelfClearance
 from floatplan.robot import LinkCapsule, Robot
 from floatplan.robot.standing import ROLLED, Spot

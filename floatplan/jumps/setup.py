@@ -17,7 +17,6 @@ from floatplan.jumps.contacts import (
     bent_ranges,
     clearance_points,
     contact_at,
-    edge_obstacles,
     ground_below,
     in_the_air,
     least_distance,
@@ -47,6 +46,7 @@ from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.rows import NodeLimits, NodeRows
 from floatplan.jumps.separation import Separation
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.jump import Ending, JumpFlight, JumpRequest
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.problem.problem import Problem
@@ -96,8 +96,9 @@ class Setup:
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         """The problem's obstacles, and the edge between grounds of different heights."""
-        ground = self.problem.takeoff.planar_position[1] - self._height_of_origin
-        return (*self.problem.obstacles, *edge_obstacles(self.request, ground))
+        position = self.problem.takeoff.position
+        step = GroundStep.of(self.request, position, position[1] - self._height_of_origin)
+        return (*self.problem.obstacles, *edge_obstacles(step))
 
     @property
     def _flight(self) -> int:
@@ -192,6 +193,7 @@ def jump_setup(problem: Problem, request: JumpRequest) -> Setup:
     robot = problem.robot
     turns = round(problem.final.orientation / math.tau) - round(problem.initial.orientation / math.tau)
     _refuse_impossible_ends(problem, turns)
+    refuse_other_ground(problem, request)
     before = _target_posture(problem, problem.initial, request.takeoff.from_)
     if request.takeoff.orientation is not None:
         before[0] = request.takeoff.orientation
@@ -278,7 +280,6 @@ def _groups(
 
 def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
     """Refuse ends of a flight that a jump around it does not reach, since it stands level at both ends."""
-    flight = problem.flight
     tilts = [abs(math.remainder(state.orientation, math.tau)) for state in (problem.initial, problem.final)]
     stands_level = problem.takeoff_frame.body != 0  # else its orientation is the goal's, less whole turns
     # An orientation is a guess: on rear or front feet robots lean far.
@@ -287,9 +288,13 @@ def _refuse_impossible_ends(problem: Problem, turns: int) -> None:
         reason = f"a jump ends as level as it begins: {angle}"
         advice = "ask for whole turns, or plan the flight alone with floatplan plan"
         raise InputError(reason, element="goal.orientation", advice=advice)
-    landing = flight.landing
-    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[1]
-    rise_of_ground = problem.jump.rise if problem.jump else 0.0
+
+
+def refuse_other_ground(problem: Problem, request: JumpRequest) -> None:
+    """Refuse a flight, in a plane or in space, that lands on another ground than the jump around it."""
+    landing = problem.flight.landing
+    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[-1]
+    rise_of_ground = request.rise
     if min(abs(rise), abs(rise - rise_of_ground)) > 0.2:  # m: ankles rise by so much where soles tip; 0 if left out
         ground = f"ground that is {rise_of_ground:.3g} m up" if rise_of_ground else "the ground that it leaves"
         reason = f"a jump lands on {ground}, not {rise:.3g} m up"

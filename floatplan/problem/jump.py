@@ -56,8 +56,7 @@ class JumpSide(Keyed):
     durations : sequence of pairs, s, optional
         Of each phase: least and largest.
     height : float, m, optional
-        In a plane: of the ground there, from any level; 0 if left out. Where both sides differ, ``jump.edge`` says
-        where one ends.
+        Of the ground there, from any level; 0 if left out. Where both sides differ, ``jump.edge`` says where one ends.
     """
 
     contacts: Annotated[Groups | None, KEY_TABLE["jump.takeoff.contacts"]] = None
@@ -224,8 +223,9 @@ class JumpRequest(Keyed):
     flights : sequence of JumpFlight, optional
         In a plane: all flights, in order of time, where there are several; the first is the problem's own.
     edge : float, m, optional
-        In a plane: where the higher ground ends, horizontally from where the frame that takes off is at takeoff; for
-        grounds of different heights.
+        Where the higher ground ends, horizontally from where the frame that takes off is at takeoff; for grounds of
+        different heights. In space that is along x or y of the world, along which ``landing.displacement`` is longer,
+        and the edge is a straight line at right angles to it.
 
     Raises
     ------
@@ -253,6 +253,12 @@ class JumpRequest(Keyed):
         return (self.landing.height or 0.0) - (self.takeoff.height or 0.0)
 
     @property
+    def edge_axis(self) -> int:
+        """In space the axis along which ``edge`` is: 0, x, or 1, y, where it lands farther along that."""
+        x, y = self.landing.displacement or (0.0, 0.0)
+        return int(abs(y) > abs(x))
+
+    @property
     def is_periodic(self) -> bool:
         """Whether it ends as it begins, moving."""
         return self.landing.to == "periodic"
@@ -276,6 +282,22 @@ class JumpRequest(Keyed):
             yield "edge", "the grounds are equally high; leave it out"
 
 
+def _edge_errors(jump: JumpRequest) -> Iterator[InputError]:
+    """What contradicts an edge in space: that it is not between where the robot stands and where it lands."""
+    if jump.landing.displacement is None:
+        advice = "give [x, y], m: the edge is at right angles to the longer of both"
+        reason = "the grounds differ in height; say where it lands"
+        yield InputError(reason, element="jump.landing.displacement", advice=advice)
+        return
+    axis = jump.edge_axis
+    way = jump.landing.displacement[axis]
+    edge = jump.edge or 0.0
+    if way * edge <= 0:
+        reason = f"{edge:.3g} m along {'xy'[axis]} is not on its way, which is {way:.3g} m there"
+        advice = "give both the same sign: the edge is between where it stands and where it lands"
+        yield InputError(reason, element="jump.edge", advice=advice)
+
+
 def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     """What a robot lacks of what a jump names: frames, joints."""
     is_planar = robot.base == "planar"
@@ -284,19 +306,18 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
         advice = "leave it out: where a jump in a plane lands is free"
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
     in_a_plane = {
-        "takeoff.height": jump.takeoff.height,
         "takeoff.com_velocity": jump.takeoff.com_velocity,
         "takeoff.velocities": jump.takeoff.velocities,
         "takeoff.orientation": jump.takeoff.orientation,
         "takeoff.orientation_rate": jump.takeoff.orientation_rate,
-        "landing.height": jump.landing.height,
         "landing.to": "periodic" if jump.is_periodic else None,
         "flights": jump.flights or None,
-        "edge": jump.edge,
     }
     for key, value in {} if is_planar else in_a_plane.items():
         if value is not None:
             yield InputError("is for jumps in a plane", element=f"jump.{key}", advice="leave it out")
+    if not is_planar and jump.edge is not None:
+        yield from _edge_errors(jump)
     for name, side in (("takeoff", jump.takeoff), ("landing", jump.landing)):
         for index, group in enumerate(side.contacts or ()):
             for frame in group:

@@ -222,4 +222,4 @@ def _gains(tracked: TrackedMotion, requested: Gains) -> Array:
     rows = np.unique(np.concatenate(spans))
     positions = tracked.positions
     weight = tracked.robot.mass * tracked.gravity
-    return uniform_gains(tracked.robot, weight, tracked.shapes.ground, positions[0], positions[rows], requested)
+    return uniform_gains(tracked.robot, weight, tracked.begin_ground, positions[0], positions[rows], requested)

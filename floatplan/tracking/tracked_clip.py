@@ -60,6 +60,7 @@ def tracked_clip(clip: Clip, friction: float) -> TrackedMotion:
         velocities=velocities,
         torques=_torques(clip, reduced, feet, (positions, velocities), friction),
         goals=tuple(positions[landings, 3:7]),
+        begin_ground=ground,
         end_ground=ground,
         base_ends=free_base(positions[[0, -1]]),
         motors=Motors(effort=np.array(efforts), stall=np.full(len(efforts), np.inf), slope=np.zeros(len(efforts))),

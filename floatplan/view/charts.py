@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, IntArray
-from floatplan.jumps.contacts import GroundEdge
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import Certificate
+from floatplan.problem.ground_step import OfHigherGround
 from floatplan.tables import JOINT_LIMITS, LimitRow
 from floatplan.view.jumps import efforts, flies_in_space, footing
 from floatplan.view.outlines import robot_size
@@ -364,7 +364,7 @@ def _clearance(sampled: SampledPlan, other: SampledPlan | None) -> Chart:
     plan = sampled.plan
     obstacles = plan.whole_problem.obstacles
     certificate = certificate_of(plan)
-    names = ["edge" if isinstance(obstacle, GroundEdge) else obstacle.kind for obstacle in obstacles]
+    names = ["edge" if isinstance(obstacle, OfHigherGround) else obstacle.kind for obstacle in obstacles]
     proved = {}
     for finding in () if certificate is None else certificate.findings:
         if finding.kind == "obstacle" and finding.verdict == "proved" and finding.bound is not None:

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, IntArray
-from floatplan.jumps.contacts import GroundEdge
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.kinematics import poses_about, posture_about
 from floatplan.motion.spatial.rotations import of_quaternions
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
+from floatplan.problem.ground_step import GroundStep, OfHigherGround
 from floatplan.problem.parts import HalfPlane, JointState, Obstacle
 from floatplan.problem.problem import Problem
-from floatplan.problem.spatial_obstacles import HalfSpace, SpatialObstacle
+from floatplan.problem.spatial_obstacles import Box, HalfSpace, SpatialObstacle
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.robot.shapes.links import LINE_RADIUS, LinkCapsule
@@ -115,8 +115,8 @@ class Postures:
 def postures(plan: Trajectory, times: Array) -> Postures:
     """Return the robot at times (K,), s."""
     if flies_in_space(plan):
-        ground = plan.ground if isinstance(plan, JumpMotion) else None
-        return seen_robot(plan.robot, times, bodies(plan, times), com_path(plan, times), _frames(plan), ground)
+        seen = (plan.robot, times, bodies(plan, times), com_path(plan, times), _frames(plan))
+        return seen_robot(*seen, plan.ground, plan.step) if isinstance(plan, JumpMotion) else seen_robot(*seen)
     return placed_robot(plan.whole_problem, times, *coordinates(plan, times))
 
 
@@ -201,11 +201,12 @@ def seen_robot(
     com: ComplexArray,
     frames: tuple[str, str] | None = None,
     ground: float | None = None,
+    step: GroundStep | None = None,
 ) -> Postures:
     """Return a robot in space as the camera sees it at times (K,) s, its centre of mass at (K,) m.
 
     ``frames`` take off and land; without any the centre of mass is marked instead. It casts a shadow on ``ground``, at
-    a height, m.
+    a height, m, and on higher ground beyond a ``step``.
     """
     solids = rendered_solids(robot)
     corners = max(len(solid.points) for solid in solids)
@@ -218,6 +219,8 @@ def seen_robot(
     if ground is not None:
         below = placed.copy()
         below[..., 2] = ground
+        if step is not None:  # each link casts its shadow on one ground, on which its middle is
+            below[..., 2] += step.above_low(placed[..., step.axis].mean(axis=2))[:, :, None]
         shadows = CAMERA(below)
     return Postures(
         times=times,
@@ -274,16 +277,46 @@ def turns(plan: Trajectory, times: Array) -> Array:
 
 def ball(plan: Trajectory) -> tuple[Array, float]:
     """Return centre (3,) and radius, m, of a ball that contains a motion in space, and its bounded obstacles."""
-    state = plan.state(np.linspace(0.0, plan.duration, 33))
-    size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
-    low = state.com_position.min(axis=0) - size
-    high = state.com_position.max(axis=0) + size
-    for obstacle in plan.whole_problem.obstacles:
+    low, high = _extent(plan)
+    for obstacle in shown_obstacles(plan.whole_problem):
         for time in obstacle_times(obstacle, plan.duration) if obstacle.bounded else ():
             corners = obstacle_corners(obstacle) + time * np.array(obstacle.velocity)
             low = np.minimum(low, corners.min(axis=0))
             high = np.maximum(high, corners.max(axis=0))
     return (low + high) / 2, float((high - low).max()) / 2
+
+
+def _extent(plan: Trajectory) -> tuple[Array, Array]:
+    """Corners (3,), m, of a box that contains a motion in space."""
+    state = plan.state(np.linspace(0.0, plan.duration, 33))
+    size = float(np.linalg.norm(state.base_position - state.com_position, axis=1).max()) + robot_size(plan) / 2
+    return state.com_position.min(axis=0) - size, state.com_position.max(axis=0) + size
+
+
+def platform(plan: Trajectory, around: tuple[Array, Array] | None = None) -> Box | None:
+    """Return the higher ground of a jump in space over the lower one: what is of it below a box.
+
+    Parameters
+    ----------
+    around : two corners (3,) of that box, m; if left out it contains the motion
+
+    Returns
+    -------
+    Box or None
+        None where there is one ground, or the higher one is not there.
+    """
+    step = plan.step if isinstance(plan, JumpMotion) else None
+    if step is None or step.across is None:
+        return None
+    low, high = around or _extent(plan)
+    inside = float(max(step.inwards * (corner[step.axis] - step.edge) for corner in (low, high)))
+    if inside <= 0:
+        return None
+    left, right = low[1 - step.axis], high[1 - step.axis]
+    return Box(
+        center=step.point(inside / 2, float(left + right) / 2 - step.across, (step.low + step.high) / 2),
+        size=step.size(inside, float(right - left), step.high - step.low),
+    )
 
 
 def grids(plan: Trajectory) -> list[Array]:
@@ -476,9 +509,12 @@ def ground_lines(plan: Trajectory, placed: Postures) -> list[tuple[float, comple
 
 
 def ground_step(plan: Trajectory) -> tuple[complex, complex] | None:
-    """Lower left and upper right corner, m, of the higher ground over the lower one; None where there is one ground."""
+    """Lower left and upper right corner, m, of the higher ground over the lower one; None where there is one ground.
+
+    None in space too, where it is a :func:`platform`.
+    """
     step = plan.step if isinstance(plan, JumpMotion) else None
-    if step is None:
+    if step is None or step.across is not None:
         return None
     far = 1e2  # [m] beyond every picture
     left, right = sorted((step.edge, step.edge + step.inwards * far))
@@ -486,8 +522,11 @@ def ground_step(plan: Trajectory) -> tuple[complex, complex] | None:
 
 
 def shown_obstacles(problem: Problem) -> list[Obstacle]:
-    """Obstacles that pictures show as such: all but the edge of higher ground, which :func:`ground_step` shows."""
-    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, GroundEdge)]
+    """Obstacles that pictures show as such: all but those that stand for higher ground, which they show as it is.
+
+    See :func:`ground_step` and :func:`platform`.
+    """
+    return [obstacle for obstacle in problem.obstacles if not isinstance(obstacle, OfHigherGround)]
 
 
 def obstacle_times(obstacle: Obstacle, duration: float) -> Array:

@@ -11,11 +11,11 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.jumps import setup as setups
 from floatplan.jumps.check import check_jump
-from floatplan.jumps.contacts import GroundStep, edge_obstacles
 from floatplan.jumps.phases import grounds_below, refuse_other_feet, standing_posture
 from floatplan.jumps.planner import MARGINS
 from floatplan.jumps.setup import jump_setup
 from floatplan.keys import table_of
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.jump import JumpFlight, JumpLanding, JumpRequest, JumpTakeoff
 from floatplan.view.jumps import moments
 from floatplan.view.report.data import jump_data
@@ -81,9 +81,7 @@ def test_obstacles_are_not_for_several_flights():
 @pytest.mark.parametrize(
     "words",
     [
-        "edge = 0.5",
         "[[jump.flights]]\nrepeat = 2",
-        "[jump.takeoff]\nheight = 0.4",
         "[jump.takeoff]\ncom_velocity = [1.0, 0.0]",
         '[jump.landing]\nto = "periodic"',
     ],
@@ -97,7 +95,7 @@ def test_in_space_they_are_refused(root, tmp_path, words):
         text = text.replace("[jump]\n", f"[jump]\n{words}\n", 1) if table[0] != "[" else f"{text}\n{words}\n"
     path = tmp_path / "roll.toml"
     path.write_text(text)
-    with pytest.raises(InputError, match=r"is for jumps in a plane|the grounds"):
+    with pytest.raises(InputError, match="is for jumps in a plane"):
         fp.load_problem(path)
 
 
@@ -144,17 +142,18 @@ def test_a_sequence_turns_on_from_flight_to_flight(monkeypatch):
 def test_the_edge_of_a_box_is_on_the_side_of_the_higher_ground():
     down = JumpRequest(takeoff=JumpTakeoff(height=0.4), edge=0.5)
     up = JumpRequest(landing=JumpLanding(height=0.4), edge=0.5)
-    below = GroundStep.of(down, 1.0)
-    above = GroundStep.of(up, 1.0)
+    below = GroundStep.of(down, (0.0, 1.1), 1.0)
+    above = GroundStep.of(up, (0.0, 1.1), 1.0)
     along = np.array([0.4, 0.6])
     assert below.above_low(along) == pytest.approx([0.4, 0.0])
     assert above.above_low(along) == pytest.approx([0.0, 0.4])
     assert (below.low, below.high) == pytest.approx((0.6, 1.0))
     assert (above.low, above.high) == pytest.approx((1.0, 1.4))
-    side, top = edge_obstacles(down, 1.0)
+    side, top = edge_obstacles(below)
     assert max(side.start[0], side.end[0]) + side.radius == pytest.approx(0.5)
     assert top.end[0] < top.start[0] < 0.5
-    assert not edge_obstacles(JumpRequest(), 1.0)
+    assert not edge_obstacles(GroundStep.of(JumpRequest(), (0.0, 1.1), 1.0))
+    assert GroundStep.of(down, (2.0, 1.1), 1.0).edge == pytest.approx(2.5)  # from where the foot takes off
     assert grounds_below(np.array([0.0, 0.5, 0.6, 1.0]), 0.4, 0.0).tolist() == [0.4, 0.4, 0.0, 0.0]
 
 

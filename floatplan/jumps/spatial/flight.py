@@ -7,6 +7,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.flight import obstacles_in
+from floatplan.jumps.phases import grounds_below
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.exact import FlightEnds
 from floatplan.jumps.spatial.model import BASE
@@ -14,6 +15,7 @@ from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
+from floatplan.problem.ground_step import GroundStep, edge_obstacles
 from floatplan.problem.parts import Flight, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
 from floatplan.problem.resolution import MOST_DISTANCES
@@ -34,7 +36,13 @@ def flight_problem(
     after = program.phases[program.flight + 1].feet[0]
     takeoff = _frame_origin(mechanics, ends.motion[0, :, 0], before)
     landing = _frame_origin(mechanics, ends.motion[0, :, 1], after)
-    others = obstacles_in(problem.obstacles, ends.duration, float(solution.origin[2]))
+    request = problem.jump
+    assert request is not None
+    ground = float(solution.origin[2])
+    others = (
+        *obstacles_in(problem.obstacles, ends.duration, ground),
+        *edge_obstacles(GroundStep.of(request, problem.takeoff.position, ground)),
+    )
     most = max(1, MOST_DISTANCES // max(1, len(problem.robot.capsules)) - len(others))
     return replace(
         problem,
@@ -68,17 +76,24 @@ def _grounds(
     """Half-spaces below the links' capsules, one for each time of the flight: the plan's feet are lifted too.
 
     Each is as high as three quarters of the height that the lowest capsule has in the program, up to the program's
-    lift; at both ends, where capsules that are thicker than what stands are in the ground, a little below them.
+    lift; at both ends, where capsules that are thicker than what stands are in the ground, a little below them. Where
+    it lands on other ground than it leaves, each of them counts as :func:`grounds_below` says.
     """
+    shares = program.phases[program.flight].shares
+    grounds = grounds_below(shares, 0.0, program.ends.rise)
+    below = np.minimum(grounds[1:], grounds[:-1])  # of an interval
     motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes])
     motion[:, :, [0, -1]] = ends.motion
     ground = float(solution.origin[2])
     above = _lowest(program, mechanics, motion) - ground
     gap = 1e-3  # [m] below capsules in the ground, which may be as much lower between nodes
-    share = 0.75  # [-] of the program's height: polynomials have fewer variables than its nodes
-    least = np.minimum(above[1:], above[:-1])  # of an interval
+    share = np.full(len(below), 0.75)  # [-] of the program's height: polynomials have fewer variables than its nodes
+    # Next to the change of grounds legs begin to reach for the other one, and feet stay less above the first.
+    changes_soon = np.append(below[1:] != below[:-1], False) | np.insert(below[1:] != below[:-1], 0, False)
+    share[changes_soon] = 0.25
+    least = np.minimum(above[1:], above[:-1]) - below
     levels = np.where(least > 0, share * np.minimum(least, program.bounds.lift), least) - gap
-    levels = (ground + levels).round(4)
+    levels = (ground + below + levels).round(4)
     borders = np.linspace(0.0, float(solution.durations[program.flight]), len(above))
     changes = np.flatnonzero(np.diff(levels)) + 1
     runs = []  # of intervals of one level: begin, end, level

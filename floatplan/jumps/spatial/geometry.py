@@ -12,7 +12,9 @@ from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.motion.spatial.clearance import SpatialSegments, pair_distances_in_space, shapes_in_space
 from floatplan.motion.spatial.kinematics import poses_about
 from floatplan.motion.spatial.rotations import of_quaternions
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.robot import Robot
+from floatplan.robot.shapes.solids import LinkSolid
 
 
 class SpatialGeometry:
@@ -22,10 +24,12 @@ class SpatialGeometry:
     ----------
     robot : Robot
     contacts : on which it stands at some time
+    step : of the ground, where it has one
     """
 
-    def __init__(self, robot: Robot, contacts: Sequence[Foot]) -> None:
+    def __init__(self, robot: Robot, contacts: Sequence[Foot], step: GroundStep | None = None) -> None:
         self.robot = robot
+        self.step = step
         self.contacts = list({foot.name: foot for foot in contacts}.values())
 
     def links_of(self, contacts: Iterable[Foot]) -> set[str | None]:
@@ -37,10 +41,13 @@ class SpatialGeometry:
         return poses_about(self.robot, of_quaternions(state.orientation), state.positions, state.com_position)
 
     def lowest(self, located: BodyPoses) -> Iterator[tuple[str, Array]]:
-        """Links with the heights (N,) of their lowest points, m, by their solids."""
+        """Links with the heights (N,) of their lowest points, m, by their solids.
+
+        Where the ground has a step, points over the higher one count by so much less.
+        """
         heights: dict[str, Array] = {}
         for solid in self.robot.solids:
-            own = located.lowest(solid)
+            own = located.lowest(solid) if self.step is None else _over_step(located, solid, self.step)
             heights[solid.link] = np.minimum(heights[solid.link], own) if solid.link in heights else own
         yield from heights.items()
 
@@ -72,3 +79,12 @@ class SpatialGeometry:
             for link, heights in self.lowest(rotated):
                 if link not in links:
                     yield float((heights - ground).min())
+
+
+def _over_step(located: BodyPoses, solid: LinkSolid, step: GroundStep) -> Array:
+    """Heights (N,) of a solid's lowest point, m, points over the higher ground counting by its height less."""
+    points = located.points(solid.body, solid.points)
+    down = np.array([0.0, 0.0, -1.0])
+    around = np.linalg.norm(down @ located.rotations[:, solid.body] @ solid.axes, axis=-1)
+    heights = points[..., 2] - step.above_low(points[..., step.axis])
+    return np.asarray(heights.min(axis=1) - around)

@@ -136,24 +136,26 @@ def _guessed_centre(
     horizontal = displacement / (landing - takeoff) * 0.8  # of the way in the air
     knots = [0.0, takeoff, landing, times[-1]]
     high = 1.15
+    rise = program.ends.rise
+    climb = rise / (landing - takeoff)
     way = horizontal * (landing - takeoff)
     middle = (displacement - way) / 2
     places = np.array(
         [
             first,
             [*(first[:2] + middle), high * first[2]],
-            [*(first[:2] + middle + way), high * last[2]],
+            [*(first[:2] + middle + way), rise + high * (last[2] - rise)],
             [*(first[:2] + displacement), last[2]],
         ]
     )
-    rates = np.array([np.zeros(3), [*horizontal, speed], [*horizontal, -speed], np.zeros(3)])
+    rates = np.array([np.zeros(3), [*horizontal, speed + climb], [*horizontal, climb - speed], np.zeros(3)])
     curve = CubicHermiteSpline(knots, places, rates)
     in_flight = (times >= takeoff) & (times <= landing)
     y = curve(times).T
     v = curve(times, 1).T
     lift = 1 + curve(times, 2)[:, 2] / gravity
     since = times[in_flight] - takeoff
-    drop = (last[2] - first[2]) * high / (landing - takeoff)
+    drop = (last[2] - rise - first[2]) * high / (landing - takeoff) + climb
     y[2, in_flight] = high * first[2] + (speed + drop) * since - gravity * since**2 / 2
     v[2, in_flight] = speed + drop - gravity * since
     lift[in_flight] = 0.0

@@ -37,7 +37,7 @@ class SpatialJumpMotion(JumpMotion):
     @cached_property
     def geometry(self) -> JumpGeometry:
         """Where the robot's links are."""
-        return SpatialGeometry(self.robot, self.contacts)
+        return SpatialGeometry(self.robot, self.contacts, self.step)
 
     def state_of(self, full: JumpState) -> FlightState:
         """A state of its robot in the quantities of a plan."""

@@ -19,11 +19,13 @@ from typing import Any
 
 import numpy as np
 
+from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.model import casadi
 from floatplan.jumps.spatial.standing import Foot
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import frame_position
+from floatplan.robot.shapes.solids import SolidCapsule, frame_position
 
 BASE = 6  # coordinates of the base: centre of mass or origin, then three angles
 
@@ -174,6 +176,57 @@ class SpatialModel:
             columns.append(ca.cross(self.joint_axes[number], foot - self.bodies[number].position))
             number = self.robot.model.parents[number + 1] - 1
         return ca.det(ca.horzcat(*columns)) if len(columns) == 3 else None
+
+    def step_rows(
+        self, step: GroundStep, height: float, standing: Array, stands: bool
+    ) -> list[tuple[Any, float, float, str]]:
+        """Rows that keep each capsule of a link above higher ground or beyond its edge, as the flight has it.
+
+        Each has an expression, m over ``height``, its bounds, and a label.
+
+        Parameters
+        ----------
+        standing : (6+n,) coordinates y in which the robot stands on ground of height 0
+        stands : whether any foot stands
+        """
+        apart = 2 * step.margin  # [m] half of which the flight keeps, whose motion is not the program's between nodes
+        with_feet = {body for body, _ in self.points.values()}
+        rows = []
+        for capsule in self.robot.solid_capsules:
+            if not capsule.radius and (capsule.start == capsule.end).all():
+                continue  # a point inside of other links
+            # Capsules around feet reach into the ground on which these stand, but not as far as an obstacle of it.
+            below = 0.0
+            if capsule.body in with_feet:
+                below = apart + (step.depth if stands else self._dip(capsule, standing))
+            distance = self._distance_from_step(capsule, step, below)
+            label = f"distance of {capsule.link} from the edge of the ground"
+            rows.append(((distance - apart) / height, 0.0, np.inf, label))
+        return rows
+
+    def _dip(self, capsule: SolidCapsule, standing: Array) -> float:
+        """By how much a capsule reaches into the ground where the robot stands, 2 mm at least, m."""
+        body = self.bodies[capsule.body - 1]
+        heights = [self.placed(body.point(end))[0][2] for end in (capsule.start, capsule.end)]
+        lowest = casadi().Function("lowest", [self.y], heights)(standing)
+        return max(2e-3, capsule.radius - min(map(float, lowest)))
+
+    def _distance_from_step(self, capsule: SolidCapsule, step: GroundStep, below: float) -> Any:
+        """How far a capsule is above the higher ground less ``below``, or beyond its edge, what is more, m.
+
+        Minimum, of the capsule's ends, and maximum are smooth: less than the minimum, and more than the maximum, by
+        half of the smoothing where both are equal.
+        """
+        ca = casadi()
+        smoothing = 0.01  # [m]
+        body = self.bodies[capsule.body - 1]
+        ends = [self.placed(body.point(end))[0] for end in (capsule.start, capsule.end)]
+        beyond, other_beyond = (step.inwards * (step.edge - end[step.axis]) for end in ends)
+        above, other_above = (end[2] - step.high + below for end in ends)
+        if (capsule.start != capsule.end).any():
+            beyond = (beyond + other_beyond - ca.sqrt((beyond - other_beyond) ** 2 + smoothing**2)) / 2
+            above = (above + other_above - ca.sqrt((above - other_above) ** 2 + smoothing**2)) / 2
+        return (beyond + above + ca.sqrt((beyond - above) ** 2 + smoothing**2)) / 2 - capsule.radius
 
     def placed(self, relative: Sequence[Any]) -> tuple[Any, Any, Any]:
         """A point with derivatives in the world, from the same relative to the base's origin."""

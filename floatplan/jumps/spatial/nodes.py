@@ -108,6 +108,7 @@ class SpatialEnds:
     v : (2, 6+n) their rates, 0 where it stands still
     a : (2, 6+n) and accelerations; NaN of an end where they are left to the program
     flies : of each end, whether a flight is met there, so that nothing bears the robot
+    rise : height of the ground on which it lands over that which it leaves, m
     """
 
     y: Array
@@ -116,6 +117,7 @@ class SpatialEnds:
     v: Array = field(default_factory=lambda: np.zeros((2, 1)))
     a: Array = field(default_factory=lambda: np.zeros((2, 1)))
     flies: tuple[bool, bool] = (False, False)
+    rise: float = 0.0
 
     def fixed(self, end: int) -> int:
         """How many of y, v and a are fixed at an end, 0 or -1."""

@@ -18,12 +18,13 @@ import numpy as np
 
 from floatplan.arrays import Array, IntArray
 from floatplan.jumps.model import casadi
-from floatplan.jumps.phases import instants
+from floatplan.jumps.phases import grounds_below, instants
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import NodeKind, SpatialBounds, SpatialEnds, SpatialSolution
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.pieces import Assembly, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
+from floatplan.problem.ground_step import GroundStep
 
 MIDDLE_ANGLE = 1.3  # [rad] 75 degrees, beyond which the base's angles are no coordinates
 PROXIMAL = {"y": 1.0, "v": 1e-2, "a": 1e-5, "force": 0.1, "duration": 10.0}  # weights; forces over the weight
@@ -44,6 +45,7 @@ class SpatialProgram:
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
     reference : (6+n, K+1) of a motion y to which it is to be near; None for none
+    step : of the ground, in the program's world; None where it is level
     """
 
     model: SpatialModel
@@ -55,6 +57,7 @@ class SpatialProgram:
     bounds: SpatialBounds
     friction: float
     reference: Array | None = None
+    step: GroundStep | None = None
     kinds: list[NodeKind] = field(init=False)
     phase_of: IntArray = field(init=False)
 
@@ -285,7 +288,10 @@ class SpatialProgram:
         return rows
 
     def _distance_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
-        """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles."""
+        """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles.
+
+        Where the ground has a step, these are of the links' distances from it too.
+        """
         ca = casadi()
         apart = 0.01  # [m] between their surfaces
         feet = sorted({foot for phase in self.phases for foot in phase.feet if not foot.suffix}, key=lambda f: f.body)
@@ -295,14 +301,10 @@ class SpatialProgram:
                 continue
             between = self.model.foot(first.name)[1][0] - self.model.foot(second.name)[1][0]
             least = first.depth + second.depth + apart
-            rows.append(
-                (
-                    (ca.sumsqr(between) - least**2) / self.height**2,
-                    0.0,
-                    np.inf,
-                    f"distance of {first.name} from {second.name}",
-                )
-            )
+            label = f"distance of {first.name} from {second.name}"
+            rows.append(((ca.sumsqr(between) - least**2) / self.height**2, 0.0, np.inf, label))
+        if self.step is not None:
+            rows += self.model.step_rows(self.step, self.height, self.ends.standing, bool(kind.tracking))
         return rows
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
@@ -326,20 +328,29 @@ class SpatialProgram:
             if use == "shank" and foot is not None:
                 # From the foot's point, not from the ground: at nodes feet are up to millimetres off their places, to
                 # which the exact stance brings them back.
-                height += foot.depth - self.model.foot(foot.name)[1][0][2]
+                height += self._ground_of(kind) + foot.depth - self.model.foot(foot.name)[1][0][2]
             rows.append((height / self.height, 0.0, np.inf, f"height of {point.link}"))
         return rows
 
+    def _ground_of(self, kind: NodeKind) -> float:
+        """Height of the ground of a kind's side, m, over that which the robot leaves."""
+        return self.ends.rise if kind.side == "landing" else 0.0
+
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
-        """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass."""
+        """Least heights of what :meth:`_heights` names at a node, over the standing height of the centre of mass.
+
+        They are over the ground on which it stands then, in flight over that which :func:`grounds_below` says.
+        """
         lift = 0.003  # [m] of feet in the air in stance
+        ground = self._ground_of(kind)
         in_flight = self.flight >= 0 and self.borders[self.flight] < node < self.borders[self.flight + 1]
         if in_flight:
             share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
             lift = self.bounds.lift * lifted_share(share)
+            ground = float(grounds_below(np.array(share), 0.0, self.ends.rise))
         bounds = self.bounds
         least_of = {"link": bounds.clearance, "foot": lift, "corner": -bounds.dip, "shank": bounds.shank_height}
-        return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
+        return np.array([ground + least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:
         """Rows of the intervals of a phase: y and v follow from accelerations that are linear."""

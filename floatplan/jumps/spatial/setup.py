@@ -10,9 +10,16 @@ import pinocchio as pin
 
 from floatplan.arrays import Array
 from floatplan.errors import InputError
-from floatplan.jumps.phases import Side
+from floatplan.jumps.phases import Side, over_step
 from floatplan.jumps.rounds import NodeMargins
-from floatplan.jumps.setup import check_frames, check_robot_stands, duration_bounds, narrowed, refuse_beyond_ranges
+from floatplan.jumps.setup import (
+    check_frames,
+    check_robot_stands,
+    duration_bounds,
+    narrowed,
+    refuse_beyond_ranges,
+    refuse_other_ground,
+)
 from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
@@ -31,6 +38,7 @@ from floatplan.jumps.spatial.standing import (
 )
 from floatplan.motion.planar.contact_rates import End
 from floatplan.problem.attitude import Attitude, required
+from floatplan.problem.ground_step import GroundStep
 from floatplan.problem.jump import Ending, JumpRequest
 from floatplan.problem.problem import Problem
 from floatplan.robot.robot import Robot
@@ -52,6 +60,7 @@ class SpatialSetup:
     phases : of the jump
     ends : where the robot stands before and after, its centre of mass above the origin at first
     origin : (3,) m, where that origin is in the problem's world: on the ground
+    step : of the ground, from that origin; None where it is level
     """
 
     problem: Problem
@@ -60,6 +69,7 @@ class SpatialSetup:
     phases: tuple[SpatialPhase, ...]
     ends: SpatialEnds
     origin: Array
+    step: GroundStep | None = None
 
     @property
     def feet(self) -> list[Foot]:
@@ -102,7 +112,9 @@ class SpatialSetup:
         points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
         shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
-        return SpatialProgram(model, phases, self.ends, points, corners, shanks, bounds, request.friction)
+        return SpatialProgram(
+            model, phases, self.ends, points, corners, shanks, bounds, request.friction, step=self.step
+        )
 
     @property
     def is_combined(self) -> bool:
@@ -143,7 +155,8 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     """
     robot = problem.robot
     _check_robot_stands(problem, request)
-    _refuse_what_is_planar(problem, request)
+    _refuse_what_is_planar(request)
+    refuse_other_ground(problem, request)
     start = required(problem.initial.attitude)
     goal = required(problem.final.attitude)
     axes = goal.axes or "zyx"
@@ -167,19 +180,22 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
                 reason = f"{group[0].frame!r} would stand on its own"
                 raise InputError(reason, element=f"jump.{side}.contacts", advice="name two feet at least in each phase")
     ends, origin = _ends(problem, request, axes, feet, (start, goal), joints, heights)
+    step = GroundStep.of(request, (np.array(problem.takeoff.position) - origin).tolist(), 0.0)
+    if step is not None:
+        _refuse_at_edge(problem, request, step, axes, feet, ends)
     unit = math.sqrt(float(ends.y[0, 2]) / float(problem.flight.gravity))
     time = problem.flight.duration
     flight_bounds = (time, time) if "duration" in request.fixed else None
     check_frames(problem, [foot.frame for foot in takeoff[0]], [foot.frame for foot in landing[0]])
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
+    meets_one_sole = is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
+    (flight,) = side_phases("flight", [()], unit, [flight_bounds], rotation, meets_one_sole)
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
-        *side_phases(
-            "flight", [()], unit, [flight_bounds], rotation, is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
-        ),
+        replace(flight, **over_step(flight, request.rise, float(problem.flight.gravity))),
         *side_phases("landing", landing, unit, duration_bounds(request, "landing", len(landing))),
     )
-    return SpatialSetup(problem, request, axes, phases, ends, origin)
+    return SpatialSetup(problem, request, axes, phases, ends, origin, step)
 
 
 def feet_and_posture(problem: Problem, request: JumpRequest, side: End) -> tuple[list[Foot], Array, float]:
@@ -208,19 +224,13 @@ def _check_robot_stands(problem: Problem, request: JumpRequest) -> None:
         raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
 
 
-def _refuse_what_is_planar(problem: Problem, request: JumpRequest) -> None:
+def _refuse_what_is_planar(request: JumpRequest) -> None:
     """Refuse what jumps in space have not yet."""
     if request.objective != "torque":
         raise InputError(f"{request.objective!r} {IN_PLANE}", element="jump.objective", advice='leave it out: "torque"')
     for name in request.fixed:
         if name != "duration":
             raise InputError(f"{name!r} {IN_PLANE}", element="jump.fixed", advice="leave it out")
-    landing = problem.flight.landing
-    rise = 0.0 if landing is None or landing.height is None else landing.height - problem.takeoff.position[-1]
-    if abs(rise) > 0.2:  # m: frames of feet are not all as high
-        reason = f"a jump lands on the ground that it leaves, not {rise:.3g} m up"
-        advice = "leave it out, or plan the flight alone with floatplan plan"
-        raise InputError(reason, element="flight.landing.height", advice=advice)
 
 
 def _refuse_tilted_ends(start: Attitude, goal: Attitude) -> None:
@@ -365,8 +375,10 @@ def _ends(
     kinematics = Kinematics(problem.robot)
     rows = []
     places: dict[str, dict[str, Array]] = {}
-    for attitude, side, own, height in zip(attitudes, ("takeoff", "landing"), joints, heights, strict=True):
-        q = kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, own)
+    sides: tuple[Side, ...] = ("takeoff", "landing")
+    for attitude, side, own, height in zip(attitudes, sides, joints, heights, strict=True):
+        ground = request.rise if side == "landing" else 0.0
+        q = kinematics.pose(np.array([0.0, 0.0, height + ground]), attitude.matrix, own)
         com = pin.centerOfMass(kinematics.model, kinematics.data, q).copy()
         shift = np.array([com[0], com[1], 0.0])
         rows.append(np.concatenate(([0.0, 0.0, com[2]], attitude.angles_about(axes), own)))
@@ -384,4 +396,61 @@ def _ends(
         origin[:2] += com[:2]
         if not first.suffix:
             origin[2] = problem.takeoff.position[-1] - first.depth
-    return SpatialEnds(np.array(rows), places, displacement), origin
+    return SpatialEnds(np.array(rows), places, displacement, rise=request.rise), origin
+
+
+def _refuse_at_edge(
+    problem: Problem, request: JumpRequest, step: GroundStep, axes: str, feet: Sequence[Foot], ends: SpatialEnds
+) -> None:
+    """Refuse an edge of the ground on which a foot would stand, or next to which the robot would stand in its side."""
+    if problem.takeoff.frame not in {foot.frame for foot in feet}:
+        reason = f"is measured from a foot, and {problem.takeoff.frame!r}, which takes off, is none"
+        advice = f"name a foot in flight.takeoff.frame: {', '.join(foot.frame for foot in feet)}"
+        raise InputError(reason, element="jump.edge", advice=advice)
+    assert request.edge is not None
+    assert ends.displacement is not None
+    ahead = math.copysign(1.0, request.edge)
+    along = f"m along {'xy'[step.axis]}, or farther"
+    sides: tuple[Side, ...] = ("takeoff", "landing")
+    for side, y in zip(sides, ends.y, strict=True):
+        moved = float(ends.displacement[step.axis]) if side == "landing" else 0.0
+        if (request.rise < 0) == (side == "takeoff"):
+            least = 0.04  # [m] of feet from the edge: capsules around them are clear of it then
+            where = "from the edge on the higher ground"
+            positions = [(ends.places[side][foot.name][step.axis], foot.frame) for foot in feet]
+            distance, name = min((step.inwards * (at + moved - step.edge), frame) for at, frame in positions)
+        else:
+            least = 0.03  # [m] of links from the side of the higher ground
+            where = "from the side of the higher ground"
+            distance, name = _reach_to_edge(problem.robot, step, axes, y, moved)
+        missing = least - distance
+        if missing <= 0:
+            continue
+        distances = f"{1e3 * distance:.0f} mm {where}, {1e3 * least:.0f} mm are the least"
+        reason = f"where it stands at {side}, {name!r} would be {distances}"
+        position = request.edge if side == "takeoff" else moved
+        enough = ahead * math.ceil(1e3 * (abs(position) + missing)) / 1e3  # mm, rounded up
+        if side == "takeoff":
+            advice = f"let the edge be at {enough:g} {along}"
+            raise InputError(reason, element="jump.edge", advice=advice)
+        advice = f"let it come {enough:g} {along}"
+        raise InputError(reason, element="jump.landing.displacement", advice=advice)
+
+
+def _reach_to_edge(robot: Robot, step: GroundStep, axes: str, y: Array, moved: float) -> tuple[float, str]:
+    """Least distance of the links' capsules from the side of the higher ground, m, and which link's it is.
+
+    Parameters
+    ----------
+    y : (6+n,) where the robot stands
+    moved : how far it has come along the step's axis, m
+    """
+    kinematics = Kinematics(robot)
+    q = kinematics.pose(np.zeros(3), rotations_about(axes, y[3:BASE, None])[0], y[BASE:])
+    com = pin.centerOfMass(kinematics.model, kinematics.data, q).copy()
+    nearest = (math.inf, "")
+    for capsule in robot.solid_capsules:
+        for end in (capsule.start, capsule.end):
+            at = float((kinematics.point(capsule.body, end) - com)[step.axis]) + moved
+            nearest = min(nearest, (step.inwards * (step.edge - at) - capsule.radius, capsule.link))
+    return nearest

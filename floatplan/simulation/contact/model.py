@@ -14,9 +14,9 @@ import pinocchio as pin
 
 from floatplan.arrays import Array, IntArray
 from floatplan.jumps.check import LIGHT
-from floatplan.jumps.contacts import GroundStep
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.mjcf.compiled import import_mujoco
-from floatplan.robot.planar.choice import Plane
+from floatplan.robot.robot import Robot
 from floatplan.simulation.base_states import base_states
 from floatplan.simulation.contact.tracked_motion import TrackedMotion
 from floatplan.simulation.mujoco_model import STEP, MujocoRobot, MujocoSpec
@@ -232,7 +232,7 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
         friction=[friction, 0, 0],
     )
     if shapes.step is not None:
-        _add_step(spec, robot.plane, shapes.step, friction)
+        _add_step(spec, robot, shapes.step, friction)
     # Friction of a contact is the larger one of its two shapes: that of the ground.
     touching = {"solref": STIFF, "contype": 0, "conaffinity": 1, "friction": [0, 0, 0]}
     for name, (number, centre, radius) in shapes.balls.items():
@@ -246,16 +246,21 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
     return mujoco_spec
 
 
-def _add_step(spec: Any, plane: Plane, step: GroundStep, friction: float) -> None:
-    """Add the higher ground of a jump in a plane: a box on the floor, which is the lower one."""
+def _add_step(spec: Any, robot: Robot, step: GroundStep, friction: float) -> None:
+    """Add the higher ground of a jump: a box on the floor, which is the lower one."""
     half = np.array([2.0, (step.high - step.low) / 2, 2.0])  # [m] far along, as high as it is, far across
-    along = step.edge + step.inwards * half[0]
-    axes = np.stack((plane.horizontal, plane.vertical, np.cross(plane.horizontal, plane.vertical)), axis=1)
+    middle = np.array([step.along(half[0]), step.low + half[1], step.across or 0.0])
+    if step.across is not None:
+        along, upwards = np.eye(3)[[step.axis, 2]]
+        middle[2] *= np.cross(along, upwards)[1 - step.axis]
+    else:
+        along, upwards = robot.plane.horizontal, robot.plane.vertical
+    axes = np.stack((along, upwards, np.cross(along, upwards)), axis=1)
     spec.worldbody.add_geom(
         name="step",
         type=import_mujoco().mjtGeom.mjGEOM_BOX,
         size=half,
-        pos=axes @ [along, step.low + half[1], 0.0],
+        pos=axes @ middle,
         quat=pin.Quaternion(axes).coeffs()[[3, 0, 1, 2]],
         solref=STIFF,
         contype=1,

@@ -8,11 +8,12 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
-from floatplan.jumps.contacts import GroundStep, links_of
+from floatplan.jumps.contacts import links_of
 from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.jumps.motion import point_in_joint
 from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.standing import feet_links
+from floatplan.problem.ground_step import GroundStep
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid, evenly
 
@@ -30,7 +31,7 @@ class ContactShapes:
     balls : name of a foot's point -> joint that carries it; centre (3,), m, in that joint's axes; radius, m
     soles : hulls of feet that are no balls
     hulls : hulls of links that are no feet
-    step : of the ground of a jump in a plane, where it has one; ``ground`` is the lower one
+    step : of the ground of a jump, where it has one; ``ground`` is the lower one
     """
 
     ground: float

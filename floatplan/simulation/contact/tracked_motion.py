@@ -37,7 +37,7 @@ class TrackedMotion:
     velocities : (K, nv)
     torques : (K, J) N m, which the motion takes without what the joints lose
     goals : the base's orientation where each flight ends, as of ``BaseStates``
-    end_ground : height of the ground on which it stands at the end, m
+    begin_ground, end_ground : heights of the ground on which it stands at the beginning and at the end, m
     base_ends : (2, 7), the base's position, m, and quaternion w, x, y, z, at its beginning and its end
     motors : Motors
     """
@@ -52,6 +52,7 @@ class TrackedMotion:
     velocities: Array
     torques: Array
     goals: tuple[Any, ...]
+    begin_ground: float
     end_ground: float
     base_ends: Array
     motors: Motors
@@ -104,6 +105,7 @@ def tracked_jump(jump: JumpMotion) -> tuple[TrackedMotion, JumpState]:
         velocities=planned.velocities,
         torques=planned.torques[:, reduced.of_joints[1]],
         goals=tuple(base.goal(flight.plan.problem) for flight in flights),
+        begin_ground=jump.stances[0].ground,
         end_ground=jump.stances[-1].ground,
         base_ends=free_base(jump.q([0.0, jump.duration])),
         motors=motors,

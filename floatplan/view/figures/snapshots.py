@@ -22,11 +22,12 @@ from floatplan.jumps.jump_motion import JumpMotion
 from floatplan.plans.plan import Plan
 from floatplan.plans.trajectory import Trajectory
 from floatplan.problem.parts import Obstacle
+from floatplan.problem.spatial_obstacles import Box
 from floatplan.robot.shapes.capsules import convex_hull
 from floatplan.view import outlines
 from floatplan.view.jumps import footing
 from floatplan.view.jumps import moments as moment_times
-from floatplan.view.solids import CAMERA
+from floatplan.view.solids import CAMERA, obstacle_corners
 from floatplan.view.style import COLUMN, PALETTE, faded, legend_above, new_figure, palette, round_below
 
 FLATTEST = 0.45  # [-] height of a picture over its width, at least
@@ -88,6 +89,9 @@ def draw_ground(axes: Axes, plan: Trajectory, placed: outlines.Postures) -> None
     if placed.depth is not None:
         floor = [outlines.pairs(CAMERA(line)) for line in outlines.grids(plan)]
         axes.add_collection(LineCollection(floor, colors=[PALETTE.pale], linewidths=0.6, zorder=0.6), autolim=False)
+        higher_ground = outlines.platform(plan)
+        if higher_ground is not None:
+            _draw_platform(axes, higher_ground)
     step = outlines.ground_step(plan)
     if step is not None:
         axes.add_patch(_platform(*step))
@@ -110,6 +114,16 @@ def _platform(low: complex, high: complex) -> Rectangle:
         "zorder": 0.5,
     }
     return Rectangle((low.real, low.imag), size.real, size.imag, **look)
+
+
+def _draw_platform(axes: Axes, box: Box, shift: complex = 0j) -> None:
+    """Draw higher ground in space as the camera sees it, moved in the picture, m: its outline, and its top."""
+    corners = obstacle_corners(box)
+    top = corners[corners[:, 2] > box.center[2]]
+    faces = [outlines.pairs(convex_hull(CAMERA(points)) + shift) for points in (corners, top)]
+    colours = [PALETTE.pale, faded(PALETTE.pale, 0.5)]
+    look: dict[str, Any] = {"facecolors": colours, "edgecolors": [PALETTE.ink], "linewidths": 0.6}
+    axes.add_collection(PolyCollection(faces, zorder=0.7, **look), autolim=False)
 
 
 def draw_obstacle(axes: Axes, obstacle: Obstacle, times: Array) -> None:
@@ -395,9 +409,15 @@ def moments(jump: JumpMotion, flying: int = 2, title: str = "") -> Figure:
     else:
         farthest = _ends_of_shadows(placed, shifts)[1] + margin
         axes.axhspan(low.imag, farthest, color=PALETTE.pale, alpha=0.3, linewidth=0, zorder=0)
+    com = outlines.com_positions(jump, placed.times)
+    around = 0.6 * outlines.robot_size(jump)  # [m] of higher ground next to a moment
     for index, (time, centre) in enumerate(zip(placed.times, centres, strict=True)):
         draw_shadow(axes, placed, index, zorder=0.9, shift=shifts[index])
-        if jump.step is not None and jump.step.above_low(placed.com[index].real) > 0:
+        if placed.shadows is not None:
+            higher_ground = outlines.platform(jump, (com[index] - around, com[index] + around))
+            if higher_ground is not None:
+                _draw_platform(axes, higher_ground, shifts[index])
+        elif jump.step is not None and jump.step.above_low(placed.com[index].real) > 0:
             height = jump.step.high - jump.step.low
             axes.add_patch(
                 _platform(centre + left[index] + 1j * ground, centre + right[index] + 1j * (ground + height))

@@ -23,6 +23,7 @@ from floatplan.plans.presentation import CHECKED, Row, proof_rows, result_rows, 
 from floatplan.plans.trajectory import Trajectory
 from floatplan.plans.verdicts import TONES, Tone
 from floatplan.problem.attitude import required
+from floatplan.problem.ground_step import GroundStep
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -78,9 +79,12 @@ def motion_in_space(plan: Trajectory, sampled: SampledPlan) -> dict[str, Any]:
         body, position = frame_position(robot.model, robot.joint_tree, name)
         frames.append({"name": name, "role": role, "colour": colour, "body": body - 1, "at": rounded(position)})
     obstacles = []
-    for index, obstacle in enumerate(problem.obstacles):
+    for index, obstacle in enumerate(outlines.shown_obstacles(problem)):
         if obstacle.bounded:
             obstacles.append(_obstacle_in_space(index, obstacle))
+    higher_ground = outlines.platform(plan)
+    if higher_ground is not None:
+        obstacles.append(_obstacle_in_space(0, higher_ground) | {"colour": PALETTE.pale})
     of_flight: dict[str, Any] = {"vector": None}
     if isinstance(plan, Plan):
         h = np.asarray(plan.angular_momentum)
@@ -451,7 +455,7 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
     ``frames``, the contacts, each with the columns of its ``force`` and where this ``acts``; ``flown``, each
     flight from and to, s; the corners of the ``step`` of the ground, m, if it has one; a friction ``cone``, the
     ``metres_per_newton`` of forces in the picture, and the ``scale`` in words; in space the height of the ground on
-    which the robot casts its ``shadow``.
+    which the robot casts its ``shadow``, and where this is the ``higher`` one.
     """
     standing = footing(jump)
     is_spatial = flies_in_space(jump)
@@ -475,4 +479,12 @@ def jump_data(jump: JumpMotion) -> dict[str, Any]:
         "scale": standing.scale,
         "metres_per_newton": standing.metres_per_newton,
         "shadow": jump.ground if is_spatial else None,
+        "higher": _higher_ground(jump.step) if is_spatial else None,
     }
+
+
+def _higher_ground(step: GroundStep | None) -> dict[str, Any] | None:
+    """Where in space the ground is how much higher: beyond ``edge`` along an ``axis``, in the direction ``inwards``."""
+    if step is None:
+        return None
+    return {"axis": step.axis, "edge": step.edge, "inwards": step.inwards, "height": step.high - step.low}

@@ -77,7 +77,9 @@ def scene(plan: Trajectory) -> str:
             _add_space(server, plan)
             if isinstance(plan, Plan):
                 momentum = _add_momentum(server, plan)
-            for index, obstacle in enumerate(plan.whole_problem.obstacles):
+            higher_ground = outlines.platform(plan)
+            shown = outlines.shown_obstacles(plan.whole_problem)
+            for index, obstacle in enumerate([*shown, higher_ground] if higher_ground is not None else shown):
                 if obstacle.bounded:
                     obstacles.append((add_obstacle(server, index, obstacle, obstacle_solid(obstacle)), None, obstacle))
         else:

@@ -238,9 +238,16 @@ class Stage {
 
   /* The shadow of a posture, straight below it on the ground. */
   shadowOf(posture) {
-    const { robot, shadow } = this.motion.data;
-    const below = ({ body, points }) =>
-      points.map((at) => this.flat([...this.motion.place(posture, { body, at }).slice(0, 2), shadow]));
+    const { robot, shadow, higher } = this.motion.data;
+    const below = ({ body, points }) => {
+      const places = points.map((at) => this.motion.place(posture, { body, at }));
+      let ground = shadow;
+      if (higher) {
+        const middle = places.reduce((sum, place) => sum + place[higher.axis], 0) / places.length;
+        if (higher.inwards * (middle - higher.edge) > 0) ground += higher.height;
+      }
+      return places.map((place) => this.flat([...place.slice(0, 2), ground]));
+    };
     return robot.links.map((link) => path(hull(below(link)))).join("");
   }
 
