@@ -42,6 +42,8 @@ class NodeMargins:
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
+    edge : least share of a sole's vertical force that each of its points bears at nodes; of jumps in space
+        Where one bears nothing the sole's centre of pressure is on its edge, and beyond it between nodes.
     """
 
     torque: float
@@ -56,6 +58,7 @@ class NodeMargins:
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
     tilt: float = math.inf
+    edge: float = 0.0
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -72,6 +75,9 @@ class NodeMargins:
             friction *= 0.85  # where forces leave the cone between nodes
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
+        edge = self.edge
+        if figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request):
+            edge += 0.03  # [-] pressure 5 mm from the edges of a foot of 0.17 m, more than it is off between nodes
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
         too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
         too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
@@ -85,6 +91,7 @@ class NodeMargins:
             reserve=self.reserve - too_near,
             lift=self.lift + 1.5 * too_deep,
             dip=max(0.0, self.dip - 1.5 * too_deep),
+            edge=edge,
             pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )

@@ -6,13 +6,15 @@ import pytest
 import floatplan as fp
 from floatplan.jumps.model import casadi
 from floatplan.jumps.reading import read_spatial_stance
+from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
+from floatplan.jumps.spatial.nodes import edge_rows
 from floatplan.jumps.spatial.pendulum import Line, Pendulum
-from floatplan.jumps.spatial.pieces import Assembly, Piece
+from floatplan.jumps.spatial.pieces import Assembly, Expression, Piece
 from floatplan.jumps.spatial.stance import shared_forces
-from floatplan.jumps.spatial.standing import feet_at
+from floatplan.jumps.spatial.standing import Foot, feet_at
 from floatplan.problem.attitude import Attitude
 
 FEET = ("FL_foot", "RR_foot")
@@ -178,10 +180,12 @@ def test_derivatives_of_pieces_are_those_of_differences():
     w = ca.SX.sym("w", 3)
     p = ca.SX.sym("p")
     rows = ca.vertcat(w[0] * w[1] * p, ca.sin(w[2]) * w[0])
-    nodes = Piece(w, p, rows, w[0] ** 2 * w[1] + p * w[2], np.array([[0, 3], [1, 4], [2, 2]]), np.array([[2.0, 3.0]]),
+    of_nodes = Expression(w, p, rows, w[0] ** 2 * w[1] + p * w[2])
+    nodes = Piece(of_nodes, np.array([[0, 3], [1, 4], [2, 2]]), np.array([[2.0, 3.0]]),
                   np.zeros((2, 2)), np.ones((2, 2)), ("a", "b"))  # fmt: skip
     pairs = ca.SX.sym("pairs", 2)
-    between = Piece(pairs, ca.SX.sym("q", 0), pairs[0] * pairs[1] ** 2, ca.SX(0), np.array([[1], [4]]),
+    of_pairs = Expression(pairs, ca.SX.sym("q", 0), pairs[0] * pairs[1] ** 2, ca.SX(0))
+    between = Piece(of_pairs, np.array([[1], [4]]),
                     np.zeros((0, 1)), np.zeros((1, 1)), np.zeros((1, 1)), ("c",))  # fmt: skip
     assembly = Assembly([nodes, between], np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
     assert assembly.labels == ["a", "b", "a", "b", "c"]
@@ -205,3 +209,22 @@ def test_derivatives_of_pieces_are_those_of_differences():
     hessian = np.array(assembly.functions["hess_lag"](x, parameters, 1.3, multipliers))
     second = np.array([(gradient(x + one) - gradient(x - one)) / 2e-6 for one in step])
     assert np.abs(hessian - np.triu(second)).max() < 1e-8
+
+
+def test_centres_of_pressure_stay_off_the_edges_of_soles():
+    """Each point bears at least its share of its own sole; a ball has no edge."""
+    ca = casadi()
+    soles = [Foot("left", 1, (0.0, 0.0, 0.0), 0.0, suffix) for suffix in Foot.of_soles]
+    ball = Foot("ball", 2, (0.0, 0.0, 0.0), 0.02)
+    shares = {foot.name: ca.SX.sym(foot.name, 3) for foot in (*soles, ball)}
+    edge = ca.SX.sym("edge")
+    rows = edge_rows((*soles, ball), shares, edge)
+    assert [row[3] for row in rows] == [f"vertical force of {foot.name}" for foot in soles]
+    values = ca.Function("rows", [ca.vertcat(*shares.values()), edge], [ca.vertcat(*(row[0] for row in rows))])
+    forces = np.zeros((4, 3))
+    forces[:, 2] = (0.1, 0.6, 0.3, 7.0)
+    assert np.array(values(forces.ravel(), 0.2)).ravel() == pytest.approx([-0.1, 0.4, 0.1])
+    margins = NodeMargins(torque=0.9, velocity=0.9, friction=0.9)
+    request = fp.JumpRequest()
+    assert margins.tightened(request, {"residual": 2e-3}).edge > margins.edge
+    assert margins.tightened(request, {"residual": 5e-4}).edge == margins.edge

@@ -1,10 +1,18 @@
-"""What the program of a jump in space is about: its limits, its nodes, where it begins and ends, and its solution."""
+"""What the program of a jump in space is about: its limits, its nodes, where it begins and ends, and its solution.
 
+Rows of a node that its forces and torques keep are here too; their limits are parameters of the expressions.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.standing import Foot
 
 
@@ -23,6 +31,8 @@ class SpatialBounds:
     lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     tilt : rad, of the middle one of the base's angles
+    edge : least share of a sole's vertical force that each of its points bears
+    scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
     """
 
     torque: Array
@@ -35,6 +45,8 @@ class SpatialBounds:
     lift: float
     dip: float
     tilt: float
+    edge: float
+    scales: Array
 
 
 @dataclass(frozen=True)
@@ -56,6 +68,105 @@ class NodeKind:
     bearing: tuple[Foot, ...]
     damping_signs: tuple[int, ...] = ()
     fixed: int = 0
+
+
+Row: TypeAlias = tuple[Any, float, float, str]  # expression, low, high, and a label for a person
+
+
+@dataclass(frozen=True, eq=False)
+class NodeParameters:
+    """Symbols of what differs between nodes of one kind, and between programs with other margins.
+
+    Attributes
+    ----------
+    near : (6+n,) of the motion to which it is to be near; (0,) for none
+    friction, edge : as of SpatialBounds
+    scales : (m,) as of SpatialBounds
+    signs : of the damping of each foot that tracks
+    """
+
+    near: Any
+    friction: Any
+    edge: Any
+    scales: Any
+    signs: Any
+
+    @classmethod
+    def of_sizes(cls, motors: int, feet: int, near: int) -> "NodeParameters":
+        """Symbols for so many motors, feet that track, and coordinates to which it is to be near."""
+        sx = casadi().SX
+        return cls(
+            near=sx.sym("near", near),
+            friction=sx.sym("friction"),
+            edge=sx.sym("edge"),
+            scales=sx.sym("scales", motors),
+            signs=sx.sym("signs", feet),
+        )
+
+    @property
+    def vector(self) -> Any:
+        """All of them, one after the other."""
+        return casadi().vertcat(self.near, self.friction, self.edge, self.scales, self.signs)
+
+
+def friction_rows(shares: Mapping[str, Any], friction: Any) -> list[Row]:
+    """Rows that keep forces (3,) at points, by their names, in pyramids inside the friction cones."""
+    sides = 8  # [-] of the pyramid
+    rows: list[Row] = []
+    steepest = friction * math.cos(math.pi / sides)
+    for name, share in shares.items():
+        for side in range(sides):
+            angle = 2 * math.pi * side / sides
+            along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
+            rows.append((steepest * share[2] - along, 0.0, math.inf, f"friction of {name}"))
+    return rows
+
+
+def edge_rows(bearing: Sequence[Foot], shares: Mapping[str, Any], edge: Any) -> list[Row]:
+    """Rows that keep centres of pressure inside soles: each point bears at least a share of its sole's force."""
+    of_soles: dict[str, Any] = {}
+    for foot in bearing:
+        if foot.suffix:
+            of_soles[foot.frame] = of_soles.get(foot.frame, 0.0) + shares[foot.name][2]
+    rows: list[Row] = []
+    for foot in bearing:
+        if foot.suffix:
+            above = shares[foot.name][2] - edge * of_soles[foot.frame]
+            rows.append((above, 0.0, math.inf, f"vertical force of {foot.name}"))
+    return rows
+
+
+def torque_rows(
+    model: SpatialModel, bounds: SpatialBounds, forces: Mapping[str, Any], scales: Any
+) -> tuple[list[Row], Any]:
+    """Rows of torques within limits and curves, and the sum of squared shares of the limits.
+
+    Parameters
+    ----------
+    model : SpatialModel
+    bounds : SpatialBounds
+    forces : (3,) N, at points by their names
+    scales : symbols (m,) of the bounds' scales
+    """
+    ca = casadi()
+    robot = model.robot
+    torques = ca.mtimes(ca.sparsify(ca.DM(robot.transmission[BASE:].T)), model.torques(forces))
+    rates = ca.mtimes(ca.sparsify(ca.DM(robot.motor_ratios)), model.v[BASE:])
+    rows: list[Row] = []
+    cost = ca.SX(0)
+    for index, name in enumerate(robot.motors):
+        share = torques[index] / scales[index]
+        cost += share**2
+        if math.isfinite(bounds.torque[index]):
+            most = float(bounds.torque[index] / bounds.scales[index])
+            rows.append((share, -most, most, f"torque of {name}"))
+        if math.isfinite(bounds.stall[index]):
+            lost = bounds.slope[index] * rates[index] / scales[index]
+            most = float(bounds.stall[index] / bounds.scales[index])
+            label = f"torque-speed curve of {name}"
+            rows.append((share + lost, -most, most, label))
+            rows.append((share - lost, -most, most, label))
+    return rows, cost
 
 
 @dataclass(frozen=True, eq=False)

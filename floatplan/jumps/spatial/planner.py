@@ -79,7 +79,7 @@ def jump_in_space(
     explanation = f"No jump was found in {counted}."
     if nearest is not None and helps:
         say("what stands in the way")
-        explanation += f" {shortfall(nearest.program, nearest.solution, problem)}"
+        explanation += f" {shortfall(nearest.program, nearest.solution, problem, request)}"
     return SpatialJump(problem, request, explanation=explanation)
 
 

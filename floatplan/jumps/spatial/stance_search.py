@@ -26,7 +26,7 @@ from floatplan.jumps.spatial.stance import SpatialStance, shared_forces
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
-MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3)  # of the first program
+MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3, edge=0.03)  # of the first program
 
 Curve = Callable[[Array], Array]  # a motion (3, 6+n, N) at N times, s from the stance's begin
 
@@ -138,7 +138,7 @@ def planned_stance(
     program = _program(setup, margins, reference)
     solution = program.solve(_guess(setup, program, curve))
     if not solution.converged:
-        return StanceResult((), {}, (shortfall(program, solution, setup.problem),))
+        return StanceResult((), {}, (shortfall(program, solution, setup.problem, setup.request),))
 
     def finer(margins: NodeMargins) -> SpatialProgram:
         return _program(setup, margins, reference)
