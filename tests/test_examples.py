@@ -11,7 +11,7 @@ from pathlib import Path
 
 import example_pages
 import pytest
-from jumps import jump_once
+from jumps import find_jumps_once
 from long_cases import cases
 from places import ROOT
 
@@ -82,7 +82,7 @@ def test_each_has_what_it_draws_and_prints():
 @pytest.mark.parametrize("name", cases(list(PROMISED), LONG))
 def test_script_runs(name, copied, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("floatplan.jump", jump_once)
+    find_jumps_once(monkeypatch)
     monkeypatch.setattr(sys, "argv", [f"{name}.py", *([] if name == "first_flight" else ["given"])])
     runpy.run_path(str(copied / f"{name}.py"), run_name="__main__")
     assert PROMISED[name] in capsys.readouterr().out

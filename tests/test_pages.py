@@ -4,36 +4,28 @@ import json
 import re
 import shlex
 import tomllib
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
 import pytest
-from jumps import jump_once, plan_on_fewer_nodes, roll, try_few_gains
+from jumps import find_jumps_once, jump_once, plan_on_fewer_nodes, roll, try_few_gains
 from long_cases import cases
 from places import ROOT
 
 import floatplan as fp
 from floatplan.problem.file import as_problem
+from floatplan.view.figures import animation
 
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/**/*.md"), ROOT / "README.md"))
 WITH_JUMP = "README.md with its jump"
-LONG = {WITH_JUMP} | {
-    f"docs/{page}.md" for page in ("in_flight", "index", "jump", "tutorial")
-}  # README without its jump: always
-LONG |= {
-    f"docs/howto/{page}.md"
-    for page in (
-        "bench",
-        "flip_for_learning",
-        "flip_in_mujoco",
-        "jump_to_controller",
-        "jumps_in_space",
-        "obstacles",
-        "own_robot",
-        "reference_motions",
-        "space",
-        "export",
-    )
+LONG = {  # README without its jump: always
+    WITH_JUMP,
+    *(f"docs/{page}.md" for page in ("in_flight", "index", "jump", "tutorial")),
+    *(f"docs/howto/{page}.md" for page in ("bench", "export", "flip_for_learning", "flip_in_mujoco")),
+    *(f"docs/howto/{page}.md" for page in ("jump_to_controller", "jumps_in_space", "obstacles", "own_robot")),
+    *(f"docs/howto/{page}.md" for page in ("reference_motions", "space")),
 }
 VERDICTS = (
     "floatplan takeoff",
@@ -65,23 +57,35 @@ def with_snippets(*languages):
 
 @pytest.fixture
 def jumps_once(monkeypatch):
-    """A jump takes seconds: pages that ask for the same one are given what the first found."""
+    """A jump takes seconds: pages that ask for the same one are given what the first found.
+
+    Those in space are not searched for: ``test_jump_in_space.py`` finds the roll, and others take a minute, all of
+    which the benchmark's section contact-in-space flies. ``test_stunts.py`` holds that ``init`` asks for this roll,
+    ``test_init.py`` that links of its jumps do not overlap, which takes another search.
+    """
     plan_on_fewer_nodes(monkeypatch)
+    find_jumps_once(monkeypatch)
+    monkeypatch.setattr("floatplan.initial.flight._with_separated_links", lambda first, *_: first)
 
     def jump(problem, *arguments, **options):
-        """Those that take a minute are not searched for: the benchmark's section contact-in-space flies them all."""
-        if as_problem(problem).name in ("go2_half_turn", "g1_quarter_turn"):
-            return roll()
-        return jump_once(problem, *arguments, **options)
+        problem = as_problem(problem)
+        if problem.robot.base != "free-flyer":
+            return jump_once(problem, *arguments, **options)
+        found = copy(roll())  # with its check
+        object.__setattr__(found, "problem", replace(found.problem, name=problem.name))
+        return found
 
-    for place in ("floatplan.jump", "floatplan.jumps.planner.jump", "floatplan.initial.flight.jump"):
-        monkeypatch.setattr(place, jump)
+    monkeypatch.setattr(fp, "jump", jump)
 
 
 @pytest.fixture
 def few_flights(monkeypatch):
-    """A jump is flown twice where a page asks for many flights, and a search for gains tries few."""
+    """A jump is flown twice where a page asks for many flights, a search for gains tries few, a film has few pictures.
+
+    ``test_report.py`` counts all pictures of a film.
+    """
     try_few_gains(monkeypatch)
+    monkeypatch.setattr(animation, "FILM", replace(animation.FILM, rate=4.0))
     fly = fp.replay_jump
 
     def replay_jump(*arguments, flights=1, **options):

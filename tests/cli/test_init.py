@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jumps import GO2, backflip
+from jumps import GO2, backflip, find_jumps_once
 from legged_samples import quadruped
 
 import floatplan as fp
@@ -24,6 +24,12 @@ def planned(floatplan, path, *known):
     assert plan.certificate.proved
     assert {warning.kind for warning in plan.warnings} <= {"leak", *known}  # an arm leaves its plane
     return plan
+
+
+@pytest.fixture
+def jumps_once(monkeypatch):
+    """What ``test_pages.py`` had it search for too is searched for once."""
+    find_jumps_once(monkeypatch)
 
 
 @pytest.fixture
@@ -56,6 +62,7 @@ def test_the_file_of_a_jump(floatplan, monkeypatch):
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("jumps_once")
 def test_links_of_the_first_jump_do_not_overlap(floatplan, root):
     """The gymnast's jump of least torque folds its shank into its thigh: it is searched for again."""
     assert floatplan("init", root / "urdf" / "gymnast.urdf", "-q").code == 0
@@ -68,6 +75,7 @@ def test_links_of_the_first_jump_do_not_overlap(floatplan, root):
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("jumps_once")
 def test_from_a_robot_to_its_jump_in_two_commands(floatplan):
     assert floatplan("init", GO2, "-q").code == 0
     planned(floatplan, Path("go2.toml"))
@@ -86,6 +94,7 @@ ASKED = {
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("jumps_once")
 @pytest.mark.parametrize("name", ASKED)
 def test_what_is_asked_plans_as_it_stands(floatplan, root, name):
     """And jumps; its daily representative, in ``tests/initial/test_options.py``, makes no jump of its own."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from jumps import backflip
+from jumps import backflip, find_jumps_once
 
 import floatplan as fp
 from floatplan.jumps.check import JumpCheck
@@ -216,8 +216,9 @@ def test_launch(floatplan, tmp_path, monkeypatch, answer, code, said):
 
 
 @pytest.mark.long
-def test_from_end_to_end(floatplan, go2):
-    run = floatplan("jump", go2, "-o", "results", "--starts", "1")
+def test_from_end_to_end(floatplan, go2, monkeypatch):
+    find_jumps_once(monkeypatch)
+    run = floatplan("jump", go2, "-o", "results")
     assert run.code == 0
     assert "flight proved, stances checked" in words(run.stdout)
     run = floatplan("launch", "results/plan.json")

@@ -69,15 +69,23 @@ def planned_jump(name: str) -> Jump:
     return jump_once(PROBLEMS / "jumps" / f"{name}.toml")
 
 
+def find_jumps_once(patch: pytest.MonkeyPatch) -> None:
+    """Let commands, ``init`` and Python find by :func:`jump_once` what they search for in this process."""
+    for place in ("floatplan.jump", "floatplan.jumps.planner.jump", "floatplan.initial.flight.jump"):
+        patch.setattr(place, jump_once)
+
+
 def jump_once(problem: fp.Problem | str | Path, request: fp.JumpRequest | None = None, **options: Any) -> Jump:
     """What ``fp.jump`` returns; where any test has had the same problem, without a search and words about it."""
     given = inspect.signature(jump).bind(problem, request, **options)
     given.apply_defaults()
     if given.arguments["near"] is not None:
         return jump(problem, request, **options)
+    problem = as_problem(problem)
     options_asked = [given.arguments[name] for name in ("request", "seed", "starts", "helps")]
-    asked = f"{problem_text(as_problem(problem), '/problem.toml')} {options_asked} {planner_in_space.MARGINS}"
-    digest = sha256(asked.encode()).hexdigest()
+    if problem.robot.base == "free-flyer":  # on as many nodes as a test sets
+        options_asked.append(planner_in_space.MARGINS)
+    digest = sha256(f"{problem_text(problem, '/problem.toml')} {options_asked}".encode()).hexdigest()
     found: Jump = made_once(f"jump {digest}", lambda: jump(problem, request, **options))
     return found
 
@@ -90,8 +98,8 @@ def plan_on_fewer_nodes(patch: pytest.MonkeyPatch, share: float = 0.6) -> None:
 
 
 def try_few_gains(patch: pytest.MonkeyPatch) -> None:
-    """Let a search for gains try those next to its first ones: each is flown eight times."""
-    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", (1.1, 1.0, 0.9))
+    """Let a search for gains try its first ones: each is flown eight times."""
+    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", (1.1, 1.0))
 
 
 def roll() -> SpatialJump:

@@ -95,8 +95,9 @@ def test_feet_in_flight_keep_off_the_ground_that_the_plan_has_for_obstacles(roll
 
 
 @pytest.mark.long
-def test_feet_of_a_half_turn_do_not_skim(root):
+def test_feet_of_a_half_turn_do_not_skim(root, monkeypatch):
     """Nothing but rows of heights lifts them: they were within 3 mm of the ground from takeoff to landing."""
+    jumps.plan_on_fewer_nodes(monkeypatch)
     turn = fp.jump(root / "problems" / "jumps" / "space" / "a1_half_turn.toml")
     assert turn.ok, turn.explanation
     assert heights_of_feet(turn, np.linspace(0.3, 0.7, 81)).min() > 0.012

@@ -177,6 +177,7 @@ def test_steps_go_downhill_as_far_as_they_promise(lifted):
     assert (costs[0] - costs[1]) / 2 == pytest.approx(promised, rel=1e-3)
 
 
+@pytest.mark.long
 def test_obstacles_are_kept_clear_of(plan_of):
     """The motion that is least without them goes through the bar."""
     problem = problem_of("diver_past_a_bar", "robust")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,7 +15,9 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.simulation.contact.model import ContactRobot
 from floatplan.simulation.contact.tracked_motion import control_times
+from floatplan.simulation.jump_replay import middle_of_the_widest
 from floatplan.simulation.jump_run import JumpControl, _JumpGuide
+from floatplan.view.figures import animation
 from floatplan.view.report.flights import write_jump_pages
 
 LATE = "noise=0.1deg,delay=4ms"
@@ -93,15 +96,20 @@ def test_without_grip_strength_or_feedback_it_does_not_land(
 
 
 @pytest.mark.long
-def test_seeds_and_corrections(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Gains that are searched twice are the same too."""
-    monkeypatch.setattr("floatplan.simulation.jump_replay.MULTIPLES", (1.1, 1.0))
+def test_seeds_and_corrections(floatplan: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gains that are searched twice are the same too: for flights as planned, by the command, and for others."""
+    try_few_gains(monkeypatch)
     jump = backflip()
     perturb = f"mass=5%,armature=0.004,{LATE}"
-    first, again = (fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=3) for _ in range(2))
+    run = floatplan("replay", jump.save(tmp_path / "jump.json"), "--json")
+    facts = json.loads(run.stdout)
+    assert (run.code, facts["landed"]) == (0, True)
+    assert facts["control"]["tried"] == 2
+    first = fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=3)
+    assert (facts["control"]["kp"], facts["control"]["kd"]) == (first.kp.tolist(), first.kd.tolist())
     gains = [dict(zip(first.joints, values.tolist(), strict=True)) for values in (first.kp, first.kd)]
+    again = fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=3, gains=tuple(gains))
     other = fp.replay_jump(jump, perturb=perturb, friction=0.8, seed=4, gains=tuple(gains))
-    assert first.kp.tolist() == again.kp.tolist()
     assert first.landings.pitch.tolist() == again.landings.pitch.tolist() != other.landings.pitch.tolist()
     both = fp.replay_jump(jump, 250.0, perturb=perturb, friction=0.8, seed=3, gains=tuple(gains))
     assert both.uncorrected.pitch.tolist() == first.landings.pitch.tolist()
@@ -116,7 +124,7 @@ def test_other_quadrupeds_land_straight(name: str, gains: tuple[float, float]) -
     """Also where rotors that the plan does not know make them land early."""
     found = planned_jump(name)
     perturb = f"mass=5%,friction=17.647%,armature=0.01,{LATE}"
-    both = fp.replay_jump(found, 250.0, perturb=perturb, friction=0.85, flights=10, gains=gains, budget=None)
+    both = fp.replay_jump(found, 250.0, perturb=perturb, friction=0.85, flights=4, gains=gains, budget=None)
     assert both.corrected is not None
     assert both.uncorrected.clean.all()
     assert both.corrected.clean.all()
@@ -144,9 +152,10 @@ def test_refused(given: dict[str, Any], reason: str) -> None:
 
 
 @pytest.mark.long
-def test_pages_and_film(tmp_path: Path) -> None:
+def test_pages_and_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of flights that land, and of one that falls with joints beyond their ranges."""
-    good, bad = {"flights": 3, "gains": (57.0, 0.98)}, {"perturb": "noise=1rad", "gains": (1e3, 1e3)}
+    monkeypatch.setattr(animation, "FILM", replace(animation.FILM, rate=5.0))
+    good, bad = {"flights": 2, "gains": (57.0, 0.98)}, {"perturb": "noise=1rad", "gains": (1e3, 1e3)}
     for name, options, files in (("good", good, 3), ("bad", bad, 2)):
         flown = fp.replay_jump(backflip(), **options)
         found = write_jump_pages(flown, tmp_path / name)
@@ -154,6 +163,20 @@ def test_pages_and_film(tmp_path: Path) -> None:
         page = found[0].read_text()
         assert f"{'stands' if name == 'good' else 'falls'} in MuJoCo with contact" in page
         assert "on its feet alone" in page
+
+
+@pytest.mark.parametrize(
+    ("landed", "tilts", "middle"),
+    [
+        ([4, 8, 8, 8, 5, 8, 8], [1, 1, 1, 1, 1, 0, 0], 0.9),  # the most multiples
+        ([8, 8, 4, 4, 8, 8, 4], [2, 2, 9, 9, 1, 1, 9], 0.65),  # of as many those that tilt least
+        ([0, 0, 0, 0, 0, 3, 0], [8, 8, 8, 8, 8, 5, 8], 0.6),
+    ],
+)
+def test_gains_are_in_the_middle_of_those_with_which_most_robots_land(
+    landed: list[int], tilts: list[int], middle: float
+) -> None:
+    assert middle_of_the_widest(np.array([landed, np.negative(tilts)]).T) == pytest.approx(middle)
 
 
 def test_a_file_that_contradicts_itself_is_not_flown(floatplan: Callable[..., Any], tmp_path: Path) -> None:
@@ -169,19 +192,10 @@ def test_a_file_that_contradicts_itself_is_not_flown(floatplan: Callable[..., An
         assert f"jump.json: stances: a jump that does not hold is none to {action}: forces are out" in run.stderr
 
 
-@pytest.mark.long
-def test_gains_are_searched(floatplan: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    try_few_gains(monkeypatch)
-    run = floatplan("replay", backflip().save(tmp_path / "jump.json"), "--json")
-    facts = json.loads(run.stdout)
-    assert (run.code, facts["landed"]) == (0, True)
-    assert facts["control"]["tried"] == 3
-
-
 def test_command(
     flown: fp.JumpReplay, floatplan: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The flight itself is flown from the command line by ``test_gains_are_searched``, and by pages of docs/."""
+    """The flight itself is flown from the command line by ``test_seeds_and_corrections``, and by pages of docs/."""
     path = backflip().save(tmp_path / "jump.json")
     asked: list[dict[str, Any]] = []
     with monkeypatch.context() as patched:

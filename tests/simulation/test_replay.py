@@ -31,7 +31,6 @@ FLOWN = {
     "obstacle_hard",
     "somersault",
     "gallery/borinot",
-    "gallery/g1",
 }  # every time
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -21,7 +20,7 @@ from floatplan.simulation.contact.tracked_motion import PERIOD
 from floatplan.simulation.jump_run import JumpControl
 from floatplan.simulation.mujoco_model import free_base
 from floatplan.simulation.perturbation import Perturbation
-from floatplan.view.report.flights import jump_rows, write_jump_pages
+from floatplan.view.report.flights import jump_rows
 
 SOFT = 40.0, 1.0  # [N m/rad, N m s/rad]
 PERTURBED = "mass=5%,armature=0.005,noise=0.1deg,delay=4ms"
@@ -162,18 +161,8 @@ def test_whole_turns_are_counted(turns: float) -> None:
 
 
 @pytest.mark.long
-def test_pages_and_film(tmp_path: Path) -> None:
-    """The page of all flights is for several."""
-    several = fp.replay_jump(roll(), 250.0, perturb=PERTURBED, friction=0.85, flights=2, gains=SOFT, budget=None)
-    paths = write_jump_pages(several, tmp_path)
-    assert [path.name for path in paths] == ["report.html", "flight.gif", "flights.html"]
-    assert "stands in MuJoCo with contact" in paths[0].read_text()
-    assert "attitude at touchdown" in paths[2].read_text()
-
-
-@pytest.mark.long
 def test_gains_are_searched(monkeypatch: pytest.MonkeyPatch) -> None:
     try_few_gains(monkeypatch)
     flown = fp.replay_jump(roll(), 250.0, perturb="noise=0.1deg,delay=4ms", friction=0.85)
-    assert flown.tried == 3
+    assert flown.tried == 2
     assert flown.landed

@@ -97,7 +97,7 @@ def test_what_cannot_vary_is_refused(study_file, text, said):
 @pytest.mark.long
 def test_a_study_of_jumps_goes_on_where_it_ended(study_file, tmp_path):
     """Two processes plan what one plans, and nothing twice."""
-    path = study_file('[vary]\n"jump.friction" = [0.5, 0.6]\n[plan]\njump = true', "jumps/go2")
+    path = study_file('[vary]\n"jump.friction" = [0.5, 0.6]\n[plan]\njump = true', "jumps/high_jumper")
     done = fp.study(path, folder=tmp_path / "study", jobs=2)
     assert done.statuses == {"feasible": 2}
     jump = done.jump(0)
