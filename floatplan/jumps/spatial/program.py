@@ -248,7 +248,8 @@ class SpatialProgram:
         kind = self.kinds[node]
         near = np.empty(0) if self.reference is None else self.reference[:, node]
         signs = np.array(kind.damping_signs, np.float64)
-        values = [near, [self.bounds.friction], [self.bounds.edge], self.bounds.scales, signs]
+        margins = np.array([self.bounds.friction, self.bounds.edge])
+        values: list[Array] = [near, margins, self.bounds.scales, signs]
         if kind.fixed == 3:
             end = 0 if node == 0 else 1
             # One zero stands for all rates of an end at rest.
