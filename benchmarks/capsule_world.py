@@ -80,6 +80,7 @@ class World:
         model.dof_armature[self.columns] = known + rng.uniform(0.0, armature)
         self.model = model
         self.data = mujoco.MjData(model)
+        mujoco.mj_setConst(model, self.data)  # the mass of all bodies is divided by where their centre is measured
         self.data.qpos[:7] = first[[0, 1, 2, 6, 3, 4, 5]]
         self.data.qpos[self.rows] = first[7:]
         mujoco.mj_forward(model, self.data)
@@ -104,6 +105,10 @@ class World:
         v = np.concatenate((data.qvel[:6], data.qvel[self.columns]))
         v[3:] += 10 * NOISE * rng.standard_normal(3 + count)
         self.measured.append((q, v))
+        # MuJoCo's step leaves places and rates of the bodies where they were before it.
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        mujoco.mj_comVel(self.model, data)
         mujoco.mj_subtreeVel(self.model, data)
         self.com.append((data.subtree_com[0].copy(), data.subtree_linvel[0].copy()))
         self.pressed.append(any(geom in self.feet for geom, force in self._forces() if force > 1.0))
@@ -227,6 +232,7 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
     ElementTree.SubElement(ElementTree.SubElement(urdf, "mujoco"), "compiler", compiler)
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(urdf, encoding="unicode"))
     spec.option.timestep = STEP
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4  # with others momenta change by 1 % in a flight
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10  # at MuJoCo's own 1, feet creep while they push
     root = spec.worldbody.first_body()

@@ -41,6 +41,8 @@ class NodeMargins:
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
+    shank_height : of links to which feet are fixed, m over the ground, in jumps in space; 0 for no rows
+        Most robots' shanks are high enough without.
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
     edge : least share of a sole's vertical force that each of its points bears at nodes; of jumps in space
         Where one bears nothing the sole's centre of pressure is on its edge, and beyond it between nodes.
@@ -57,6 +59,7 @@ class NodeMargins:
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
+    shank_height: float = 0.0
     tilt: float = math.inf
     edge: float = 0.0
 

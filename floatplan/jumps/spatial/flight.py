@@ -16,6 +16,7 @@ from floatplan.jumps.spatial.standing import Foot, Kinematics
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.parts import Flight, Landing, Posture, Takeoff
 from floatplan.problem.problem import Problem
+from floatplan.problem.resolution import MOST_DISTANCES
 from floatplan.problem.spatial_obstacles import HalfSpace
 from floatplan.robot.shapes.solids import frame_position
 
@@ -33,6 +34,8 @@ def flight_problem(
     after = program.phases[program.flight + 1].feet[0]
     takeoff = _frame_origin(mechanics, ends.motion[0, :, 0], before)
     landing = _frame_origin(mechanics, ends.motion[0, :, 1], after)
+    others = obstacles_in(problem.obstacles, ends.duration, float(solution.origin[2]))
+    most = max(1, MOST_DISTANCES // max(1, len(problem.robot.capsules)) - len(others))
     return replace(
         problem,
         start=postures[0],
@@ -45,10 +48,7 @@ def flight_problem(
             horizontal_velocity=tuple(ends.com_velocity[:2].tolist()),
             gravity=mechanics.gravity,
         ),
-        obstacles=(
-            *obstacles_in(problem.obstacles, ends.duration, float(solution.origin[2])),
-            *_grounds(program, solution, mechanics, ends),
-        ),
+        obstacles=(*others, *_grounds(program, solution, mechanics, ends, most)),
         ground=False,
         written=None,
     )
@@ -63,7 +63,7 @@ def _frame_origin(mechanics: Mechanics, y: Array, foot: Foot) -> Array:
 
 
 def _grounds(
-    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds
+    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, ends: FlightEnds, most: int
 ) -> list[HalfSpace]:
     """Half-spaces below the links' capsules, one for each time of the flight: the plan's feet are lifted too.
 
@@ -81,11 +81,25 @@ def _grounds(
     levels = (ground + levels).round(4)
     borders = np.linspace(0.0, float(solution.durations[program.flight]), len(above))
     changes = np.flatnonzero(np.diff(levels)) + 1
-    grounds = []
+    runs = []  # of intervals of one level: begin, end, level
     for first, last in itertools.pairwise([0, *changes.tolist(), len(levels)]):
-        window = (float(borders[first]), float(borders[last]))
-        grounds.append(HalfSpace(point=(0.0, 0.0, float(levels[first])), window=window))
-    return grounds
+        runs.append((float(borders[first]), float(borders[last]), float(levels[first])))
+    runs = merged_levels(runs, most)
+    return [HalfSpace(point=(0.0, 0.0, level), window=(begin, end)) for begin, end, level in runs]
+
+
+def merged_levels(runs: list[tuple[float, float, float]], most: int) -> list[tuple[float, float, float]]:
+    """Return ``most`` runs of a level at most, each with begin and end: neighbours that differ least become one.
+
+    It has the lower level of both.
+    """
+    merged = list(runs)
+    while len(merged) > most:
+        index = int(np.abs(np.diff([level for _, _, level in merged])).argmin())
+        begin, _, level = merged[index]
+        _, end, next_level = merged[index + 1]
+        merged[index : index + 2] = [(begin, end, min(level, next_level))]
+    return merged
 
 
 def _lowest(program: SpatialProgram, mechanics: Mechanics, motion: Array) -> Array:

@@ -30,6 +30,7 @@ class SpatialBounds:
     clearance : m, of what is no foot from the ground
     lift : m, of feet in the flight, between its quarters
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
+    shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
     edge : least share of a sole's vertical force that each of its points bears
     scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
@@ -44,6 +45,7 @@ class SpatialBounds:
     clearance: float
     lift: float
     dip: float
+    shank_height: float
     tilt: float
     edge: float
     scales: Array

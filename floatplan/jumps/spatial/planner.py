@@ -19,6 +19,7 @@ from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram, solved_again
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
+from floatplan.jumps.spatial.standing import shank_points
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
@@ -104,6 +105,8 @@ def solved_start(setup: SpatialSetup, seed: int, number: int, previous: Start | 
 def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:
     """Return the jump of a start's solution; where its check fails, of one with more nodes, and stricter margins.
 
+    So it goes on where the check holds, but links come too near to the ground; of jumps that hold it is the highest.
+
     Parameters
     ----------
     start : whose program has a solution
@@ -113,20 +116,49 @@ def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) 
     setup = start.setup
     programs = 1 + CORRECTIONS
     number = 1
+    valid: list[SpatialJump] = []  # whose check holds
+    usual = 2e-3  # [m] over the ground of all but feet: these give way by a millimetre where a robot lands
+    least = min(usual, setup.request.clearance)
+    # Without links that are wider than the feet on them there is nothing to be mended.
+    are_wider = bool(shank_points(setup.problem.robot, setup.feet, least))
+    shank_height = 0.0
 
     def finer(margins: NodeMargins) -> SpatialProgram:
-        nonlocal number
+        nonlocal number, shank_height
         number += 1
         say(f"program {number} of {programs} at most, with more nodes")
-        return setup.program(margins)
+        if valid:
+            # Where there are rows, what the exact stance has lost comes on top.
+            shank_height = shank_height + 1.5 * (least - link_height(valid[-1])) if shank_height else least
+        return setup.program(replace(margins, shank_height=shank_height))
 
     def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[SpatialJump, Mapping[str, float] | None]:
         say(f"program {number} of {programs} at most: flight, stances, check")
+        tolerated = 5e-4  # [m] less: rows are of points of a rim, not of all of it
         jump = jump_of_solution(setup, program, solution, seed)
-        return jump, None if jump.ok else jump.check.figures
+        if not jump.ok:
+            return jump, None if valid else jump.check.figures
+        valid.append(jump)
+        is_low = are_wider and link_height(jump) < least - tolerated
+        return jump, jump.check.figures if is_low else None
+
+    def again(
+        finer: SpatialProgram, program: SpatialProgram, solution: SpatialSolution
+    ) -> tuple[SpatialProgram, SpatialSolution] | None:
+        if bool(finer.shank_points) == bool(program.shank_points):
+            return solved_again(finer, program, solution)
+        # With rows of shanks legs tilt less, which is another motion: the search begins anew.
+        anew = finer.solve(guess(finer))
+        return (finer, anew) if anew.converged else None
 
     solved = (start.program, start.solution)
-    return refined_until_checked(start.margins, setup.request, solved, finer, complete, solved_again)
+    last = refined_until_checked(start.margins, setup.request, solved, finer, complete, again)
+    return max(valid, key=link_height, default=last)
+
+
+def link_height(jump: SpatialJump) -> float:
+    """Least height over the ground of all of a checked jump but its feet, m."""
+    return jump.check.figures["ground"]
 
 
 def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, seed: int) -> SpatialJump:

@@ -50,6 +50,7 @@ class SpatialProgram:
     ends : SpatialEnds
     points : that stay above the ground
     corners : of the feet's shapes, which nearly do
+    shank_points : of the links to which feet are fixed, which do
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
     reference : (6+n, K+1) of a motion y to which it is to be near; None for none
@@ -61,6 +62,7 @@ class SpatialProgram:
     ends: SpatialEnds
     points: Sequence[ClearancePoint]
     corners: Sequence[ClearancePoint]
+    shank_points: Sequence[ClearancePoint]
     bounds: SpatialBounds
     friction: float
     reference: Array | None = None
@@ -211,8 +213,9 @@ class SpatialProgram:
             rows=ca.vertcat(*(row[0] for row in everything)),
             cost=cost,
         )
+        key = (kind, self.reference is None, self.bounds.edge > 0, tuple(self.shank_points))
         return Piece(
-            expression=self.expressions.setdefault((kind, self.reference is None, self.bounds.edge > 0), expression),
+            expression=self.expressions.setdefault(key, expression),
             indices=indices,
             values=np.stack([self._parameters(node) for node in nodes], axis=1),
             low=low,
@@ -300,10 +303,11 @@ class SpatialProgram:
         return rows
 
     def _heights(self, kind: NodeKind) -> list[tuple[ClearancePoint, str]]:
-        """What stays above the ground at nodes of a kind, and as what: "link", "corner" of a foot, or "foot"."""
+        """What stays above the ground at nodes of a kind, and as what: "link", foot's "corner", "shank" or "foot"."""
         standing = {foot.name for foot in kind.tracking}
         heights = [(point, "link") for point in self.points]
         heights += [(point, "corner") for point in self.corners]
+        heights += [(point, "shank") for point in self.shank_points]
         in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.name not in standing}
         for foot in sorted(in_the_air, key=lambda foot: foot.body):
             heights.append((ClearancePoint(foot.name, foot.body, foot.local, foot.depth), "foot"))
@@ -311,10 +315,16 @@ class SpatialProgram:
 
     def _height_rows(self, kind: NodeKind) -> list[Row]:
         rows = []
-        for point, _ in self._heights(kind):
+        standing = {foot.body: foot for foot in kind.tracking if not foot.suffix}
+        for point, use in self._heights(kind):
             position, _, _ = self.model.placed(self.model.bodies[point.body - 1].point(np.array(point.local)))
-            label = f"height of {point.link}"
-            rows.append(((position[2] - point.radius) / self.height, 0.0, np.inf, label))
+            height = position[2] - point.radius
+            foot = standing.get(point.body)
+            if use == "shank" and foot is not None:
+                # From the foot's point, not from the ground: at nodes feet are up to millimetres off their places, to
+                # which the exact stance brings them back.
+                height += foot.depth - self.model.foot(foot.name)[1][0][2]
+            rows.append((height / self.height, 0.0, np.inf, f"height of {point.link}"))
         return rows
 
     def _least_heights(self, kind: NodeKind, node: int) -> Array:
@@ -324,7 +334,8 @@ class SpatialProgram:
         if in_flight:
             share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
             lift = self.bounds.lift * lifted_share(share)
-        least_of = {"link": self.bounds.clearance, "foot": lift, "corner": -self.bounds.dip}
+        bounds = self.bounds
+        least_of = {"link": bounds.clearance, "foot": lift, "corner": -bounds.dip, "shank": bounds.shank_height}
         return np.array([least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:

@@ -28,6 +28,7 @@ from floatplan.jumps.spatial.standing import (
     feet_links,
     foot_corners,
     not_standing,
+    shank_points,
     standing_joints,
 )
 from floatplan.motion.planar.contact_rates import End
@@ -96,6 +97,7 @@ class SpatialSetup:
             clearance=min(request.clearance, self._lowest / 2) + margins.clearance,
             lift=margins.lift,
             dip=margins.dip,
+            shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
             edge=margins.edge,
             scales=np.where(np.isfinite(most), most, without_limit),
@@ -103,12 +105,14 @@ class SpatialSetup:
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
         points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
+        shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
         return SpatialProgram(
             self._model,
             phases,
             self.ends,
             points,
             corners,
+            shanks,
             bounds,
             request.friction,
             expressions=self._expressions,

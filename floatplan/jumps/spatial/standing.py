@@ -15,7 +15,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.problem.attitude import Attitude
 from floatplan.robot.robot import Robot
-from floatplan.robot.shapes.solids import frame_position
+from floatplan.robot.shapes.solids import LinkSolid, frame_position
 
 DOWN = np.array([0.0, 0.0, -1.0])
 LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
@@ -258,25 +258,55 @@ def foot_corners(robot: Robot, feet: Sequence[Foot], least: float) -> list[Clear
     alike = math.cos(math.radians(25.0))  # of directions from the foot's point
     corners: list[ClearancePoint] = []
     for foot in feet:
-        if foot.suffix:  # a sole stands flat, and its points are its corners
-            continue
-        directions: list[Array] = []
-        candidates = []
-        for solid in robot.solids:
-            if solid.link in feet_links(robot, [foot]):
-                radius = float(np.linalg.norm(solid.axes, axis=0).max())
-                candidates += [(point - np.array(foot.local), radius) for point in solid.points]
-        candidates.sort(key=lambda candidate: -float(np.linalg.norm(candidate[0])) - candidate[1])
-        for arm, radius in candidates:
-            distance = float(np.linalg.norm(arm))
-            if distance + radius < foot.depth + least or not distance:
-                continue
-            direction = arm / distance
-            if all(direction @ other < alike for other in directions):
-                directions.append(direction)
-                x, y, z = (np.array(foot.local) + arm).tolist()
-                corners.append(ClearancePoint(foot.name, foot.body, (x, y, z), radius))
+        if not foot.suffix:  # a sole stands flat, and its points are its corners
+            solids = [solid for solid in robot.solids if solid.link in feet_links(robot, [foot])]
+            corners += _far_points(foot, solids, foot.depth + least, alike)
     return corners
+
+
+def shank_points(robot: Robot, feet: Sequence[Foot], height: float) -> list[ClearancePoint]:
+    """Return points of the links to which feet are fixed, that are lower than a height, m, where such a leg tilts.
+
+    A shank may be wider than its foot, whose point does not move: how low it reaches follows from the tilt.
+    """
+    alike = math.cos(math.radians(15.0))  # of directions from the foot's point: a rim between them is 0.3 mm lower
+    points: list[ClearancePoint] = []
+    for foot in feet:
+        if not foot.suffix:
+            own = feet_links(robot, [foot])
+            solids = [solid for solid in robot.solids if solid.body == foot.body and solid.link not in own]
+            # What is nearer to the joint than the foot's point is the lowest on legs that are upside down.
+            points += _far_points(foot, solids, foot.depth - height, alike, away_from_joint=True)
+    return points
+
+
+def _far_points(
+    foot: Foot, solids: Sequence[LinkSolid], least: float, alike: float, away_from_joint: bool = False
+) -> list[ClearancePoint]:
+    """Balls around points of solids that reach ``least`` m or more from a foot's point, the farthest of its direction.
+
+    Directions are one where their cosine is ``alike`` or more. Points that are not ``away_from_joint``, on the foot's
+    other side, may be left out.
+    """
+    candidates = []
+    for solid in solids:
+        radius = float(np.linalg.norm(solid.axes, axis=0).max())
+        candidates += [(point - np.array(foot.local), radius, solid.link) for point in solid.points]
+    candidates.sort(key=lambda candidate: -float(np.linalg.norm(candidate[0])) - candidate[1])
+    directions: list[Array] = []
+    points: list[ClearancePoint] = []
+    for arm, radius, link in candidates:
+        distance = float(np.linalg.norm(arm))
+        if distance + radius < least or not distance:
+            continue
+        if away_from_joint and arm @ np.array(foot.local) < -0.1 * distance * float(np.linalg.norm(foot.local)):
+            continue
+        direction = arm / distance
+        if all(direction @ other < alike for other in directions):
+            directions.append(direction)
+            x, y, z = (np.array(foot.local) + arm).tolist()
+            points.append(ClearancePoint(link, foot.body, (x, y, z), radius))
+    return points
 
 
 def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearancePoint]:
