@@ -116,6 +116,9 @@ def test_programs_of_a_setup_share_derivatives(case):
     assert {piece.expression for piece in shared.assembly.pieces} == used
     assert used.isdisjoint(piece.expression for piece in own.assembly.pieces)
     raw = np.random.default_rng(0).normal(size=own.size)
+    with_shanks = replace(strict, shank_height=5e-3)  # has other rows
+    more_rows = [one.program(with_shanks).assembly for one in (setup, replace(setup))]
+    assert more_rows[0].labels == more_rows[1].labels != shared.assembly.labels
     for bound, other in ((shared.assembly.low, own.assembly.low), (shared.assembly.high, own.assembly.high)):
         assert np.array_equal(bound, other)
     parameters = np.zeros(own.size + 1)
