@@ -59,7 +59,7 @@ GROUND = 0.08  # [m] half of the height, in the picture, of the ground between l
 SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 
 
-STUDIES = ("somersault", "weak_motors", "pole", "go2_flip")
+STUDIES = ("somersault", "weak_motors", "pole", "go2_flip", "go2_turn")
 
 
 def main() -> None:

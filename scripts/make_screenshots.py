@@ -58,6 +58,8 @@ def main() -> None:
                 photograph_scene(browser, plan, Path(folder) / "scene.html", IMAGES / f"scene_{plan.problem.name}.png")
             photograph_studio(browser, backflip.problem, IMAGES / "studio_go2.png")
             photograph_studio(browser, fp.load_problem(JUMPS / "go2.toml"), IMAGES / "studio_jump.png", 0.26)
+            roll = fp.load_problem(JUMPS / "space" / "go2_roll.toml")
+            photograph_studio(browser, roll, IMAGES / "studio_jump_in_space.png", 0.36)
 
 
 def checked(name: str) -> fp.Plan:

@@ -17,8 +17,9 @@ that is a point, r = 0. Its derivatives by the angles are those of the point of 
 and the angular momentum about it by ``L' = -sigma m (g (c - P)_x + P_x' c_z')``, c the centre of mass.
 """
 
+import os
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -35,14 +36,34 @@ Pair: TypeAlias = tuple[Any, Any]  # horizontal and vertical component, CasADi e
 
 
 def casadi() -> Any:
-    """The module CasADi.
+    """The module CasADi, with its solver loaded.
 
     Raises
     ------
     InputError
         It is not installed.
     """
-    return import_optional("casadi", name="CasADi", element="jump", extra="jump")
+    module = import_optional("casadi", name="CasADi", element="jump", extra="jump")
+    _load_solver(module)
+    return module
+
+
+@lru_cache(maxsize=1)
+def _load_solver(module: Any) -> None:
+    """Load IPOPT with one thread for its BLAS: shared sums have other last bits, and processes would find other jumps.
+
+    That BLAS is a library of CasADi's own, which :func:`~floatplan.pool.one_thread` does not reach.
+    """
+    name = "OPENBLAS_NUM_THREADS"  # which it reads where it is loaded, and never again
+    before = os.environ.get(name)
+    os.environ[name] = "1"
+    try:
+        module.load_nlpsol("ipopt")
+    finally:
+        if before is None:
+            del os.environ[name]
+        else:
+            os.environ[name] = before
 
 
 class PlanarModel:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from time import process_time
 
@@ -25,8 +24,10 @@ from floatplan.jumps.phases import instants
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rounds import (
     CORRECTIONS,
+    NEAR_FAILED,
     NodeMargins,
     refined_until_checked,
+    saying_on,
     solve_in_rounds,
     solved_again,
 )
@@ -44,7 +45,6 @@ from floatplan.problem.problem import Problem
 # A1's backflip takes 0.83 of the friction, 0.9 of torques and 0.97 of rates, three backflips of a Go2 0.76, 0.91, 0.97.
 MARGINS = NodeMargins(torque=0.9, velocity=0.96, friction=0.7)
 STARTS = 4  # [-] guesses that are tried, see ``_search``
-NEAR_FAILED = "no jump was found near the one at hand"
 
 
 @one_thread
@@ -79,8 +79,8 @@ def jump(
         Whether conflicting limits are explained where no jump is found; in a plane relaxed ones are tried too, as long
         again.
     near : Jump, optional
-        In a plane: one of nearly the same problem, with the same phases; the search begins from it, and only where
-        that fails with the starts.
+        One of nearly the same problem, with the same phases; the search begins from it, and only where that fails
+        with the starts. In a plane one with other phases is left aside, in space it is refused.
 
     Returns
     -------
@@ -91,7 +91,7 @@ def jump(
     ------
     InputError
         The problem or the request is wrong, or requires what no jump does; there is no request, nothing can stand as
-        requested, or CasADi is not installed.
+        requested, ``near`` is of another robot or, in space, has other phases, or CasADi is not installed.
     """
     casadi()
     kernel()  # an error of its own is none of a flight's
@@ -117,7 +117,7 @@ def jump(
         result = _search_near(setup, first, guess, seed, say, helps)
         if result.ok:
             return result
-        say = partial(_say_after, f"{NEAR_FAILED}. {result.explanation} Searching on: ", say)
+        say = saying_on(result, say)
     search = _search(setup, first, seed, starts, say)
     last = search.jump
     if last is None and setup.base_rotation == 0.0 and not requested.rise:
@@ -146,10 +146,6 @@ def _explained(
         attempts = _try_relaxed(setup.problem, conflicts, seed, until, say)
         last = last.explained(f"{last.explanation} {attempts}")
     return last
-
-
-def _say_after(prefix: str, report: Callable[[str], None], words: str) -> None:
-    report(prefix + words)
 
 
 def _requested(problem: Problem, request: JumpRequest | None, file: str | Path | None) -> JumpRequest:

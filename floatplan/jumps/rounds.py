@@ -15,6 +15,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.jumps.check import FIGURES
+from floatplan.jumps.jump import Jump
 from floatplan.jumps.program import JumpProgram
 from floatplan.jumps.rows import ExtraRows
 from floatplan.jumps.separation import RESERVE, TOLERATED_SHORTFALL
@@ -23,6 +24,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.tables import POINT_FEET
 
 CORRECTIONS = 2  # [-] programs after the first, each with more nodes and stricter margins
+NEAR_FAILED = "no jump was found near the one at hand"
 
 
 @dataclass(frozen=True)
@@ -199,3 +201,8 @@ def refined_until_checked(
         solved = refined
         result, figures = complete(*solved)
     return result
+
+
+def saying_on(failed: Jump, say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return what says words of a search that goes on after a jump near one at hand, which failed: with its reason."""
+    return lambda words: say(f"{NEAR_FAILED}. {failed.explanation} Searching on: {words}")

@@ -29,6 +29,7 @@
 #include "exchange.hpp"
 #include "branched.hpp"
 #include "ranked.hpp"
+#include "unconstrained.hpp"
 #include "starts.hpp"
 #include "prediction.hpp"
 #include "remaining_in_plane.hpp"

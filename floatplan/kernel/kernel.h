@@ -199,7 +199,7 @@ typedef struct {
     double feasible, stalled, least_gain, far, initial_damping, smallest_damping, largest_damping;
     double regularisation, qp_tolerance;
     double evaluation, differentiation, entry, solving;  // work: of a program, and of an operation of a quadratic one
-    double near_miss, same, enough_work;
+    double near_miss, same, enough_work, long_work, share_unconstrained;
     double smallest_step, least_scale;
     Index stall_iterations, iterations, passes, elastic_iterations, qp_changes, most_instants, cheap_level;
     Index compiled_level, constrained_level, closer, watched_at_most;
@@ -215,6 +215,7 @@ typedef struct {
     Index first, count;                       // numbers: of the first start, how many at most (0: x is judged as it is)
     Index wanted;                             // that hold, of which the best is chosen (0: the first)
     Index rows, at_once, objective_sum, objective_sums;
+    Index compares;                           // whether optima without rows are compared with the first: |b| is the objective
     double most_work, bodies, entries;
     double thickness;                         // m, the least one of an obstacle; infinite where there is none
     const double *plain;                      // (size): the x of the plain motion

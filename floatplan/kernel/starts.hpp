@@ -95,13 +95,15 @@ template <typename Flight> class NumberedStarts {
 // Where so many solutions are wanted, it goes on until there are, and until more of them promise little: the plain motion
 // was solved quickly, or several were found. It gives up where starts end equally far from the goal, and none nearer.
 // Else it ends with the first that holds, or when work has been done that the search is to know of. What the most work
-// ends is left out where it is not the first: how far it came hangs on what was done before.
+// ends is left out where it is not the first: how far it came hangs on what was done before. Where the first one leads to an
+// optimum, but has taken long, the optima without rows are compared with that.
 template <typename Flight> class FollowedStarts {
   public:
     FollowedStarts(const typename Flight::Body &body, const Constraints &constraints, const Motions &plain,
                    const Nodes *levels, const Settings &settings, const Exchange &exchange, const Powers *powers,
                    SearchProblem &problem, SamplingOptions &sampling)
-        : joints(body.joints), columns(plain.columns), size(plain.size), motions(plain, sampling.offset_map, body.joints),
+        : body(body), constraints(constraints), joints(body.joints), columns(plain.columns), size(plain.size),
+          motions(plain, sampling.offset_map, body.joints),
           follower(body, constraints, motions.at, levels, settings, exchange, problem),
           starts(follower.program, motions, settings, exchange, problem.bodies, sampling, body.joints), levels(levels),
           settings(settings), exchange(exchange), powers(powers), problem(problem), sampling(sampling) {}
@@ -113,6 +115,11 @@ template <typename Flight> class FollowedStarts {
         for (double **each : {&x, &best}) arena.take(*each, size);
         arena.take(b, joints * columns);
         arena.take(branch, joints);
+        if (problem.compares) {
+            Arena needed;
+            without_rows().lay_out(needed);
+            arena.take(room_without_rows, needed.numbers());
+        }
     }
 
     void follow() {
@@ -135,6 +142,8 @@ template <typename Flight> class FollowedStarts {
     }
 
   private:
+    const typename Flight::Body &body;
+    const Constraints &constraints;
     const Index joints, columns, size;
     BranchedMotions motions;
     Follower<Flight> follower;
@@ -146,6 +155,7 @@ template <typename Flight> class FollowedStarts {
     SearchProblem &problem;
     SamplingOptions &sampling;
     double *x, *b;                                  // of the start that is followed
+    double *room_without_rows;
     double *best;                                   // x of the best one, and what else is kept of that
     Index *branch, level = 0, status = infeasible;
     double least = HUGE_VAL, cost = HUGE_VAL;       // least: violation; cost: |b|
@@ -172,6 +182,8 @@ template <typename Flight> class FollowedStarts {
             is_best = compare(holds);
             ++problem.started;
             if (is_best) keep();
+            const bool is_long = follower.program.work > exchange.long_work;
+            if (problem.compares && !number && holds && problem.status == optimal && is_long) compare_with_unconstrained();
             if (problem.wanted ? are_enough(number) : least <= 0 || follower.program.work > exchange.enough_work) break;
         }
     }
@@ -180,9 +192,40 @@ template <typename Flight> class FollowedStarts {
     bool compare(bool holds) {
         const bool is_nearer = !problem.started || problem.violation < least;
         if (!problem.wanted || !(is_nearer || holds)) return is_nearer;
-        follower.write(motions.at, *powers, joints, b);
-        problem.objective = std::sqrt(dot(b, b, joints * columns));
+        problem.objective = coefficients_of(follower);
         return is_nearer || problem.objective < cost;
+    }
+
+    // Takes the cheapest optimum without rows that keeps to all of them, where it costs less than where the first start ended.
+    // As many are looked for as take a share of its work.
+    void compare_with_unconstrained() {
+        UnconstrainedOptima<Flight> optima = without_rows();
+        Arena room = aligned(room_without_rows);
+        optima.lay_out(room);
+        const double most_work = exchange.share_unconstrained * follower.program.work;
+        cost = coefficients_of(follower);
+        follower.worth = exchange.near_miss;
+        is_best = false;  // from now on what it has left is that of another motion
+        for (Index number = 0; number < settings.followed * settings.ranked_rounds && optima.work() < most_work; ++number) {
+            if (!optima.find(number, x) || !(coefficients_of(optima.last()) < cost)) continue;
+            follower.judge_given(x);
+            if (problem.violation > 0) continue;
+            problem.status = optimal;
+            problem.objective = coefficients_of(follower);
+            keep();
+        }
+        problem.evaluations = follower.program.evaluations + optima.evaluations();
+        problem.work = follower.program.work + optima.work();
+    }
+
+    UnconstrainedOptima<Flight> without_rows() {
+        return {body, constraints, motions, levels, settings, exchange, problem, sampling, joints};
+    }
+
+    // |b| of where a start has ended last.
+    double coefficients_of(const Follower<Flight> &ended) {
+        ended.write(motions.at, *powers, joints, b);
+        return std::sqrt(dot(b, b, joints * columns));
     }
 
     void keep() {

@@ -124,6 +124,9 @@ class Exchange:
     near_miss: float = 1e-3  # [-] violation, below which a motion that is not optimal is followed once more
     same: float = 1e-6  # [-] relative difference of objectives, below which two attempts ended at the same motion
     enough_work: float = 1e6  # [instants of one body] of starts that are followed in one call: about 0.02 s
+    long_work: float = 3e5  # [instants of one body] of the first start, after which optima without rows are compared
+    # [-] of that work, for these optima: a tenth of its time or less, for what needs no rows is counted too high.
+    share_unconstrained: float = 0.2
     smallest_step: float = 0.02  # [m] that a link may travel between two nodes even beside a smaller obstacle
     least_scale: float = 1e-6  # [-] of an objective
 

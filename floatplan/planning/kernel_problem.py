@@ -221,6 +221,7 @@ def _search_problem(spec: FlightSpec, table: RowTable, start: Start, minima: Str
         at_once=start.at_once,
         objective_sum=0 if rows.also is None else rows.first_also,
         objective_sums=0 if rows.also is None else len(rows.also),
+        compares=rows.rows > 0 and spec.problem.is_standard and not start.variables.has_reference,
         bodies=rows.bodies * rows.work_of_body,
         entries=sum(rows.differentiated),
         thickness=min((obstacle.thickness for obstacle in spec.problem.obstacles), default=np.inf),

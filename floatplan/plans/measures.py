@@ -151,6 +151,12 @@ def limits_of_motors(problem: Problem) -> dict[str, Array]:
     return limits
 
 
+def momentum_in_one_number(motion: PlannedMotion) -> float:
+    """Angular momentum of a flight, kg m^2/s: in a plane with its sign, in space its magnitude."""
+    momentum = motion.angular_momentum
+    return float(momentum) if np.ndim(momentum) == 0 else math.hypot(*momentum)
+
+
 def largest_use(rows: Sequence[Utilisation]) -> float | None:
     """Return the largest share of a limit that a motor uses; None where none has a limit."""
     largest: float | None = None

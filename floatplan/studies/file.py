@@ -178,8 +178,10 @@ def load_study_file(path: str | Path) -> StudyFile:
     if tables.plan.jump and base.jump is None:
         advice = f"add a table [jump] to {problem.name}, or leave it out"
         raise InputError("is for problems of whole jumps", source=path, element="plan.jump", advice=advice)
-    if base.robot.in_plane is None:
-        raise base.robot.not_in_plane
+    if base.robot.base == "free-flyer" and not tables.plan.jump:
+        advice = "set it to true, for whole jumps" if base.jump else "study a flight in a plane"
+        reason = "in space studies are of whole jumps, not yet of flights"
+        raise InputError(reason, source=path, element="plan.jump", advice=advice)
     content = read_regular(problem, LARGEST_PROBLEM, "a problem file")
     with naming(path):
         samples = _samples(tables, base, degrees=read_toml(problem).get("angles") == "deg")

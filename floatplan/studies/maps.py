@@ -236,7 +236,7 @@ def page_data(study: StudyFile, table: Any, numbers: PackedNumbers) -> dict[str,
         "explanation": {"texts": explanations, "index": numbers.add(explanation, "<u4")},
         "coefficients": {"size": coefficients.shape[1], "values": numbers.add(coefficients, "<f4")},
         "colours": {"scale": list(map(to_hex, scale)), "logarithmic": LOGARITHMIC, "statuses": statuses},
-        "flight": _flight_data(study.base),
+        "flight": None if study.base.robot.base == "free-flyer" else _flight_data(study.base),
     }
 
 

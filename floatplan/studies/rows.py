@@ -18,7 +18,7 @@ from floatplan.jumps.planner import jump
 from floatplan.planning.kernel_input.numbers import Numbers, is_batchable_family, is_unconstrained_family
 from floatplan.planning.many import plan_batches
 from floatplan.planning.options import SearchOptions
-from floatplan.plans.measures import largest_use, limits_of_motors
+from floatplan.plans.measures import largest_use, limits_of_motors, momentum_in_one_number
 from floatplan.plans.plans import GOAL_MET, SOLVED, PlanEntry, Plans
 from floatplan.pool import one_thread
 from floatplan.problem.family import Family
@@ -214,7 +214,8 @@ def _planned_jumps(study: StudyFile, problems: Family, first: int) -> dict[str, 
 
 def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[PlanEntry, dict[str, Any]]:
     """A whole jump, and measures of it 2000 times a second: the check's figures, and those of the motors."""
-    planned = jump(problem, seed=seed, starts=plan.starts, helps=False)
+    binds_at_once = problem.robot.base == "free-flyer"  # limits that bind there take no other program
+    planned = jump(problem, seed=seed, starts=plan.starts, helps=binds_at_once)
     if not planned.ok or planned.flight is None:
         return PlanEntry("not_found", starts=plan.starts, message=planned.explanation), {}
     verdict = certify(planned.flight).verdict if plan.prove else ""
@@ -224,7 +225,7 @@ def _planned_jump(problem: Problem, seed: int, plan: PlanTable) -> tuple[PlanEnt
     result = PlanEntry(
         "feasible",
         objective=float(np.trapezoid((torques**2).sum(axis=1), times)),
-        angular_momentum=planned.flight.angular_momentum,
+        angular_momentum=momentum_in_one_number(planned.flight),
         starts=plan.starts,
         verdict=verdict,
         message=planned.explanation,

@@ -15,6 +15,7 @@ from floatplan.planning.many import UNSOLVED
 from floatplan.planning.options import ATTEMPTS
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Flight, Limits, Motion, Posture, SelfClearance
+from floatplan.problem.spatial_obstacles import SPATIAL_OBSTACLE_KINDS
 from floatplan.tables import KEY_TABLE, RANGES, Key, Range
 
 SAMPLING_KEYS = ("sampling", "samples", "seed")
@@ -148,7 +149,7 @@ def _numbers() -> Mapping[str, tuple[str, Range, bool]]:
         ("motion", Motion),
         ("limits", Limits),
         ("jump", JumpRequest),
-        *((rf"obstacles{INDEX}", kind) for kind in OBSTACLE_KINDS.values()),
+        *((rf"obstacles{INDEX}", kind) for kind in (*OBSTACLE_KINDS.values(), *SPATIAL_OBSTACLE_KINDS.values())),
         (rf"self_clearance{INDEX}", SelfClearance),
     ):
         for pattern, key, name, whole in _below(head, table, Key(""), ""):
@@ -175,7 +176,8 @@ def _below(path: str, hint: Any, key: Key, name: str | Range) -> Iterator[tuple[
         for kind in inner:
             yield from _below(path, kind, key, name)
     elif origin is tuple:
-        yield from _below(rf"{path}\.[01]", inner[0], key, name if name in RANGES else "place")
+        pattern = rf"{path}\.[0-{len(inner) - 1}]"
+        yield from _below(pattern, inner[0], key, name if name in RANGES else "place")
     elif origin in (Mapping, Sequence):
         yield from _below(rf"{path}\.[^.]+", entry_of(hint), key, name)  # of a joint
 

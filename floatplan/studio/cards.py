@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 
 from floatplan.arguments import short
-from floatplan.plans.measures import Utilisation, limits_shown
+from floatplan.plans.measures import Utilisation, limits_shown, momentum_in_one_number
 from floatplan.plans.presentation import Row, raised
 from floatplan.plans.verdicts import Tone, verdict_in_words
 from floatplan.studio.curves import Colour, colour_of
@@ -119,7 +119,7 @@ def _facts(result: ShownPlan) -> list[tuple[str, str]]:
     if jump is not None:
         facts.append(("of it in flight", f"{plan.duration:.4g} s"))
         facts.append(("height", f"{jump.height:.3g} m"))
-    facts.append(("angular momentum", f"{short(plan.angular_momentum, 3)} kg m²/s"))
+    facts.append(("angular momentum", f"{short(momentum_in_one_number(plan), 3)} kg m²/s"))
     if use is not None:
         facts.append(("most used limit", f'<b style="color:{colour_of(use)}">{use:.0%}</b>'))
     if jump is not None:
@@ -250,7 +250,7 @@ def _largest_rate(solved: ShownPlan) -> float | None:
 COMPARED: Sequence[tuple[str, str, Callable[[ShownPlan], str | float | None]]] = (
     ("plan", "", lambda solved: "found" if (solved.jump or solved.plan).ok else "not found"),
     ("duration", " s", lambda solved: solved.motion.duration),
-    ("angular momentum", " kg m²/s", lambda solved: solved.plan.angular_momentum),
+    ("angular momentum", " kg m²/s", lambda solved: momentum_in_one_number(solved.plan)),
     ("objective", "", _of_flight(lambda solved: solved.plan.objective_value)),
     ("most used limit", "%", lambda solved: None if solved.largest_use is None else 100 * solved.largest_use),
     ("largest torque", " N m", _of_flight(_largest_torque)),

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 import floatplan as fp
 from floatplan.arguments import attributes
+from floatplan.jumps.jump import Jump
 from floatplan.problem.parts import JointState, Obstacle
 from floatplan.tables import LimitKey
 
@@ -34,13 +36,17 @@ def numbers(values: Mapping[str, float]) -> Edit:
 
 
 def number_at(problem: fp.Problem, path: str) -> float:
-    """Return the number at a path, SI units and radians; NaN where a word stands instead."""
+    """Return the number at a path, SI units and radians; NaN where a word stands instead, or nothing."""
     head, *keys = path.split(".")
     if head == "limits":
         return limit_of(problem, keys[0], keys[1])  # type: ignore[arg-type]
     value: Any = end_state(problem, head) if head in ("start", "goal") else getattr(problem, head)
     for key in keys:
-        if isinstance(value, np.ndarray):
+        if isinstance(value, JointState) and key == "orientation" and value.attitude is not None:
+            value = value.attitude
+        elif value is None:
+            return math.nan
+        elif isinstance(value, np.ndarray):
             value = value[problem.robot.joints.index(key)]
         elif isinstance(value, Mapping):
             value = value[key]
@@ -92,6 +98,24 @@ def keep(key: FlightKey, plan: fp.Plan | None) -> Edit:
         else:
             value = {"flight": replace(problem.flight, **{key: getattr(plan, key)})}
         return replace(problem, jump=jump, **value)
+
+    return edit
+
+
+@lru_cache(maxsize=4)
+def displacement_of(jump: Jump) -> tuple[float, float]:
+    """How far the centre of mass comes in a jump in space, along x and y, m, to a millimetre."""
+    first, last = jump.state([0.0, jump.duration]).com_position[:, :2].tolist()
+    return round(last[0] - first[0], 3), round(last[1] - first[1], 3)
+
+
+def displaced(jump: Jump | None) -> Edit:
+    """Let a jump in space come as far as another one; without one, wherever it lands."""
+
+    def edit(problem: fp.Problem) -> fp.Problem:
+        request = problem.jump or fp.JumpRequest()
+        landing = replace(request.landing, displacement=None if jump is None else displacement_of(jump))
+        return replace(problem, jump=replace(request, landing=landing))
 
     return edit
 

@@ -18,6 +18,27 @@ from floatplan.studio.session import Session
 Result = TypeVar("Result")
 
 
+@dataclass(frozen=True)
+class SliderEnds:
+    """How far sliders reach, so that a usual change is neither too small to hit nor out of reach."""
+
+    orientation: float = math.radians(400)  # [rad] to both sides of the present value
+    rotation: float = math.radians(180)  # [rad] of a jump in space, to both sides of the present value
+    displacement: float = 1.0  # [m] of a jump in space, either way
+    speed: float = 4.0  # [m/s] horizontal, to both sides
+    position: float = 2.0  # [m] of obstacles, to both sides
+    least_limit: float = 0.01  # [-] of the upper end of a limit's slider
+    largest_limit: float = 3.0  # [-] of the first motion's peak, where the URDF has no limit
+    friction: tuple[float, float] = (0.1, 1.5)  # [-]
+    least_margin: float = 0.3  # [-] of the limits that stances may use
+    clearance: float = 0.1  # [m] of a jump's links above the ground
+    phases: float = 1.25  # [-] of the first jump's duration
+    shortest_phase: float = 0.02  # [s]
+
+
+ENDS = SliderEnds()
+
+
 def on(register: Any, action: Callable[[Any], object]) -> None:
     """Register an action at an event of viser; coroutines are called in the order of the events."""
 

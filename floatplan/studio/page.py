@@ -31,13 +31,17 @@ class Studio:
     Raises
     ------
     InputError
-        viser is not installed, the port is taken, or the problem has no result at all.
+        viser is not installed, the port is taken, the problem is of a flight in space that is no whole jump, or it has
+        no result at all.
     """
 
     def __init__(
         self, problem: fp.Problem, folder: str = "runs/studio", port: int = 8080, with_map: bool = True
     ) -> None:
         viser = import_optional("viser", name="viser", element="studio", extra="view")
+        if problem.robot.base == "free-flyer" and problem.jump is None:
+            reason = "in space the studio is for whole jumps, not yet for single flights"
+            raise fp.InputError(reason, element="jump", advice="add a table [jump], or use floatplan plan and show")
         self.session = Session(problem, with_map)
         self.server: Any = None
         try:

@@ -1,8 +1,7 @@
 """The panel: the problem as sliders and choices, and the cards of the session."""
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -10,11 +9,11 @@ import numpy as np
 
 import floatplan as fp
 from floatplan.errors import printable
-from floatplan.problem.jump import MARGIN, JumpRequest
 from floatplan.problem.parts import OBSTACLE_KINDS, Obstacle
 from floatplan.studio import cards, edits
-from floatplan.studio.curves import bar_style, curves_card, instant_mark, phase_colours
-from floatplan.studio.inputs import Inputs, by_user, in_turn, is_alike, on
+from floatplan.studio.curves import curves_card, instant_mark
+from floatplan.studio.inputs import ENDS, Inputs, by_user, in_turn, is_alike, on
+from floatplan.studio.jump_tabs import JumpTab, LandingTab
 from floatplan.studio.planning import Actions
 from floatplan.studio.session import Document, Session, View
 from floatplan.studio.stage import Player, Stage
@@ -24,25 +23,6 @@ from floatplan.tables import KEY_TABLE, LIMIT_TABLE, OBJECTIVES, LimitKey, Momen
 SPEEDS = {"real time": 1.0, "half speed": 0.5, "a quarter": 0.25, "a tenth": 0.1}
 A_NUMBER = "a number"
 DEGREES = ("auto", "7", "9", "11", "13")
-
-
-@dataclass(frozen=True)
-class SliderEnds:
-    """How far sliders reach, so that a usual change is neither too small to hit nor out of reach."""
-
-    orientation: float = math.radians(400)  # [rad] to both sides of the present value
-    speed: float = 4.0  # [m/s] horizontal, to both sides
-    position: float = 2.0  # [m] of obstacles, to both sides
-    least_limit: float = 0.01  # [-] of the upper end of a limit's slider
-    largest_limit: float = 3.0  # [-] of the first motion's peak, where the URDF has no limit
-    friction: tuple[float, float] = (0.1, 1.5)  # [-]
-    least_margin: float = 0.3  # [-] of the limits that stances may use
-    clearance: float = 0.1  # [m] of a jump's links above the ground
-    phases: float = 1.25  # [-] of the first jump's duration
-    shortest_phase: float = 0.02  # [s]
-
-
-ENDS = SliderEnds()
 
 
 class Controls:
@@ -67,16 +47,25 @@ class Controls:
         if session.view.problem.jump is not None:
             with tabs.add_tab("Jump"):
                 self._jump = JumpTab(self._gui, session, self.inputs)
+        self._landing: LandingTab | None = None
+        self._momentum: Any = None
+        self._obstacles: ObstaclesTab | None = None
+        is_planar = bool(stage.ghosts)  # there are postures and obstacles to drag
         with tabs.add_tab("Goal"):
-            self._add_posture("goal")
-        with tabs.add_tab("Start"):
-            self._add_posture("start")
+            if is_planar:
+                self._add_posture("goal")
+            else:
+                self._landing = LandingTab(self._gui, session, self.inputs)
+        if is_planar:
+            with tabs.add_tab("Start"):
+                self._add_posture("start")
         with tabs.add_tab("Flight"):
-            self._add_flight()
+            self._add_flight(is_planar)
         with tabs.add_tab("Limits"):
             self._limits = LimitsTab(self._gui, session, self.inputs)
-        with tabs.add_tab("Obstacles") as tab:
-            self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_position())
+        if is_planar:
+            with tabs.add_tab("Obstacles") as tab:
+                self._obstacles = ObstaclesTab(self._gui, tab, session, actions, self.inputs, stage.free_position())
         self._map_html = None
         if self._jump is None:
             with tabs.add_tab("Map"):
@@ -110,8 +99,12 @@ class Controls:
             self._jump.draw(view)
         self._comparison.content = cards.comparison_card(view.result, view.compared)
         self._limits.draw(view)
-        self._obstacles.draw(view)
-        self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
+        if self._landing is not None:
+            self._landing.draw(view)
+        if self._obstacles is not None:
+            self._obstacles.draw(view)
+        if self._momentum is not None:
+            self._momentum.disabled = isinstance(view.problem.flight.angular_momentum, str)
         longest = 0.0
         for shown in (view.result, view.compared):
             if shown is not None:
@@ -196,15 +189,26 @@ class Controls:
         hint = "As it was found, or is changed then. Without, it is a guess from which the jump is sought."
         self.inputs.tick(label, lambda problem: problem.jump is not None and key in problem.jump.fixed, edit, hint)
 
-    def _add_flight(self) -> None:
+    def _add_flight(self, is_planar: bool) -> None:
+        """Duration and degree of the flight; in a plane also what a jump in space finds by itself."""
+        present = self._session.view.problem.flight.duration
+        self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
+        if is_planar:
+            self._add_momentum()
+        self._add_keep("duration", "keep duration")
+        if is_planar:
+            self._add_keep("angular_momentum", "keep h")
+        hint = "Of the polynomials: higher ones move more freely."
+        self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
+        if is_planar:
+            self.inputs.tick("keep above the ground", lambda problem: problem.ground, edits.ground)
 
+    def _add_momentum(self) -> None:
+        """Angular momentum, horizontal velocity and objective of a flight in a plane."""
         result = self._session.view.result
-        problem = self._session.view.problem
         low, high = (result and result.plan.angular_momentum_bounds) or (0.0, 1.0)
         half = max(high - low, abs(low), abs(high), 0.1)
-        present = problem.flight.duration
-        speed = problem.flight.speed_in_plane
-        self.inputs.slider("duration, s", ("flight.duration",), 0.4 * present, 2.5 * present)
+        speed = self._session.view.problem.flight.speed_in_plane
         hint = "Angular momentum: the middle of what suits joints that do not turn back "
         hint += f"({low:.3g} to {high:.3g} kg m²/s at first), free, or a number."
         self.inputs.choice(
@@ -222,11 +226,6 @@ class Controls:
             lambda word: edits.change("motion", objective=word),
             "What the motion minimises.",
         )
-        self._add_keep("duration", "keep duration")
-        self._add_keep("angular_momentum", "keep h")
-        hint = "Of the polynomials: higher ones move more freely."
-        self.inputs.choice("degree", DEGREES, _degree_word, _degree_edit, hint)
-        self.inputs.tick("keep above the ground", lambda problem: problem.ground, edits.ground)
 
     def _momentum_of(self, problem: fp.Problem, unknown: float = math.nan) -> float:
         """The angular momentum of the problem; that of the present motion where the problem has a word."""
@@ -278,74 +277,6 @@ def _degree_word(problem: fp.Problem) -> str:
 
 def _degree_edit(word: str) -> edits.Edit:
     return edits.change("motion", degree=int(word) if word.isdecimal() else word)
-
-
-class JumpTab:
-    """The request of a whole jump: its phases as a bar, friction, margins."""
-
-    def __init__(self, gui: Any, session: Session, inputs: Inputs) -> None:
-        self._gui = gui
-        self._session = session
-        self._inputs = inputs
-        self._folder = gui.add_folder("Phases")
-        self._bar: Any = None
-        self._last_ends: tuple[float, ...] = ()  # [s] of the phases
-        self._flight = 0  # index of the flight among the phases
-        with self._folder:
-            self._style = gui.add_html("")
-            hint = "How long all phases last, by the bar of their ends: dragging one fixes all."
-            inputs.tick("fixed", lambda problem: edits.phase_ends(problem) is not None, self._fix, hint)
-        inputs.slider("friction", ("jump.friction",), *ENDS.friction, hint=f"{KEY_TABLE['jump.friction'].meaning}.")
-        hint = "Of the limits, what stances may use."
-        for name in MARGIN:
-            inputs.slider(f"{name}, %", (f"jump.margin.{name}",), ENDS.least_margin, 1.0, 0.01, hint)
-        hint = "Height that what does not stand keeps above the ground."
-        inputs.slider("clearance, mm", ("jump.clearance",), 0.0, ENDS.clearance, 1e-3, hint)
-        for key in ("objective", "feet"):
-            words = [word for word in get_args(JumpRequest.hints[key]) if word != "point"]  # it has "points"
-            inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
-
-    def draw(self, view: View) -> None:
-        """Show the phases of the plan; the bar comes with the first jump."""
-        jump = None if view.result is None else view.result.solved_jump
-        if jump is None:
-            return
-        if self._bar is None:
-            ends = self._ends(view.problem)
-            self._flight = [phase.kind for phase in jump.phases].index("flight")
-            with self._folder:
-                most = round(ENDS.phases * ends[-1], 2)
-                shortest = ENDS.shortest_phase
-                self._bar = self._gui.add_multi_slider("ends, s", 0.0, most, 0.001, ends, min_range=shortest)
-            self._inputs.add(self._bar, self._ends, "phases", self._drag)
-        present = self._ends(view.problem)
-        self._bar.max = max(self._bar.max, *present)
-        ends = self._bar.value if is_alike(self._bar.value, present) else present
-        self._style.content = bar_style(phase_colours(jump), [end / self._bar.max for end in ends])
-
-    def _ends(self, problem: fp.Problem) -> tuple[float, ...]:
-        """When the phases end: as the problem fixes them, else as in the plan."""
-        result = self._session.view.result
-        ends = edits.phase_ends(problem)
-        if ends is None and result is not None and result.jump is not None:
-            ends = tuple(phase.end for phase in result.jump.phases)
-        self._last_ends = tuple(round(end, 3) for end in ends or self._last_ends)
-        return self._last_ends
-
-    def _drag(self, ends: Sequence[float]) -> None:
-        self._session.edit(edits.phases(ends, self._flight), "phases")
-
-    def _fix(self, is_on: bool) -> edits.Edit:
-        present = self._session.view.problem
-        return edits.phases(self._ends(present) if is_on and self._bar else None, self._flight)
-
-
-def _of_jump(key: str, problem: fp.Problem) -> str:
-    return str(getattr(problem.jump, key))
-
-
-def _jump_edit(key: str, word: str) -> edits.Edit:
-    return edits.change("jump", **{key: word})
 
 
 class LimitsTab:

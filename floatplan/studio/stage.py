@@ -1,4 +1,7 @@
-"""The scene: the robot in flight, its start and goal, obstacles, paths; dragging these; and the clock of the flight."""
+"""The scene: the robot in flight, its start and goal, obstacles, paths; dragging these; and the clock of the flight.
+
+In space nothing is dragged: start and goal are no ghosts there, and obstacles stand where the file has them.
+"""
 
 import logging
 import threading
@@ -18,8 +21,9 @@ from floatplan.studio.planning import Actions
 from floatplan.studio.session import Session, View
 from floatplan.studio.tasks import ShownPlan, pose_times
 from floatplan.view import outlines
+from floatplan.view.jumps import flies_in_space
 from floatplan.view.scene import scene
-from floatplan.view.scene.meshes import bends
+from floatplan.view.solids import obstacle_solid
 from floatplan.view.style import PALETTE, rgb_bytes
 
 Show = tuple[scene.RobotNodes, tuple[scene.ForceNodes, ...], ShownPlan]
@@ -56,17 +60,22 @@ class Stage:
         problem = session.view.problem
         plan = first.plan
         self._robot = problem.robot
-        self._plane = problem.robot.plane
+        self._plane = None if flies_in_space(plan) else problem.robot.plane
         self._size = outlines.robot_size(plan)
-        placed = outlines.postures(plan, outlines.snapshot_times(plan))
-        self._box = outlines.picture_box(plan, placed)
         self._plan = plan
-        self._shapes = outlines.posture_at(plan, plan.problem.initial, 0.0)
         self._shown: View | None = None
         self._forces: tuple[scene.ForceNodes, ...] = ()
         self._lock = threading.Lock()  # the player moves obstacles too
-        self._look()
-        scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(plan, placed))
+        self._sees_jump = first.solved_jump is not None
+        if self._plane is None:
+            self._look_in_space(first)
+        else:
+            placed = outlines.postures(plan, outlines.snapshot_times(plan))
+            self._box = outlines.picture_box(plan, placed)
+            self._shapes = outlines.posture_at(plan, plan.problem.initial, 0.0)
+            scene.look(server, self._plane, *self._box, aside=0.85, above=0.1)
+            scene.add_grounds(server, self._plane, *self._box, outlines.ground_lines(plan, placed))
+        server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as everything else
         self.flier = scene.RobotNodes(server, "/robot", self._robot)
         if not self.flier.add_meshes(self._size):
             self.flier.add_solids()
@@ -74,9 +83,14 @@ class Stage:
         self.compared.add_solids((150, 90, 200), 0.4)  # violet, as the card of comparison says
         self.compared.root.visible = False
         self.grips: dict[str, dict[int, Any]] = {}
-        self.ghosts = {"start": self._ghost("start", (0, 130, 130)), "goal": self._ghost("goal", (213, 94, 0))}
+        self.ghosts: dict[str, scene.RobotNodes] = {}
+        if self._plane is not None:
+            self.ghosts = {"start": self._ghost("start", (0, 130, 130)), "goal": self._ghost("goal", (213, 94, 0))}
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._paths = server.scene.add_line_segments("/paths", nothing, rgb_bytes(PALETTE.trails[0]), **scene.LINES)
+        self._grid: Any = None  # lines on the ground in space, where the newest motion has some
+        if self._plane is None:
+            self._grid = server.scene.add_line_segments("/grid", nothing, scene.GRID["section_color"], **scene.LINES)
         self._obstacles: list[Any] = []
         self._drags: dict[str, Drag] = {}
         self._carries: dict[int, tuple[complex, Obstacle]] = {}
@@ -90,6 +104,9 @@ class Stage:
             for end, ghost in self.ghosts.items():
                 ghost.put(end_poses(view, end), 0)
             if view.result is not None and (before is None or before.result is not view.result):
+                if self._plane is None and view.result.solved_jump and not self._sees_jump:
+                    self._look_in_space(view.result)  # which reaches further
+                    self._sees_jump = True
                 self._draw_paths(view.result)
                 self._draw_forces(view.result)
             if before is None or before.compared is not view.compared:
@@ -105,14 +122,15 @@ class Stage:
         """Move obstacles that move to where they are at an instant of the motion, s."""
         with self._lock:
             obstacles = self._shown.problem.obstacles if self._shown else ()
+            if self._plane is None:
+                obstacles = tuple(obstacle for obstacle in obstacles if obstacle.bounded)
             jump = self._shown.result.solved_jump if self._shown and self._shown.result else None
             instant -= jump.takeoff_time if jump else 0.0  # their clock begins with the flight
             for node, obstacle in zip(self._obstacles, obstacles, strict=False):
                 scene.move_obstacle(node, self._plane, obstacle, instant)
 
-    def _look(self) -> None:
-        scene.look(self._server, self._plane, *self._box, aside=0.85, above=0.1)
-        self._server.scene.configure_default_lights(cast_shadow=False)  # they take as long to draw as everything else
+    def _look_in_space(self, shown: ShownPlan) -> None:
+        scene.look_in_space(self._server, shown.motion, 1.2)  # [-] radii: so near that it fills the scene
 
     def _ghost(self, end: str, colour: tuple[int, int, int]) -> scene.RobotNodes:
         ghost = scene.RobotNodes(self._server, f"/{end}", self._robot)
@@ -132,6 +150,7 @@ class Stage:
             eye = event.client.camera.position
             pointer = event.end_position
             begins = event.phase == "start"
+            assert self._plane is not None, "in space nothing is dragged"
             position = scene.plane_position(self._plane, np.asarray(eye), np.asarray(pointer))
             if position is not None:
                 self._actions.do(f"{begins} {about}", lambda: move(position, begins))
@@ -180,6 +199,14 @@ class Stage:
         return complex(tree.mass @ centers / tree.mass.sum()), float(state.orientation)
 
     def _draw_problem(self, problem: fp.Problem) -> None:
+        """Draw the obstacles; in space the bounded ones, of which there are no others than at first."""
+        if self._plane is None:
+            if not self._obstacles:
+                for index, obstacle in enumerate(problem.obstacles):
+                    if obstacle.bounded:
+                        solid = obstacle_solid(obstacle)
+                        self._obstacles.append(scene.add_obstacle(self._server, index, obstacle, solid))
+            return
         while len(self._obstacles) > len(problem.obstacles):
             self._obstacles.pop().remove()
         before = self._shown.problem.obstacles if self._shown else ()
@@ -207,12 +234,13 @@ class Stage:
         pairs = []
         colours = []
         for path, colour in zip(shown.paths, PALETTE.trails, strict=True):
-            corners = path[bends(path, 0.05)]  # [rad] a polygon of such angles looks smooth
-            pairs.append(scene.segments(self._plane, corners))
+            pairs.append(np.stack((path[:-1], path[1:]), axis=1))
             # dark red: the paths of a motion that is no plan
             colours.append(np.broadcast_to(rgb_bytes(colour) if shown.plan.ok else (192, 24, 43), pairs[-1].shape))
         self._paths.points = np.concatenate(pairs).astype(np.float32)
         self._paths.colors = np.concatenate(colours).astype(np.uint8)
+        if self._grid is not None and len(shown.grid):
+            self._grid.points = shown.grid.astype(np.float32)
 
     def _draw_forces(self, shown: ShownPlan) -> None:
         """Draw the forces on the feet of a jump as arrows, and remove those of the one before."""

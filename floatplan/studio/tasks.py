@@ -9,10 +9,11 @@ from importlib.util import find_spec
 import numpy as np
 
 import floatplan as fp
-from floatplan.arrays import Array, ComplexArray, IntArray
+from floatplan.arrays import Array, IntArray
 from floatplan.errors import printable
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.launches.launch import launches
+from floatplan.motion.spatial.bodies import BodyPoses
 from floatplan.planning.kernel_input.numbers import is_unconstrained_family
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
@@ -20,7 +21,10 @@ from floatplan.plans.measures import PlanWarning, Utilisation, largest_use
 from floatplan.plans.presentation import Row
 from floatplan.plans.trajectory import Trajectory
 from floatplan.studio.curves import Shares, shares
-from floatplan.view.outlines import Poses, body_poses, coordinates, postures
+from floatplan.view.jumps import flies_in_space
+from floatplan.view.outlines import Poses, grids, moving_bodies, paths_in_space, postures
+from floatplan.view.scene.meshes import bends
+from floatplan.view.scene.scene import world_points
 
 COLUMNS = 9  # [-] values of h on the map
 ROWS = 7  # [-] values of T on the map
@@ -53,7 +57,8 @@ class ShownPlan:
     settled : bool
         Whether it is the result of ``floatplan plan`` or ``floatplan jump``; else that of a quick search.
     poses : Poses
-    paths : (N,) complex, m; of the centre of mass, and of the frames that take off and land
+    paths : (N, 3) m, in the world; of the centre of mass, and of the frames that take off and land
+    grid : (L, 2, 3) m, lines on the ground and on half-spaces; in space
     utilisation, warnings : of the plan
     clearance : m, or None without obstacles
     shares : of limits, over time
@@ -64,26 +69,36 @@ class ShownPlan:
 
     plan: fp.Plan
     settled: bool
-    poses: Poses
-    paths: tuple[ComplexArray, ComplexArray, ComplexArray]
+    poses: Poses | BodyPoses
+    paths: tuple[Array, ...]
     utilisation: tuple[Utilisation, ...]
     warnings: tuple[PlanWarning, ...]
     clearance: float | None
     shares: tuple[Shares, ...]
     jump: Jump | None = None
     stances: tuple[Row, ...] = ()
+    grid: Array = field(default_factory=lambda: np.zeros((0, 2, 3)))
 
     @classmethod
     def of(cls, plan: fp.Plan, settled: bool, jump: Jump | None = None) -> ShownPlan:
         """Measure a plan, or the jump around it."""
         motion: Trajectory = plan if jump is None or jump.flight is None else jump
-        times = pose_times(motion.duration)
-        placed = postures(motion, np.linspace(0.0, motion.duration, 161))
+        paths: tuple[Array, ...]
+        grid = np.zeros((0, 2, 3))
+        if flies_in_space(motion):
+            paths = paths_in_space(motion, np.linspace(0.0, motion.duration, 361))
+            grid = np.reshape(grids(motion), (-1, 2, 3))
+        else:
+            placed = postures(motion, np.linspace(0.0, motion.duration, 161))
+            planar_paths = (placed.com, placed.takeoff, placed.landing)
+            # [rad] a polygon of such angles looks smooth
+            paths = tuple(world_points(plan.robot.plane, path[bends(path, 0.05)]) for path in planar_paths)
         return cls(
             plan=replace(plan, as_recorded=None if plan.certificate is None else plan.record),  # without what it caches
             settled=settled,
-            poses=body_poses(plan.robot, *coordinates(motion, times)),
-            paths=(placed.com, placed.takeoff, placed.landing),
+            poses=moving_bodies(motion, pose_times(motion.duration)),
+            paths=paths,
+            grid=grid,
             utilisation=plan.utilisation,
             warnings=plan.warnings,
             clearance=plan.peaks.clearance,
@@ -127,12 +142,23 @@ class PlanTask:
             return ShownPlan.of(self._searched(self.budget), settled=False)
         if self.problem.jump is None:
             return ShownPlan.of(fp.plan(self.problem, progress=say, prove=True), settled=True)
-        jump = fp.jump(self.problem, progress=say, near=self.near if isinstance(self.near, Jump) else None)
+        jump = self._jump(say)
         if jump.flight is None:
             return ShownPlan.of(self._searched(0.3), True, jump)  # [s] for a flight to look at instead
         jump = jump.with_certificate(*map(fp.certify, jump.flights))
         assert jump.flight is not None
         return ShownPlan.of(jump.flight, True, jump)
+
+    def _jump(self, say: Callable[[str], None] | None) -> Jump:
+        """The jump, searched for near the one at hand; from the usual starts where that has other phases."""
+        if not isinstance(self.near, Jump):
+            return fp.jump(self.problem, progress=say)
+        try:
+            return fp.jump(self.problem, progress=say, near=self.near)
+        except fp.InputError as error:
+            if error.element != "near":
+                raise
+            return fp.jump(self.problem, progress=say)
 
     def _searched(self, budget: float) -> fp.Plan:
         near = self.near.flight if isinstance(self.near, Jump) else self.near

@@ -177,6 +177,18 @@ def bodies(plan: Trajectory, times: Array) -> BodyPoses:
     return poses_about(plan.robot, of_quaternions(state.orientation), state.positions, state.com_position)
 
 
+def moving_bodies(plan: Trajectory, times: Array) -> Poses | BodyPoses:
+    """Poses of the bodies at times (K,), s, in a plane or in space."""
+    return bodies(plan, times) if flies_in_space(plan) else body_poses(plan.robot, *coordinates(plan, times))
+
+
+def paths_in_space(plan: Trajectory, times: Array) -> tuple[Array, Array, Array]:
+    """Positions (K, 3), m, of the centre of mass and of the frames that take off and land, at times (K,), s."""
+    poses = bodies(plan, times)
+    takeoff, landing = (poses.frame(plan.robot, name) for name in _frames(plan))
+    return com_positions(plan, times), takeoff, landing
+
+
 def posed(plan: Trajectory, state: JointState, time: float) -> BodyPoses:
     """Poses of the bodies of a robot in space in a posture, its centre of mass where the motion has it at a time, s."""
     return posture_about(plan.robot, state, com_positions(plan, np.array([time]))[0])

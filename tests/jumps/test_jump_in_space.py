@@ -14,7 +14,7 @@ import floatplan as fp
 from floatplan.jumps.launches import in_space
 from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.spatial import planner
-from floatplan.jumps.spatial.guess import guess
+from floatplan.jumps.spatial.guess import guess, guess_near
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution, lifted_share
 from floatplan.jumps.spatial.setup import spatial_setup
 from floatplan.jumps.spatial.stance_search import StanceResult
@@ -152,9 +152,110 @@ def test_it_is_handed_on(roll, tmp_path):
     assert roll.export("npz", tmp_path / "jump.npz").exists()
 
 
-def test_what_is_for_jumps_in_a_plane_says_so(roll):
-    with pytest.raises(fp.InputError, match="near: is for jumps in a plane"):
-        fp.jump(roll.problem, near=roll)
+@pytest.fixture(scope="module")
+def program_of_roll():
+    """The program whose solution the roll is made of, and its setup."""
+    setup = jumps.roll_setup()
+    return setup, setup.program(jumps.COARSE)
+
+
+def test_variables_are_joined_as_a_solution_takes_them_apart(program_of_roll):
+    _, program = program_of_roll
+    raw = np.load(jumps.ROLL)
+    solution = program.solution(raw, 0, True)
+    names = {name for of_node in solution.forces for name in of_node}
+    forces = {name: np.array([of_node.get(name, np.zeros(3)) for of_node in solution.forces]) for name in names}
+    motion = np.stack((solution.y, solution.v, solution.a))
+    assert program.joined(motion, forces, solution.durations) == pytest.approx(raw, abs=1e-15)
+
+
+def test_a_jump_is_a_guess_near_what_it_was_made_of(roll, program_of_roll):
+    """The flight between the stances is another curve than the program's; the stances are made exact."""
+    setup, program = program_of_roll
+    guessed, solution = (
+        program.solution(raw, 0, True) for raw in (guess_near(program, setup.mechanics, roll), np.load(jumps.ROLL))
+    )
+    assert guessed.durations == pytest.approx(solution.durations)
+    off = np.abs(guessed.y - solution.y).max(axis=0)  # [m, rad]
+    assert off.max() < 0.4
+    assert off[program.borders[[2, 3]]].max() < 0.01  # takeoff and landing
+    assert off[[0, -1]].max() < 1e-8
+    assert guessed.worst[0] < 0.05 * program.solution(guess(program), 0, True).worst[0]
+    weight = roll.robot.mass * 9.81
+    for of_guess, of_solution in zip(guessed.forces, solution.forces, strict=True):
+        for name, force in of_solution.items():
+            assert np.abs(of_guess[name] - force).max() < 0.1 * weight
+
+
+def test_a_jump_at_hand_is_bent_to_another_place_and_angle(roll, program_of_roll):
+    """From the takeoff on, to where the landing is then; rates are those of the places."""
+    setup, program = program_of_roll
+    ends = program.ends.y.copy()
+    ends[1, 5] += 0.2  # a twist
+    changed = replace(program, ends=replace(program.ends, y=ends, displacement=np.array([0.1, -0.2])))
+    bent = program.solution(guess_near(changed, setup.mechanics, roll), 0, True)
+    assert bent.y[:2, -1] == pytest.approx((0.1, -0.2))
+    assert bent.y[3:, -1] == pytest.approx(ends[1, 3:])
+    times = program.times(bent.durations)
+    takeoff = int(program.borders[program.flight])
+    as_planned = roll.state(times[: takeoff + 1]).positions.T
+    assert bent.y[6:, : takeoff + 1] == pytest.approx(as_planned)
+    steps = np.diff(times)
+    integrated = (bent.v[:, 1:] + bent.v[:, :-1]) / 2 * steps - np.diff(bent.a) * steps**2 / 12
+    assert np.abs(np.diff(bent.y) - integrated).max() < 0.02  # [m, rad]
+
+
+def test_what_no_search_can_begin_from_is_refused(roll, program_of_roll):
+    setup, program = program_of_roll
+    ends = program.ends.y.copy()
+    ends[1, 3] += 2 * np.pi
+    turning_twice = replace(program, ends=replace(program.ends, y=ends))
+    for other, near, words in (
+        (turning_twice, roll, "turns by 360 degrees less or more"),
+        (program, replace(roll, after=roll.after[:1]), "other phases: FL_foot and .* and not FL_foot and"),
+        (program, jumps.backflip(), "of another robot"),
+        (program, replace(roll, flight=None), "no jump: its search had none"),
+    ):
+        with pytest.raises(fp.InputError, match=words) as error:
+            guess_near(other, setup.mechanics, near)
+        assert error.value.element == "near"
+
+
+def test_a_search_near_a_jump_goes_on_where_it_fails(roll, monkeypatch):
+    """What is in the way is told; then the usual starts, the first of which has the same program."""
+    starts = []
+
+    def unsolved(program, raw, is_near=False, **_):
+        starts.append((program, is_near))
+        return SpatialSolution(raw, *np.zeros((3, 1, 1)), [], np.zeros(1), (1.0, "row"), 0, converged=False)
+
+    monkeypatch.setattr(SpatialProgram, "solve", unsolved)
+    monkeypatch.setattr(planner, "shortfall", lambda *_: "In the way: friction.")
+    monkeypatch.setattr(planner, "MARGINS", jumps.COARSE)
+    messages = []
+    jump = fp.jump(roll.problem, near=roll, starts=1, progress=messages.append)
+    assert not jump.ok
+    assert messages == [
+        "from the jump at hand",
+        "no jump was found near the one at hand; what is in the way there",
+        "no jump was found near the one at hand. In the way: friction. Searching on: start 1 of 1",
+        "no jump was found near the one at hand. In the way: friction. Searching on: what stands in the way",
+    ]
+    assert [is_near for _, is_near in starts] == [True, False]
+    assert starts[0][0] is starts[1][0]
+
+
+@pytest.mark.long
+def test_a_search_near_a_jump_takes_few_iterations(roll, monkeypatch):
+    monkeypatch.setattr(planner, "MARGINS", jumps.COARSE)
+    setup = jumps.roll_setup()
+    slippery = replace(setup.problem, jump=replace(setup.request, friction=0.5))
+    near = planner.start_near(spatial_setup(slippery, slippery.jump), roll)
+    assert near.solution.converged
+    assert near.solution.iterations < 0.6 * jumps.searched_roll().solution.iterations
+    jump = planner.checked_jump(near, seed=0)
+    assert jump.ok, jump.explanation
+    assert jump.check.figures["friction"] <= 0.5
 
 
 def test_a_takeoff_with_rates_beyond_the_limits_is_shown_to_be_impossible(roll, monkeypatch):

@@ -1,5 +1,9 @@
 """The model of jumps in space: against Pinocchio; and pieces of a program against finite differences."""
 
+import ctypes
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -228,3 +232,16 @@ def test_centres_of_pressure_stay_off_the_edges_of_soles():
     request = fp.JumpRequest()
     assert margins.tightened(request, {"residual": 2e-3}).edge > margins.edge
     assert margins.tightened(request, {"residual": 5e-4}).edge == margins.edge
+
+
+def test_the_solver_s_blas_has_one_thread():
+    """With more, jumps in processes, which have one, were others than here."""
+    before = dict(os.environ)
+    casadi()
+    assert dict(os.environ) == before
+    maps = Path("/proc/self/maps")
+    lines = maps.read_text().splitlines() if maps.exists() else []
+    loaded = {line.split()[-1] for line in lines if "libcasadi-tp-openblas" in line}
+    if not loaded:
+        pytest.skip("this CasADi has no such library")
+    assert [ctypes.CDLL(path).openblas_get_num_threads() for path in loaded] == [1]

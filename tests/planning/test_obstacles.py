@@ -12,6 +12,8 @@ from independent import Look, clearance, violations_seen
 from long_cases import cases
 
 import floatplan as fp
+from floatplan.planning.kernel_problem import KernelProblem
+from floatplan.planning.spec import nominal_start, spec_of
 
 PROBLEMS = sorted((Path(__file__).resolve().parents[2] / "problems").glob("*.toml"))
 NAMES = [path.stem for path in PROBLEMS]
@@ -85,6 +87,27 @@ class TestKnownAnswers:
         several = fp.plan(problem_of(name), starts=24, budget=BUDGET)
         assert several.ok
         assert several.objective_value <= cost < planned(name).objective_value / 1.4
+
+
+class TestComparedWithOptimaWithoutRows:
+    """An optimum without obstacles that is clear of them takes the place of a dearer one past them."""
+
+    def test_cheaper_one_that_is_clear_is_the_plan_alone_and_in_a_batch(self, tmp_path):
+        problem = forward_problem(203, "easy")
+        spec = spec_of(problem)
+        kernel_problem = KernelProblem.of(spec, nominal_start(spec, problem.degrees))
+        kernel_problem.search.pointer.compares = 0
+        kernel_problem.follow(range(1), np.inf, seed=0)
+        first = kernel_problem.result(spec)
+        assert first.is_optimal
+
+        plan = fp.plan(problem)
+        check_plan(plan, tmp_path)
+        assert plan.objective_value < first.objective_value / 4
+        without = fp.plan(replace(problem, obstacles=()), starts=12)
+        assert plan.objective_value >= without.objective_value * (1 - 1e-9)
+        batch = fp.plan_many([problem, problem])
+        np.testing.assert_array_equal(batch.objective, plan.objective_value)
 
 
 class TestContact:

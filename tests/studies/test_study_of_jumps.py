@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from jumps import backflip
+from jumps import backflip, roll
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -77,6 +77,62 @@ def test_keys_of_a_jump_vary(study_file):
     assert request.takeoff.from_ == {"RL_calf_joint": math.radians(-80)}
 
 
+IN_SPACE = """
+[vary]
+"goal.orientation.angles.2" = [0, 5]
+"jump.landing.displacement.1" = [0.2]
+
+[plan]
+jump = true
+prove = true
+
+[result]
+map = ["goal.orientation.angles.2", "jump.landing.displacement.1", "friction_used"]
+"""
+
+
+def test_rows_are_jumps_in_space(study_file, tmp_path, monkeypatch):
+    """Those that are not found say what binds; the page has no motion to play."""
+    asked = []
+
+    def turns_straight(problem, **options):
+        asked.append((problem, options))
+        if problem.goal.orientation.angles[2]:
+            return Jump(problem, problem.jump, explanation="No jump was found. In the way: friction of FL_foot.")
+        return roll()
+
+    for room in (rows, motions):
+        monkeypatch.setattr(room, "jump", turns_straight)
+    path = study_file(IN_SPACE, "jumps/space/go2_diagonal")
+    done = fp.study(path, folder=tmp_path / "study", jobs=1)
+    problems = [problem for problem, _ in asked]
+    assert [problem.goal.orientation.angles[2] for problem in problems] == [0.0, math.radians(5)]
+    assert {problem.jump.landing.displacement[1] for problem in problems} == {0.2}
+    assert all(options["helps"] for _, options in asked)
+    found, missing = done.table.to_pylist()
+    assert (found["status"], missing["status"]) == ("feasible", "not_found")
+    assert "In the way: friction of FL_foot." in missing["explanation"]
+    jump = roll()
+    times = np.linspace(0.0, jump.duration, 2001)
+    torques = jump.state(times).motor_torques
+    assert found["torque_peak"] == pytest.approx(np.abs(torques).max(), rel=1e-3)
+    assert found["objective"] == pytest.approx(np.trapezoid((torques**2).sum(axis=1), times), rel=1e-3)
+    assert found["angular_momentum"] == pytest.approx(math.hypot(*jump.flight.angular_momentum))
+    assert found["friction_used"] == jump.check.figures["friction"]
+    assert found["verdict"] == "proved"
+    assert done.jump(0) is jump
+    assert {path.name for path in done.files} == {"results.parquet", "map.png", "map.svg", "map.html"}
+    count = len(asked)
+    assert fp.study(path, folder=tmp_path / "study", jobs=1).table.equals(done.table)
+    assert len(asked) == count
+
+
+def test_a_study_of_flights_in_space_is_refused(study_file):
+    text = '[vary]\n"flight.duration" = [0.4]'
+    with pytest.raises(InputError, match=r"plan.jump: in space studies are of whole jumps.*set it to true"):
+        load_study_file(study_file(text, "jumps/space/go2_diagonal"))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -95,9 +151,10 @@ def test_what_cannot_vary_is_refused(study_file, text, said):
 
 
 @pytest.mark.long
-def test_a_study_of_jumps_goes_on_where_it_ended(study_file, tmp_path):
+@pytest.mark.parametrize("problem", ["jumps/high_jumper", "jumps/space/go2_quarter_turn"])
+def test_a_study_of_jumps_goes_on_where_it_ended(study_file, tmp_path, problem):
     """Two processes plan what one plans, and nothing twice."""
-    path = study_file('[vary]\n"jump.friction" = [0.5, 0.6]\n[plan]\njump = true', "jumps/high_jumper")
+    path = study_file('[vary]\n"jump.friction" = [0.5, 0.6]\n[plan]\njump = true', problem)
     done = fp.study(path, folder=tmp_path / "study", jobs=2)
     assert done.statuses == {"feasible": 2}
     jump = done.jump(0)

@@ -1,18 +1,21 @@
 """A jump in the studio: what is said of it, its phases, and the page around it."""
 
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from jumps import backflip, go2_problem, planned_jump
+from jumps import backflip, go2_problem, planned_jump, roll
 from places import PROBLEMS
+from studio_insides import logged_errors
 
 import floatplan as fp
 from floatplan.studio import cards, edits
 from floatplan.studio.curves import curves_card, phase_colours
+from floatplan.studio.page import Studio
 from floatplan.studio.planning import packed, unpacked
 from floatplan.studio.session import Session, View
-from floatplan.studio.tasks import ShownPlan
+from floatplan.studio.tasks import PlanTask, ShownPlan
 from floatplan.view.charts import SampledPlan
 
 PATIENCE = 600.0  # s for what takes ten, and lets others go first
@@ -86,6 +89,95 @@ def test_a_part_of_the_flight_is_kept_as_it_was_found(shown, problem, tmp_path, 
             assert getattr(each.flight, part) == pytest.approx(getattr(shown.plan, part))
     assert edits.keep(part, shown.plan)(kept).jump == kept.jump
     assert edits.keep(part, None)(kept).jump == problem.jump
+
+
+@pytest.fixture(scope="module")
+def shown_in_space():
+    jump = roll().with_certificate(fp.certify(roll().flight))
+    return ShownPlan.of(jump.flight, True, jump)
+
+
+def test_a_jump_in_space_is_told_and_drawn(shown_in_space):
+    robot = shown_in_space.plan.robot
+    found = unpacked(packed(shown_in_space, robot), robot)
+    view = View(roll().problem, result=found)
+    assert view.verdict == "proved"
+    card = cards.status_card(view)
+    assert f"<b>{found.jump.verdict.capitalize()}</b>" in card
+    momentum = np.linalg.norm(found.plan.angular_momentum)
+    assert f"angular momentum</span>{momentum:.3g} kg" in card
+    assert f"<td>angular momentum<td>{momentum:.3g} kg" in cards.comparison_card(found, found)
+    assert found.largest_use == max(each.peak for each in found.shares)
+    assert [len(colours) for colours in phase_colours(found.jump)] == [4, 2, 1, 2, 4]
+    times = np.linspace(0.0, found.jump.duration, 361)
+    state = found.jump.state(times)
+    assert found.paths[0] == pytest.approx(state.com_position)
+    assert found.poses.places[[0, -1], 1] == pytest.approx(state.base_position[[0, -1]])
+    assert np.ptp(found.grid[..., 2]) == 0.0
+    assert found.grid[0, 0, 2] == pytest.approx(found.jump.ground)
+
+
+def test_a_goal_in_space_is_changed_by_its_angles_and_place(shown_in_space, tmp_path):
+    problem = roll().problem
+    assert edits.number_at(problem, "goal.orientation.angles.0") == pytest.approx(2 * np.pi)
+    assert np.isnan(edits.number_at(problem, "jump.landing.displacement.1"))
+    kept = edits.displaced(shown_in_space.jump)(problem)
+    com = shown_in_space.jump.state([0.0, shown_in_space.jump.duration]).com_position
+    assert kept.jump.landing.displacement == pytest.approx((com[1] - com[0])[:2], abs=1e-3)
+    turned = edits.numbers({"goal.orientation.angles.2": 0.1, "jump.landing.displacement.1": -0.3})(kept)
+    again = fp.load_problem(fp.save_problem(turned, tmp_path / "turned.toml"))
+    for each in (turned, again):
+        assert edits.number_at(each, "goal.orientation.angles.2") == pytest.approx(0.1)
+        assert edits.number_at(each, "jump.landing.displacement.1") == pytest.approx(-0.3)
+    assert edits.displaced(None)(kept).jump == problem.jump
+
+
+def test_a_jump_at_hand_of_other_phases_is_left_aside(monkeypatch):
+    asked = []
+
+    def refuses_near(problem, progress, near=None):
+        asked.append(near)
+        if near is not None:
+            raise fp.InputError("is a jump of other phases", element="near")
+        raise fp.InputError("is wrong", element="goal")
+
+    monkeypatch.setattr(fp, "jump", refuses_near)
+    with pytest.raises(fp.InputError, match="is wrong"):
+        PlanTask(roll().problem, near=roll()).run()
+    assert asked == [roll(), None]
+
+
+def test_a_flight_in_space_alone_is_refused():
+    with pytest.raises(fp.InputError, match="for whole jumps, not yet for single flights"):
+        Studio(replace(roll().problem, jump=None))
+
+
+@pytest.mark.long
+def test_a_jump_in_space_is_planned_changed_and_saved(tmp_path):
+    """By its page, which has no ghosts to drag, and inputs of a jump in space alone."""
+    problem = fp.load_problem(PROBLEMS / "jumps" / "space" / "go2_quarter_turn.toml")
+    with logged_errors() as errors, closing(Studio(problem, folder=str(tmp_path), port=0)) as studio:
+        session = studio.session
+        said = set[str]()
+        session.listen(lambda: said.add(session.view.doing))
+        assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view.fault
+        answer = session.view.result
+        assert np.array_equal(answer.plan.coefficients, fp.jump(problem).flight.coefficients)
+        assert studio.painter.wait(PATIENCE)
+        assert not studio.stage.ghosts
+        assert {"goal.orientation.angles.0", "jump.landing.displacement.0", "jump.friction"} <= set(
+            studio.panel.inputs.sliders
+        )
+        assert session.edit(edits.numbers({"goal.orientation.angles.0": np.radians(100), "jump.friction": 0.5}))
+        assert session.wait(lambda view: view.is_current and view.verdict == "proved", PATIENCE), session.view
+        assert "from the jump at hand" in said
+        assert session.save("plan", str(tmp_path)).endswith("jump.json is saved.")
+        saved = fp.load_jump(tmp_path / "jump.json")
+        assert saved.ok
+        assert saved.request.friction == 0.5
+        assert saved.problem.goal.orientation.angles[0] == pytest.approx(np.radians(100))
+        assert session.save("report", str(tmp_path)).endswith("report.html is saved.")
+    assert errors == []
 
 
 @pytest.mark.long

@@ -4,8 +4,12 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from floatplan.arrays import Array
+from floatplan.errors import InputError
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.program import SpatialProgram
+from floatplan.motion.spatial.rotations import of_quaternions, unwrapped_angles
 
 
 def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Array:
@@ -49,6 +53,76 @@ def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Ar
             raw[forces[2::3]] = max(lift[node], 0.0) / len(kind.bearing)
     raw[program.size - len(program.phases) :] = durations
     return raw
+
+
+def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Array:
+    """Return the motion of a jump of nearly the same problem as a guess (size,), as slow as phases may be.
+
+    It is taken at the program's nodes, of which it may have had others. Where the program begins or ends elsewhere,
+    turned further, displaced further or in another posture, the difference joins by a smoothstep over the flight.
+
+    Parameters
+    ----------
+    mechanics : of the program's robot, feet and axes
+    near : Jump
+
+    Raises
+    ------
+    InputError
+        It is of another robot, has other phases or contacts, has other rotations, or is none at all.
+    """
+    _refuse_unlike(program, near)
+    of_near = np.array([phase.end - phase.begin for phase in near.phases])
+    times = np.minimum(program.times(of_near), near.duration)
+    state = near.at(times)
+    first, last = program.ends.y
+    angles = unwrapped_angles(mechanics.axes, of_quaternions(state.positions[:, 3 : BASE + 1]))
+    angles += 2 * np.pi * np.round((first[3:BASE] - angles[0]) / (2 * np.pi))
+    motion = mechanics.from_coordinates(state.positions, state.velocities, state.accelerations, angles.T)
+    centres, _ = mechanics.centre(motion)
+    motion[:, :3] = centres
+    motion[0, :2] -= motion[0, :2, :1]
+    motion[0, 2] -= near.ground
+
+    before = first - motion[0, :, 0]
+    after = last - motion[0, :, -1]
+    displacement = program.ends.displacement
+    after[:2] = 0.0 if displacement is None else displacement - motion[0, :2, -1]
+    turns = np.abs(after[3:BASE]).max() / (2 * np.pi)
+    most = 0.25  # [-] of a whole rotation, by which a motion may be bent: more of it leads nowhere
+    if turns > most:
+        raise _unlike(f"a jump that turns by {360 * turns:.4g} degrees less or more than this one has to")
+    begin, end = times[program.borders[[program.flight, program.flight + 1]]]
+    progress = np.clip((times - begin) / (end - begin), 0.0, 1.0)
+    joining = np.stack(
+        (
+            progress**2 * (3 - 2 * progress),
+            6 * progress * (1 - progress) / (end - begin),
+            np.where((times > begin) & (times < end), 6 * (1 - 2 * progress) / (end - begin) ** 2, 0.0),
+        )
+    )
+    motion[0] += before[:, None]
+    motion += (after - before)[:, None] * joining[:, None]
+    durations = np.clip(of_near, *np.transpose([phase.bounds for phase in program.phases]))
+    return program.joined(motion, state.forces, durations)
+
+
+def _refuse_unlike(program: SpatialProgram, near: Jump) -> None:
+    """Refuse a jump that is not one of a program's robot, phases and contacts."""
+    if near.flight is None:
+        raise _unlike("no jump: its search had none")
+    robot = program.model.robot
+    if (near.robot.base, near.robot.joints) != (robot.base, robot.joints):
+        raise _unlike(f"a jump of another robot: of this one {', '.join(robot.joints)} are planned")
+    own = [" and ".join(phase.names) or "flight" for phase in program.phases]
+    others = [" and ".join(phase.contacts) or "flight" for phase in near.phases]
+    if own != others:
+        raise _unlike(f"a jump of other phases: {', '.join(others)}, and not {', '.join(own)}")
+
+
+def _unlike(reason: str) -> InputError:
+    """The refusal of a jump from which no search of a program begins."""
+    return InputError(f"is {reason}", element="near", advice="leave it out, or take one of nearly the same problem")
 
 
 def _guessed_centre(

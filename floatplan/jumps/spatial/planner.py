@@ -9,11 +9,12 @@ import numpy as np
 from floatplan.errors import InputError
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.flight import planned_flight
-from floatplan.jumps.rounds import CORRECTIONS, NodeMargins, refined_until_checked
+from floatplan.jumps.jump import Jump
+from floatplan.jumps.rounds import CORRECTIONS, NEAR_FAILED, NodeMargins, refined_until_checked, saying_on
 from floatplan.jumps.spatial.conflicts import shortfall
 from floatplan.jumps.spatial.exact import exact_stances, flight_ends, stance_ends
 from floatplan.jumps.spatial.flight import flight_problem
-from floatplan.jumps.spatial.guess import guess
+from floatplan.jumps.spatial.guess import guess, guess_near
 from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
@@ -55,15 +56,20 @@ def jump_in_space(
     starts: int,
     say: Callable[[str], None],
     helps: bool,
-    near: object = None,
+    near: Jump | None = None,
 ) -> SpatialJump:
-    """Plan a whole jump in space; see :func:`floatplan.jump`. One ``near`` is refused."""
-    if near is not None:
-        raise InputError("is for jumps in a plane, so far", element="near", advice="leave it out")
+    """Plan a whole jump in space; see :func:`floatplan.jump`."""
     setup = spatial_setup(problem, request)
     failed: SpatialJump | None = None
     nearest: Start | None = None
     start: Start | None = None
+    if near is not None:
+        say("from the jump at hand")
+        start = start_near(setup, near)
+        jump = _jump_near(start, seed, say, helps)
+        if jump.ok:
+            return jump
+        say = saying_on(jump, say)
     for number in range(starts):
         say(f"start {number + 1} of {starts}")
         start = solved_start(setup, seed, number, start)
@@ -100,6 +106,24 @@ def solved_start(setup: SpatialSetup, seed: int, number: int, previous: Start | 
     rng = np.random.default_rng((seed, number)) if number >= generic else None
     program = previous.program if previous is not None and previous.margins == margins else setup.program(margins)
     return Start(setup, margins, program, program.solve(guess(program, rng)))
+
+
+def start_near(setup: SpatialSetup, near: Jump) -> Start:
+    """Return where the search from a jump at hand ends; InputError where that is not of nearly the same problem."""
+    program = setup.program(MARGINS)
+    guessed = guess_near(program, setup.mechanics, near)
+    # Where there is a jump nearby, the first tight solve has it after 10 to 20 of its 60 iterations.
+    return Start(setup, MARGINS, program, program.solve(guessed, is_near=True, tight_solves=2))
+
+
+def _jump_near(start: Start, seed: int, say: Callable[[str], None], helps: bool) -> SpatialJump:
+    """The jump of a start near one at hand; where there is none, with what binds there, if that helps."""
+    if start.solution.converged:
+        return checked_jump(start, seed, say)
+    setup = start.setup
+    say(f"{NEAR_FAILED}; what is in the way there")
+    explanation = shortfall(start.program, start.solution, setup.problem) if helps else ""
+    return SpatialJump(setup.problem, setup.request, explanation=explanation)
 
 
 def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:

@@ -9,7 +9,7 @@ limits are minimised, summed over nodes without the times between. Tight solves 
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -255,7 +255,7 @@ class SpatialProgram:
         values: list[Array] = [near, margins, self.bounds.scales, signs]
         if kind.fixed == 3:
             end = 0 if node == 0 else 1
-            # One zero stands for all rates of an end at rest.
+            # One zero stands for all rates of an end that is still.
             values += np.broadcast_arrays(self.ends.y[end], self.ends.v[end], self.ends.a[end])
         return np.concatenate(values)
 
@@ -417,21 +417,32 @@ class SpatialProgram:
 
     def resampled(self, solution: SpatialSolution, other: "SpatialProgram") -> Array:
         """Return the solution of another program of these phases, with other numbers of nodes, as a guess (size,)."""
-        n = self.model.size
+        share = self.shares
         other_shares = other.shares
+        motion = np.stack((solution.y, solution.v, solution.a))
+        motion[0, :3] -= solution.origin[:, None]
+        resampled = [[np.interp(share, other_shares, row) for row in rows] for rows in motion]
+        names = {foot.name for kind in self.kinds for foot in kind.bearing}
+        forces = {}
+        for name in names:
+            at_nodes = np.array([of_node.get(name, np.zeros(3)) for of_node in solution.forces])
+            forces[name] = np.stack([np.interp(share, other_shares, row) for row in at_nodes.T], axis=1)
+        return self.joined(np.array(resampled), forces, solution.durations)
+
+    def joined(self, motion: Array, forces: Mapping[str, Array], durations: Array) -> Array:
+        """Variables (size,) of a motion, as :meth:`solution` has it; forces are of those that bear some at a node.
+
+        Parameters
+        ----------
+        motion : (3, 6+n, K+1) y, v and a at the nodes, from the program's origin
+        forces : foot -> (K+1, 3) N
+        durations : (phases,) s
+        """
         raw = np.zeros(self.size)
-        raw[self.size - len(self.phases) :] = solution.durations
-        motion = np.vstack((solution.y, solution.v, solution.a))
-        motion[:3] -= solution.origin[:, None]
+        raw[self.size - len(self.phases) :] = durations
         for node, kind in enumerate(self.kinds):
-            at = self.begins[node]
-            share = self.shares[node]
-            raw[at : at + 3 * n] = [np.interp(share, other_shares, row) for row in motion]
-            for column, foot in enumerate(kind.bearing):
-                forces = [of_node.get(foot.name, np.zeros(3)) for of_node in solution.forces]
-                begin = at + 3 * n + 3 * column
-                own = [np.interp(share, other_shares, row) for row in np.transpose(forces)]
-                raw[begin : begin + 3] = np.array(own) / self.weight
+            shares = [forces[foot.name][node] / self.weight for foot in kind.bearing]
+            raw[self.begins[node] : self.begins[node + 1]] = np.concatenate((motion[:, :, node].ravel(), *shares))
         return raw
 
     @property
@@ -442,10 +453,10 @@ class SpatialProgram:
             shares += (index + phase.shares[1:]).tolist()
         return np.array(shares)
 
-    def solve(self, guess: Array, is_near: bool = False) -> SpatialSolution:
+    def solve(self, guess: Array, is_near: bool = False, tight_solves: int = 4) -> SpatialSolution:
         """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from its result.
 
-        A guess that ``is_near`` a solution needs no loose stage.
+        A guess that ``is_near`` a solution needs no loose stage; of tight ones there are so many at most.
         """
         ca = casadi()
         assembly = self.assembly
@@ -454,7 +465,7 @@ class SpatialProgram:
         raw = np.clip(guess, low, high)
         iterations = 0
         violation = np.inf
-        for stage in range(1 if is_near else 0, 5):
+        for stage in range(1 if is_near else 0, 1 + tight_solves):
             solver = ca.nlpsol("jump", "ipopt", assembly.problem, self._options(loose=stage == 0))
             weight = 0.1 if stage == 0 else 1.0
             result = solver(x0=raw, p=np.append(raw, weight), **limits)

@@ -64,11 +64,7 @@ def scene(plan: Trajectory) -> str:
     viser = import_optional("viser", name="viser", element="scene", extra="view")
     frames = int(np.ceil(plan.duration * 60.0)) + 1  # at 60 Hz, as screens show
     times = np.linspace(0.0, plan.duration, frames)
-    poses: outlines.Poses | BodyPoses
-    if flies_in_space(plan):
-        poses = outlines.bodies(plan, times)
-    else:
-        poses = outlines.body_poses(plan.robot, *outlines.coordinates(plan, times))
+    poses = outlines.moving_bodies(plan, times)
     with silence():  # a local server: viser records what is sent to it
         server = viser.ViserServer(host="127.0.0.1", verbose=False)
     try:
@@ -129,16 +125,11 @@ def _add_plane(server: Any, plan: Trajectory) -> list[tuple[Any, Plane | None, O
 
 def _add_space(server: Any, plan: Trajectory) -> None:
     """Add the surroundings of a motion in space."""
-    times = np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpMotion) else 121)
-    poses = outlines.bodies(plan, times)
-    com = outlines.com_positions(plan, times)
-    centre, radius = outlines.ball(plan)
-    _view(server, np.array([0.0, 0.0, 1.0]), centre, centre + 1.7 * radius * CAMERA.toward, 1.2)
+    look_in_space(server, plan)
     for index, line in enumerate(outlines.grids(plan)):
         server.scene.add_line_segments(f"/ground/{index}", line[None], GRID["section_color"], **LINES)
-    takeoff = poses.frame(plan.robot, plan.whole_problem.takeoff.frame)
-    landing = poses.frame(plan.robot, plan.whole_problem.landing.frame)
-    _add_trails(server, plan, (com, takeoff, landing))
+    times = np.linspace(0.0, plan.duration, 361 if isinstance(plan, JumpMotion) else 121)
+    _add_trails(server, plan, outlines.paths_in_space(plan, times))
 
 
 def _add_momentum(server: Any, plan: Plan) -> Any:
@@ -175,6 +166,19 @@ def look(server: Any, plane: Plane, low: complex, high: complex, aside: float, a
     middle = world_points(plane, (low + high) / 2)
     across = np.cross(plane.horizontal, plane.vertical)
     _view(server, plane.vertical, middle, middle + size * (aside * across + above * plane.vertical))
+
+
+def look_in_space(server: Any, plan: Trajectory, distance: float = 1.7) -> None:
+    """Light the scene, and look at a motion in space from where pictures do, on open pages too.
+
+    The eye is at a distance, in radii of the ball around all of the motion, from its centre.
+    """
+    centre, radius = outlines.ball(plan)
+    eye = centre + distance * radius * CAMERA.toward
+    _view(server, np.array([0.0, 0.0, 1.0]), centre, eye, 1.2)
+    for client in server.get_clients().values():
+        client.camera.position = tuple(eye)
+        client.camera.look_at = tuple(centre)
 
 
 def _view(server: Any, up: Array, middle: Array, eye: Array, ambient: float = 1.6) -> None:
@@ -223,12 +227,6 @@ def _add_trails(server: Any, plan: Trajectory, paths: Iterable[Array]) -> None:
         pairs = np.stack((path[:-1], path[1:]), axis=1)
         server.scene.add_line_segments(f"/trails/{index}", pairs, rgb_bytes(colour), **LINES)
         server.scene.add_label(f"/trails/{index}/name", name, position=pairs[0, 0])
-
-
-def segments(plane: Plane, path: ComplexArray) -> Array:
-    """Return a path (N,) of the plane as the line segments (N - 1, 2, 3) of a scene."""
-    points = world_points(plane, path)
-    return np.stack((points[:-1], points[1:]), axis=1)
 
 
 def obstacle_slab(plan: Trajectory, obstacle: Obstacle, low: complex, high: complex) -> meshes.Mesh:
