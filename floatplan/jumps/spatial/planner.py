@@ -122,7 +122,7 @@ def _jump_near(start: Start, seed: int, say: Callable[[str], None], helps: bool)
         return checked_jump(start, seed, say)
     setup = start.setup
     say(f"{NEAR_FAILED}; what is in the way there")
-    explanation = shortfall(start.program, start.solution, setup.problem) if helps else ""
+    explanation = shortfall(start.program, start.solution, setup.problem, setup.request) if helps else ""
     return SpatialJump(setup.problem, setup.request, explanation=explanation)
 
 
