@@ -15,15 +15,15 @@ SHOWN = ("torque", "velocity", "friction", "ground")
 
 
 def clip_stances(counts: Counts) -> None:
-    """The hops of the section clip-landings: both stances planned, and checked 2000 times a second."""
+    """Hops as in the section clip-landings: both stances planned, and checked 2000 times a second."""
     heading("Recorded motions: repaired with planned stances")
     print(f"stretched by {STRETCH:g}, the base swung by {SWING:g} degrees; worst figures of both stances")
     rows = []
     reasons = []
     both = 0
     for name in ROBOTS:
-        for number, hop in enumerate(draw_hops(name, counts.clip_landings)):
-            angle = 2.0 * np.pi * number / counts.clip_landings
+        for number, hop in enumerate(draw_hops(name, counts.clip_stances)):
+            angle = 2.0 * np.pi * number / counts.clip_stances
             clip = swung(hop, 50.0, STRETCH, SWING, np.array([np.cos(angle), np.sin(angle), 0.0]))
             begin = time.process_time()
             _, result = repair_clip(clip, rate=RATE, stances="planned")

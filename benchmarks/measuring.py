@@ -60,6 +60,7 @@ class Counts:
     clips: int = 300
     repairs: int = 300
     clip_landings: int = 6  # hops of each robot
+    clip_stances: int = 20  # the same
     guarded: int = 10**9  # of each set: all of them
     chains: tuple[int, ...] = CHAINS
     long_chains: tuple[int, ...] = long_chains.JOINTS
@@ -92,6 +93,7 @@ QUICK = Counts(
     clips=18,
     repairs=12,
     clip_landings=1,
+    clip_stances=1,
     guarded=60,
 )
 

@@ -55,6 +55,7 @@ BETWEEN = 0.08  # [s] from one posture to the next
 POSTURES = 9  # [-]
 APART = 0.82  # [m] in the picture
 LOWEST, HIGHEST = -0.25, 1.0  # [m] in the picture
+GROUND = 0.08  # [m] half of the height, in the picture, of the ground between left and right feet, seen from above
 SHEET = (("configuration", "torques", "clearance"), ("rates", "snapshots"))
 
 
@@ -180,10 +181,14 @@ def clip_picture(jump: fp.Jump) -> Image.Image:
         (judged,) = fp.check_clip(each).flights
         since = BETWEEN * np.arange(-1, POSTURES - 1, dtype=np.float64)
         placed = seen_clip(each, judged.flight.begin + since)
+        axes.axhspan(-GROUND, GROUND, color="#eeece6", zorder=0, linewidth=0)
         for index, passed in enumerate(since):
             middle = APART * index
             draw_posture(axes, placed, index, strength=1.0, zorder=3, shift=middle - placed.com[index].real)
-            axes.text(middle, LOWEST, f"{passed:+.2f} s", fontsize=6, ha="center")
+            flies = 0.0 <= passed <= judged.flight.duration
+            where = "in the air" if flies else "on the ground"
+            colour = PALETTE.ink if flies else PALETTE.grey
+            axes.text(middle, LOWEST, f"{passed:+.2f} s\n{where}", fontsize=6, ha="center", color=colour)
         axes.set_title(f"{name}: {judged.verdict}, falls at {judged.fall.fall:.2f} m/s²", fontsize=8)
         axes.set_axis_off()
         frame_box(axes, -APART / 2 + 1j * LOWEST, APART * (POSTURES - 0.5) + 1j * HIGHEST)

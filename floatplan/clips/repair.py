@@ -229,7 +229,7 @@ def _plan_flight(
     if planner is not None and number in planner.flights:
         reason = ""
         # [m] by which the base is lowered where feet are still: the rates of nearly straight legs exceed their limits
-        for lowered in (0.0, 0.01, 0.02, 0.03):
+        for lowered in (0.0, 0.01, 0.02, 0.03, 0.04, 0.05):
             still = replace(judged, flight=planner.flights[number])
             try:
                 planned = plan_flight_anew(clip, still, choice, degree, gravity, planner.ends(number, lowered))

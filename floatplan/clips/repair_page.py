@@ -12,8 +12,9 @@ import numpy as np
 from floatplan.arguments import html_table
 from floatplan.arrays import Array
 from floatplan.clips.clip import Clip
+from floatplan.clips.flights import STANCE_SPAN
 from floatplan.clips.formats import continuous_signs
-from floatplan.clips.page import clip_words, flights_table, percent
+from floatplan.clips.page import MOST_FLIGHTS, badge, clip_words, flights_table, percent
 from floatplan.clips.repair import ClipRepair, FlightRepair
 from floatplan.clips.stance_forces import StanceFigures
 from floatplan.files import json_value, write_atomically
@@ -22,13 +23,14 @@ from floatplan.motion.spatial.rotations import quaternions_of
 from floatplan.view.outlines import floor_lines
 from floatplan.view.report.data import moving_robot
 from floatplan.view.report.report import page
+from floatplan.view.report.svg_charts import CHART, Line, chart
 from floatplan.view.solids import rendered_solids
 
 PLAYED_AROUND = 0.5  # [s] before the first flight that is changed, and after the last, that is played
 LONGEST = 40.0  # [s] that is played
 TITLES = (
     *("flight, s", "done", "duration, s", "joints, deg rms", "base, deg", "torque", "rate", "feet off, mm"),
-    *("ground, weights", "friction", "pressure off, mm"),
+    *("least ground force, weights", "friction", "pressure off, mm"),
 )
 
 
@@ -43,14 +45,16 @@ def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> P
     path : of the page
     """
     clip = repair.before.clip
-    parts = ["<h2>what was changed</h2>", html_table("", [_row(flight) for flight in repair.flights], TITLES)]
+    parts = ["<h2>What was changed</h2>", html_table("", [_row(flight) for flight in repair.flights], TITLES)]
     parts += [f"<p>{html.escape(sentence)}</p>" for sentence in _sentences(repair)]
-    parts += ["<h2>before</h2>", clip_words(repair.before), flights_table(repair.before)]
-    parts += ["<h2>after</h2>", flights_table(repair.after)]
+    parts += _flight_sections(repair)
+    parts += ["<h2>Before</h2>", clip_words(repair.before), flights_table(repair.before)]
+    parts += ["<h2>After</h2>", flights_table(repair.after)]
     pair = []
     for name, shown in (("before", clip), ("after", repaired)):
         begin, end = _played(shown, repair)
-        pair.append({"name": name, "motion": motion_data(shown, begin, end)})
+        flights = [[flight.begin - begin, flight.end - begin] for flight in shown.flights]
+        pair.append({"name": name, "motion": motion_data(shown, begin, end), "flights": flights})
     done = sum(flight.repaired is not None and flight.repaired.repairable for flight in repair.flights)
     data: dict[str, Any] = {
         "name": f"{clip.path.name}: repaired",
@@ -59,7 +63,7 @@ def write_repair_page(repaired: Clip, repair: ClipRepair, path: str | Path) -> P
         "pair": json_value(pair),
     }
     facts = {"facts": "".join(parts)}
-    styles = ("report.css", "pair.css")
+    styles = ("report.css", "clip.css", "pair.css")
     made = page(
         "pair.html",
         data["name"],
@@ -118,10 +122,62 @@ def _sentences(repair: ClipRepair) -> list[str]:
     return sentences
 
 
+def _flight_sections(repair: ClipRepair) -> list[str]:
+    """Curves before and after the repair of each flight that was changed; of so many as pages of checks have."""
+    if not _same_flights(repair):
+        return []
+    sections = []
+    for number, flight_repair in enumerate(repair.flights):
+        repaired = flight_repair.repaired
+        if repaired is None or not repaired.repairable:
+            continue
+        verdicts = [check.flights[number].verdict for check in (repair.before, repair.after)]
+        flight = flight_repair.flight
+        title = f"{flight.begin:.2f} to {flight.end:.2f} s {badge(verdicts[0])} → {badge(verdicts[1])}"
+        charts = "".join(_pair_of_charts(repair, number))
+        sections.append(f'<section><h2>{title}</h2><div class="charts">{charts}</div></section>')
+    return sections[:MOST_FLIGHTS]
+
+
+def _pair_of_charts(repair: ClipRepair, number: int) -> tuple[str, str]:
+    """Heights of the centre of mass, and forces of the ground, of both clips, each from its takeoff on."""
+    apart = 0.005  # [s] between the points of the curves
+    span = 0.02  # [s] to either side, of second differences: as the forces of bent stances have it
+    heights = []
+    forces = []
+    for index, (name, clip) in enumerate((("before", repair.before.clip), ("after", repair.result))):
+        flight = clip.flights[number]
+        begin = max(flight.begin - STANCE_SPAN, span)
+        end = min(flight.end + STANCE_SPAN, clip.duration - span)
+        times = np.arange(begin, end, apart)
+        early, now, late = (_com_heights(clip, times + shift) for shift in (-span, 0.0, span))
+        force = (early - 2.0 * now + late) / span**2 / repair.before.gravity + 1.0
+        since = times - flight.begin
+        heights.append(Line(since, now, name, CHART.colours[index]))
+        forces.append(Line(since, force, name, CHART.colours[index]))
+    ends = forces[0].x[[0, -1]]
+    forces.append(Line(ends, np.zeros(2), "none", CHART.reference, dashed=True))
+    in_air = (0.0, repair.result.flights[number].duration)
+    return (
+        chart("height of the centre of mass, m; from takeoff on", heights, span=in_air),
+        chart("vertical force of the ground, weights", forces, span=in_air),
+    )
+
+
+def _com_heights(clip: Clip, times: Array) -> Array:
+    """Heights (K,) of a clip's centre of mass, m."""
+    return np.asarray(centre_of_mass(clip.robot, clip.curve.poses(times))[:, 2])
+
+
+def _same_flights(repair: ClipRepair) -> bool:
+    """Whether the result has as many flights as the clip: then those with the same number are pairs."""
+    return len(repair.result.flights) == len(repair.flights)
+
+
 def _played(clip: Clip, repair: ClipRepair) -> tuple[float, float]:
     """From when to when a clip is played, s: its flights that were changed, and a little of the stances around them."""
     changed = [number for number, flight in enumerate(repair.flights) if flight.repaired is not None]
-    if not changed or len(clip.flights) != len(repair.flights):
+    if not changed or not _same_flights(repair):
         return 0.0, min(clip.duration, LONGEST)
     begin = max(clip.flights[changed[0]].begin - PLAYED_AROUND, 0.0)
     return begin, min(clip.flights[changed[-1]].end + PLAYED_AROUND, clip.duration, begin + LONGEST)

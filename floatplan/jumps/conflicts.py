@@ -262,22 +262,22 @@ def _ipopt_options(oracle: str) -> dict[str, Any]:
 def conflict_sentence(conflict: Conflict, problem: Problem) -> str:
     """What a limit would have to be, in the words of a problem's file."""
     label = conflict.label
-    limit, unit = allowed(label, conflict.kind, problem)
+    request = problem.jump
+    assert request is not None
+    limit, unit = allowed(label, conflict.kind, problem, request)
     if limit:
         return f"{label}: {(1 + conflict.share) * limit:.3g}{unit} needed, {limit:.3g}{unit} allowed"
     unit = {"range": "rad", "duration": "s"}.get(conflict.kind, "m")
     return f"{label}: {conflict.share * conflict.size:.2g} {unit} missing"
 
 
-def allowed(label: str, kind: str, problem: Problem) -> tuple[float, str]:
+def allowed(label: str, kind: str, problem: Problem, request: JumpRequest) -> tuple[float, str]:
     """What a request allows where a label says so, and its unit; 0 of a kind of which a motor or a foot has no limit.
 
     Of friction it is the coefficient; of torques and rates the limit of a motor or a joint less its margin.
     """
-    request = problem.jump
     robot = problem.robot
     name = label.partition(" (")[0].rpartition(" of ")[2]
-    assert request is not None
     if kind == "friction":
         return request.friction, ""
     if kind == "torque":

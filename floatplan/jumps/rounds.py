@@ -47,6 +47,7 @@ class NodeMargins:
         Most robots' shanks are high enough without.
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
     inside : least share of a sole's vertical force on each of its points; of jumps in space
+        Where one bears nothing the sole's centre of pressure is on its edge, and beyond it between nodes.
     """
 
     torque: float

@@ -55,3 +55,32 @@ def test_both_play_and_turn_as_one(page: tuple[Path, fp.Clip, fp.Clip], browser:
     one, other = browser.run("return floatplan.stages.map(stage => stage.camera.angles)")
     assert one == other
     assert one[0] != pytest.approx(np.radians(-62))
+
+
+def test_it_says_when_each_is_in_the_air(page: tuple[Path, fp.Clip, fp.Clip], browser: Browser) -> None:
+    _, *clips = page
+    flies = "return [...document.querySelectorAll('.title')].map(title => title.classList.contains('flies'))"
+    begins = [max(clip.flights[0].begin - 0.5, 0.0) for clip in clips]
+    for time in (0.1, 0.6, 0.9, 1.4):
+        browser.run(f"floatplan.player.seek({time})")
+        expected = []
+        for clip, begin in zip(clips, begins, strict=True):
+            flight = clip.flights[0]
+            expected.append(flight.begin < begin + time < flight.end)
+        assert browser.run(flies) == expected
+
+
+def test_curves_show_what_falls_at_g(page: tuple[Path, fp.Clip, fp.Clip], browser: Browser) -> None:
+    script = """
+        const [before, after] = document.querySelectorAll(".charts svg:last-child polyline");
+        const none = document.querySelector(".charts svg:last-child polyline[stroke-dasharray]").points[0].y;
+        const middle = (line) => none - line.points[Math.floor(line.points.length / 2)].y;
+        return [middle(before), middle(after)];
+    """
+    before, after = browser.run(script)
+    assert before > 5.0  # [px] above the line of no force: it falls at 6 m/s^2
+    assert after == pytest.approx(0.0, abs=0.5)
+    assert browser.run("return [...document.querySelectorAll('.badge')].map(one => one.textContent)") == [
+        "unphysical",
+        "physical",
+    ]

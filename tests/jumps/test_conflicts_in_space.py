@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import floatplan as fp
-from floatplan.jumps.spatial.conflicts import binding_limits
+from floatplan.jumps.spatial.conflicts import BindingLimit, binding_limits, binding_sentence
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.planner import MARGINS, Start, solved_start
 from floatplan.jumps.spatial.program import SpatialProgram
@@ -110,6 +110,20 @@ def test_the_explanation_names_limits(quarter_turn: fp.Problem, monkeypatch: pyt
     limit = quarter_turn.velocity_limits[problem.robot.joints.index(named[1])]
     assert float(named[2]) == pytest.approx(0.88e-3 * limit, rel=5e-3)
     assert fp.jump(problem, starts=1, helps=False).explanation == "No jump was found in 1 start."
+
+
+def test_limits_are_those_of_the_program_s_request(quarter_turn: fp.Problem) -> None:
+    """A flight that a single stance meets has no request of a jump in its problem."""
+    problem = replace(quarter_turn, jump=None)
+    request = fp.JumpRequest(friction=0.05, margin={"torque": 0.5, "velocity": 1.0})
+    limits = {
+        "friction of FL_foot": ("friction", " that are allowed", 0.05),
+        "torque of FL_calf_joint": ("torque", " N m that are allowed", 0.5 * problem.motor_torque_limits[2]),
+        "rate of FL_calf_joint": ("velocity", " rad/s that are allowed", problem.velocity_limits[2]),
+    }
+    for label, (kind, unit, most) in limits.items():
+        sentence = binding_sentence(BindingLimit(f"{label} (takeoff)", kind, 1.0, 1.0), problem, request)
+        assert sentence == f"{label} (takeoff), with all of the {most:.3g}{unit}"
 
 
 @pytest.mark.long

@@ -15,7 +15,8 @@ from floatplan.jumps.launches import in_space
 from floatplan.jumps.rounds import NodeMargins
 from floatplan.jumps.spatial import planner
 from floatplan.jumps.spatial.guess import guess, guess_near
-from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution, lifted_share
+from floatplan.jumps.spatial.nodes import force_rows, lifted_share
+from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import spatial_setup
 from floatplan.jumps.spatial.stance_search import StanceResult
 
@@ -368,7 +369,8 @@ def test_pressure_stays_inside_the_sole(coarse_program):
         for foot in program.kinds[0].bearing:
             share = of_heel if foot.suffix == ".heel" else (1 - of_heel) / 2
             shares[foot.name] = (0.0, 0.0, share * force)
-        return min(row[0] for row in program._force_rows(program.kinds[0], shares) if row[3].startswith("pressure"))
+        rows = force_rows(program.kinds[0].bearing, shares, program.bounds.friction, program.bounds.inside)
+        return min(row[0] for row in rows if row[3].startswith("pressure"))
 
     least = program.bounds.inside
     assert least_row(least - 1e-3, 1.0) < 0 < least_row(least + 1e-3, 1.0)

@@ -14,7 +14,7 @@ from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.pendulum import Line, Pendulum, pushed_from
-from floatplan.jumps.spatial.pieces import Assembly, Piece
+from floatplan.jumps.spatial.pieces import Assembly, Expression, Piece
 from floatplan.jumps.spatial.stance import shared_forces
 from floatplan.jumps.spatial.standing import feet_at
 from floatplan.problem.attitude import Attitude
@@ -214,10 +214,12 @@ def test_derivatives_of_pieces_are_those_of_differences():
     w = ca.SX.sym("w", 3)
     p = ca.SX.sym("p")
     rows = ca.vertcat(w[0] * w[1] * p, ca.sin(w[2]) * w[0])
-    nodes = Piece(w, p, rows, w[0] ** 2 * w[1] + p * w[2], np.array([[0, 3], [1, 4], [2, 2]]), np.array([[2.0, 3.0]]),
+    of_nodes = Expression(w, p, rows, w[0] ** 2 * w[1] + p * w[2])
+    nodes = Piece(of_nodes, np.array([[0, 3], [1, 4], [2, 2]]), np.array([[2.0, 3.0]]),
                   np.zeros((2, 2)), np.ones((2, 2)), ("a", "b"))  # fmt: skip
     pairs = ca.SX.sym("pairs", 2)
-    between = Piece(pairs, ca.SX.sym("q", 0), pairs[0] * pairs[1] ** 2, ca.SX(0), np.array([[1], [4]]),
+    of_pairs = Expression(pairs, ca.SX.sym("q", 0), pairs[0] * pairs[1] ** 2, ca.SX(0))
+    between = Piece(of_pairs, np.array([[1], [4]]),
                     np.zeros((0, 1)), np.zeros((1, 1)), np.zeros((1, 1)), ("c",))  # fmt: skip
     assembly = Assembly([nodes, between], np.array([1.0, 2.0, 3.0, 4.0, 5.0]))
     assert assembly.labels == ["a", "b", "a", "b", "c"]

@@ -9,7 +9,7 @@ import floatplan as fp
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.exact import met_by_flight
 from floatplan.jumps.spatial.phases import SpatialPhase
-from floatplan.jumps.spatial.stance_search import StanceEnd, planned_stance, stance_setup
+from floatplan.jumps.spatial.stance_search import MARGINS, StanceEnd, planned_stance, stance_setup
 from floatplan.jumps.spatial.standing import Kinematics, feet_at
 from floatplan.problem.attitude import Attitude
 
@@ -38,10 +38,14 @@ class Case:
         """The motion in which a flight with a velocity of the centre of mass and a momentum is met."""
         return met_by_flight(self.mechanics, self.standing, self.places, np.array(velocity), np.array(momentum))
 
-    def stance(self, side, first, last, duration, intervals, request=None):
+    def setup(self, side, first, last, duration, intervals, request=None):
+        """Of a problem that has no request of a jump, as that of a flight has none."""
         phases = [SpatialPhase(side, self.feet, duration, (0.4 * duration, 1.6 * duration), intervals)]
-        setup = stance_setup(self.problem, request or fp.JumpRequest(), "zyx", phases, (first, last), self.places)
-        return planned_stance(setup)
+        problem = replace(self.problem, jump=None)
+        return stance_setup(problem, request or fp.JumpRequest(), "zyx", phases, (first, last), self.places)
+
+    def stance(self, *arguments):
+        return planned_stance(self.setup(*arguments))
 
     def flies_with(self, stance, instant):
         """Velocity of the centre of mass, angular momentum, and the largest force at an instant of a stance."""
@@ -96,4 +100,29 @@ def test_what_is_in_the_way_is_said(case):
     result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 6, slippery)
     assert not result.ok
     assert not result.stances
+    assert "with all of the 0.05 that are allowed" in result.broken[0]
     assert "duration of (takeoff on FL_foot and FR_foot" in result.broken[0]  # for a while: friction gives the rest
+
+
+def test_programs_of_a_setup_share_derivatives(case):
+    """What a program with stricter margins computes is what it does where nothing was derived before."""
+    end = case.met([0.2, 0.1, 1.0], [0.1, 0.2, -0.1])
+    setup = case.setup("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 4)
+    first = setup.program(MARGINS)
+    used = {piece.expression for piece in first.assembly.pieces}
+    strict = MARGINS.tightened(setup.request, {"torque": 1.1, "friction": 0.7})
+    shared = setup.program(strict)
+    own = replace(setup).program(strict)
+    assert {piece.expression for piece in shared.assembly.pieces} == used
+    assert used.isdisjoint(piece.expression for piece in own.assembly.pieces)
+    raw = np.random.default_rng(0).normal(size=own.size)
+    with_shanks = replace(strict, shank_height=5e-3)  # has other rows
+    more_rows = [one.program(with_shanks).assembly for one in (setup, replace(setup))]
+    assert more_rows[0].labels == more_rows[1].labels != shared.assembly.labels
+    for bound, other in ((shared.assembly.low, own.assembly.low), (shared.assembly.high, own.assembly.high)):
+        assert np.array_equal(bound, other)
+    parameters = np.zeros(own.size + 1)
+    for name in ("grad_f", "jac_g"):
+        results = [program.assembly.first_derivatives[name](raw, parameters) for program in (shared, own)]
+        for one, another in zip(*results, strict=True):
+            assert np.array_equal(np.array(one), np.array(another))

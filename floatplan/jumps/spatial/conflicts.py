@@ -16,6 +16,7 @@ from floatplan.jumps.conflicts import KINDS, allowed, kind_of
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram
+from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
 
@@ -36,12 +37,15 @@ class BindingLimit(NamedTuple):
     weight: float
 
 
-def shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem) -> str:
-    """Return what is farthest from what is required at the last iterate, and the limits that bind there."""
+def shortfall(program: SpatialProgram, nearest: SpatialSolution, problem: Problem, request: JumpRequest) -> str:
+    """Return what is farthest from what is required at the last iterate, and the limits that bind there.
+
+    The request is that of the program: a problem whose flight is met by a single stance has none of its own.
+    """
     sentence = f"In the nearest this is farthest from what is required: {nearest.worst[1]}."
     binding = binding_limits(program, nearest.raw)
     if binding:
-        sentence += f" In the way: {'; '.join(binding_sentence(limit, problem) for limit in binding)}."
+        sentence += f" In the way: {'; '.join(binding_sentence(limit, problem, request) for limit in binding)}."
     return sentence
 
 
@@ -119,9 +123,9 @@ def _variable_labels(program: SpatialProgram) -> list[str]:
     return labels
 
 
-def binding_sentence(limit: BindingLimit, problem: Problem) -> str:
+def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest) -> str:
     """What is all that a limit leaves, in the words of a problem's file."""
-    most, unit = allowed(limit.label, limit.kind, problem)
+    most, unit = allowed(limit.label, limit.kind, problem, request)
     if most:
         return f"{limit.label}, with all of the {most:.3g}{unit} that are allowed"
     if limit.kind == "distance":

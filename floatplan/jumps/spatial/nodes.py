@@ -1,10 +1,18 @@
-"""What the program of a jump in space is about: its limits, its nodes, where it begins and ends, and its solution."""
+"""What the program of a jump in space is about: its limits, its nodes, where it begins and ends, and its solution.
 
+Rows of a node that its forces and torques keep are here too; their limits are parameters of the expressions.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.jumps.model import casadi
+from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.standing import Foot
 
 
@@ -25,6 +33,7 @@ class SpatialBounds:
     shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
     inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
+    scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
     """
 
     torque: Array
@@ -39,6 +48,7 @@ class SpatialBounds:
     shank_height: float
     tilt: float
     inside: float
+    scales: Array
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,113 @@ class NodeKind:
     bearing: tuple[Foot, ...]
     damping_signs: tuple[int, ...] = ()
     fixed: int = 0
+
+
+Row: TypeAlias = tuple[Any, float, float, str]  # expression, low, high, and a label for a person
+
+
+@dataclass(frozen=True, eq=False)
+class NodeParameters:
+    """Symbols of what differs between nodes of one kind, and between programs with other margins.
+
+    Attributes
+    ----------
+    near : (6+n,) of the motion to which it is to be near; (0,) for none
+    friction, inside : as of SpatialBounds
+    scales : (m,) as of SpatialBounds
+    signs : of the damping of each foot that tracks
+    """
+
+    near: Any
+    friction: Any
+    inside: Any
+    scales: Any
+    signs: Any
+
+    @classmethod
+    def of_sizes(cls, motors: int, feet: int, near: int) -> "NodeParameters":
+        """Symbols for so many motors, feet that track, and coordinates to which it is to be near."""
+        sx = casadi().SX
+        return cls(
+            near=sx.sym("near", near),
+            friction=sx.sym("friction"),
+            inside=sx.sym("inside"),
+            scales=sx.sym("scales", motors),
+            signs=sx.sym("signs", feet),
+        )
+
+    @property
+    def vector(self) -> Any:
+        """All of them, one after the other."""
+        return casadi().vertcat(self.near, self.friction, self.inside, self.scales, self.signs)
+
+
+def force_rows(bearing: Sequence[Foot], shares: Mapping[str, Any], friction: Any, inside: Any) -> list[Row]:
+    """Rows that keep forces inside friction cones, and the centre of pressure inside each sole.
+
+    Each point of a sole bears a share of the sole's vertical force at least.
+
+    Parameters
+    ----------
+    bearing : feet that bear force
+    shares : of each, by its name, its force (3,) over the weight
+    friction, inside : symbols of the bounds
+    """
+    sides = 8  # [-] of the pyramid inside the friction cone
+    steepest = friction * math.cos(math.pi / sides)
+    rows: list[Row] = []
+    for foot in bearing:
+        share = shares[foot.name]
+        for angle in np.linspace(0.0, 2 * math.pi, sides, endpoint=False).tolist():
+            along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
+            rows.append((steepest * share[2] - along, 0.0, math.inf, f"friction of {foot.name}"))
+        if foot.suffix:
+            of_sole = sum(shares[other.name][2] for other in bearing if other.frame == foot.frame)
+            rows.append((share[2] - inside * of_sole, 0.0, math.inf, f"pressure of {foot.name}"))
+    return rows
+
+
+def torque_rows(
+    model: SpatialModel, bounds: SpatialBounds, forces: Mapping[str, Any], scales: Any
+) -> tuple[list[Row], Any]:
+    """Rows of torques within limits and curves, and the sum of squared shares of the limits.
+
+    Parameters
+    ----------
+    model : SpatialModel
+    bounds : SpatialBounds
+    forces : (3,) N, at points by their names
+    scales : symbols (m,) of the bounds' scales
+    """
+    ca = casadi()
+    robot = model.robot
+    torques = ca.mtimes(ca.sparsify(ca.DM(robot.transmission[BASE:].T)), model.torques(forces))
+    rates = ca.mtimes(ca.sparsify(ca.DM(robot.motor_ratios)), model.v[BASE:])
+    rows: list[Row] = []
+    cost = ca.SX(0)
+    for index, name in enumerate(robot.motors):
+        share = torques[index] / scales[index]
+        cost += share**2
+        if math.isfinite(bounds.torque[index]):
+            most = float(bounds.torque[index] / bounds.scales[index])
+            rows.append((share, -most, most, f"torque of {name}"))
+        if math.isfinite(bounds.stall[index]):
+            lost = bounds.slope[index] * rates[index] / scales[index]
+            most = float(bounds.stall[index] / bounds.scales[index])
+            label = f"torque-speed curve of {name}"
+            rows.append((share + lost, -most, most, label))
+            rows.append((share - lost, -most, most, label))
+    return rows, cost
+
+
+def lifted_share(share: float) -> float:
+    """Share of the lift that feet have at a share of the flight: all of it between its quarters.
+
+    Before and after, it grows with the square of the time, since feet are still when they leave and meet the ground.
+    """
+    quarter = 0.25
+    growing = share * (1 - share) / (quarter * (1 - quarter))
+    return min(1.0, growing**2)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,24 +18,85 @@ from floatplan.jumps.model import casadi
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """One expression at many instants.
+class Derivative:
+    """Entries of a sparse derivative of an expression.
+
+    Attributes
+    ----------
+    function : of the variables and parameters, those of second order of the multipliers too, to the entries (k,)
+    row, column : (k,) of the entries
+    """
+
+    function: Any
+    row: IntArray
+    column: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Expression:
+    """Rows and a cost of a few variables; their derivatives are made on first use, and serve every program that asks.
 
     Attributes
     ----------
     variables, parameters : symbols (w,) and (p,)
-    rows : (m,) expressions, bounded
+    rows : (m,) expressions
     cost : expression
-    indices : (w, N) of the program's variables
-    values : (p, N) of the parameters
-    low, high : (m, N) bounds
-    labels : (m,) for a person
     """
 
     variables: Any
     parameters: Any
     rows: Any
     cost: Any
+
+    @cached_property
+    def values(self) -> Any:
+        """Function of variables and parameters to rows and cost."""
+        return casadi().Function("values", [self.variables, self.parameters], [self.rows, self.cost])
+
+    @cached_property
+    def gradient(self) -> Any:
+        """Function of variables and parameters to the cost's gradient (w,)."""
+        ca = casadi()
+        gradient = ca.gradient(self.cost, self.variables)
+        return ca.Function("gradient", [self.variables, self.parameters], [gradient])
+
+    @cached_property
+    def jacobian(self) -> Derivative:
+        """Of the rows (m, w)."""
+        ca = casadi()
+        jacobian = ca.jacobian(self.rows, self.variables)
+        function = ca.Function("first", [self.variables, self.parameters], [jacobian.nz[:]])
+        row, column = map(np.array, jacobian.sparsity().get_triplet())
+        return Derivative(function, row, column)
+
+    @cached_property
+    def curvature(self) -> Derivative:
+        """Upper triangle of the Hessian (w, w) of the Lagrangian, with multipliers of the cost and of the rows."""
+        ca = casadi()
+        sigma = ca.SX.sym("sigma")
+        multipliers = ca.SX.sym("multipliers", self.rows.shape[0])
+        lagrangian = sigma * self.cost + ca.dot(multipliers, self.rows)
+        hessian = ca.triu(ca.hessian(lagrangian, self.variables)[0])
+        symbols = [self.variables, self.parameters, sigma, multipliers]
+        function = ca.Function("second", symbols, [hessian.nz[:]])
+        row, column = map(np.array, hessian.sparsity().get_triplet())
+        return Derivative(function, row, column)
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One expression at many instants.
+
+    Attributes
+    ----------
+    expression : Expression, its rows bounded
+    indices : (w, N) of the program's variables
+    values : (p, N) of the parameters
+    low, high : (m, N) bounds
+    labels : (m,) for a person
+    """
+
+    expression: Expression
     indices: IntArray
     values: Array
     low: Array
@@ -134,23 +195,18 @@ class _Parts:
         ca = casadi()
         count = piece.indices.shape[1]
         height = piece.low.shape[0]
-        w = piece.variables
-        jacobian = ca.jacobian(piece.rows, w)
-        gradient = ca.gradient(piece.cost, w)
-        symbols = [w, piece.parameters]
-        values = ca.Function("values", symbols, [piece.rows, piece.cost]).map(count)
-        derivatives = ca.Function("first", symbols, [jacobian.nz[:], gradient]).map(count)
+        expression = piece.expression
         columns = _columns(piece, x)
         numbers = ca.DM(piece.values)
-        rows, costs = values(columns, numbers)
-        jacobian_values, gradients = derivatives(columns, numbers)
+        rows, costs = expression.values.map(count)(columns, numbers)
+        gradients = expression.gradient.map(count)(columns, numbers)
+        jacobian = expression.jacobian
         self.cost += ca.sum2(costs)
         self.rows.append(ca.vec(rows))
         self.gradients.append((piece.indices.ravel(order="F"), ca.vec(gradients)))
-        row, column = map(np.array, jacobian.sparsity().get_triplet())
-        places = np.arange(count)[:, None] * height + row + begin
-        self.jacobian.append((places.ravel(), piece.indices[column].T.ravel()))
-        self.jacobian_values.append(ca.vec(jacobian_values))
+        places = np.arange(count)[:, None] * height + jacobian.row + begin
+        self.jacobian.append((places.ravel(), piece.indices[jacobian.column].T.ravel()))
+        self.jacobian_values.append(ca.vec(jacobian.function.map(count)(columns, numbers)))
 
     def gradient(self, size: int) -> Any:
         """Gradient (size,) of the cost."""
@@ -172,18 +228,12 @@ def _curvature(piece: Piece, x: Any, of_cost: Any, of_rows: Any) -> tuple[Any, t
     ca = casadi()
     count = piece.indices.shape[1]
     height = piece.low.shape[0]
-    w = piece.variables
-    sigma = ca.SX.sym("sigma")
-    multipliers = ca.SX.sym("multipliers", height)
-    lagrangian = sigma * piece.cost + ca.dot(multipliers, piece.rows)
-    hessian = ca.triu(ca.hessian(lagrangian, w)[0])
-    second = ca.Function("second", [w, piece.parameters, sigma, multipliers], [hessian.nz[:]]).map(count)
-    entries = second(
+    curvature = piece.expression.curvature
+    entries = curvature.function.map(count)(
         _columns(piece, x), ca.DM(piece.values), ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count)
     )
-    row, column = map(np.array, hessian.sparsity().get_triplet())
-    first = piece.indices[row].T.ravel()
-    other = piece.indices[column].T.ravel()
+    first = piece.indices[curvature.row].T.ravel()
+    other = piece.indices[curvature.column].T.ravel()
     return ca.vec(entries), (np.minimum(first, other), np.maximum(first, other))
 
 

@@ -89,7 +89,7 @@ def jump_in_space(
     explanation = f"No jump was found in {counted}."
     if nearest is not None and helps:
         say("what stands in the way")
-        explanation += f" {shortfall(nearest.program, nearest.solution, problem)}"
+        explanation += f" {shortfall(nearest.program, nearest.solution, problem, request)}"
     return SpatialJump(problem, request, explanation=explanation)
 
 
@@ -125,7 +125,7 @@ def _jump_near(start: Start, seed: int, say: Callable[[str], None], helps: bool)
         return checked_jump(start, seed, say)
     setup = start.setup
     say(f"{NEAR_FAILED}; what is in the way there")
-    explanation = shortfall(start.program, start.solution, setup.problem) if helps else ""
+    explanation = shortfall(start.program, start.solution, setup.problem, setup.request) if helps else ""
     return SpatialJump(setup.problem, setup.request, explanation=explanation)
 
 

@@ -10,7 +10,7 @@ limits are minimised, summed over nodes without the times between. Tight solves 
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -20,9 +20,19 @@ from floatplan.arrays import Array, IntArray
 from floatplan.jumps.model import casadi
 from floatplan.jumps.phases import grounds_below, instants
 from floatplan.jumps.spatial.model import BASE, SpatialModel
-from floatplan.jumps.spatial.nodes import NodeKind, SpatialBounds, SpatialEnds, SpatialSolution
+from floatplan.jumps.spatial.nodes import (
+    NodeKind,
+    NodeParameters,
+    Row,
+    SpatialBounds,
+    SpatialEnds,
+    SpatialSolution,
+    force_rows,
+    lifted_share,
+    torque_rows,
+)
 from floatplan.jumps.spatial.phases import SpatialPhase
-from floatplan.jumps.spatial.pieces import Assembly, Piece
+from floatplan.jumps.spatial.pieces import Assembly, Expression, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
 from floatplan.problem.ground_step import GroundStep
 
@@ -46,6 +56,7 @@ class SpatialProgram:
     friction : that is allowed; the bounds' has a margin
     reference : (6+n, K+1) of a motion y to which it is to be near; None for none
     step : of the ground, in the program's world; None where it is level
+    expressions : of nodes and intervals; programs that differ only in limits and numbers of nodes share them
     """
 
     model: SpatialModel
@@ -58,6 +69,7 @@ class SpatialProgram:
     friction: float
     reference: Array | None = None
     step: GroundStep | None = None
+    expressions: dict[Any, Expression] = field(default_factory=dict)
     kinds: list[NodeKind] = field(init=False)
     phase_of: IntArray = field(init=False)
 
@@ -122,7 +134,9 @@ class SpatialProgram:
         """Rows, cost and derivatives."""
         nodes_of: dict[NodeKind, list[int]] = {}
         for node, kind in enumerate(self.kinds):
-            nodes_of.setdefault(kind, []).append(node)
+            # Which sign the damping has is a parameter; whether there is any, is not.
+            is_damped = tuple(abs(sign) for sign in kind.damping_signs)
+            nodes_of.setdefault(replace(kind, damping_signs=is_damped), []).append(node)
         pieces = []
         for kind, nodes in nodes_of.items():
             if kind.bearing or kind.fixed < 3:  # where all of the motion is fixed, and flies, nothing is open
@@ -143,41 +157,26 @@ class SpatialProgram:
         return weights
 
     def _node_piece(self, kind: NodeKind, nodes: Sequence[int]) -> Piece:
-        """Rows of all nodes of a kind."""
+        """Rows of all nodes of a kind, but for the signs of their damping."""
         ca = casadi()
         model = self.model
         weight = self.weight
         shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
         forces = {frame: weight * share for frame, share in shares.items()}
         displacement = ca.SX.sym("d", 2)
-        values = np.zeros((0, len(nodes))) if self.reference is None else self.reference[:, nodes]
-        parameters = ca.SX.sym("p", len(values))
-        of_node = ca.vertcat(model.y, model.v, model.a, *shares.values())
-        stiffness = 625.0  # [1/s^2] and
-        damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        rows: list[tuple[Any, float, float, str]] = []  # expression, low, high, label
+        near = 0 if self.reference is None else model.size
+        parameters = NodeParameters.of_sizes(len(self.bounds.scales), len(kind.damping_signs), near)
+        motion = ca.vertcat(model.y, model.v, model.a)
+        rows: list[Row] = []
         balance = model.balance(forces)
         for index in range(6):
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
         uses_displacement = kind.side == "landing" and bool(kind.tracking)
-        for foot, sign in zip(kind.tracking, kind.damping_signs, strict=True):
-            if not sign:
-                continue
-            _, (position, velocity, acceleration) = model.foot(foot.name)
-            stands = ca.SX(self.ends.places[kind.side][foot.name])
-            if kind.side == "landing":
-                stands += ca.vertcat(displacement, 0)
-            gap = position - stands
-            label = f"position of {foot.name}"
-            for direction in self._directions(kind.side, foot):
-                along = ca.DM(direction).T
-                off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
-                pulled = change + sign * damping * speed + stiffness * off
-                rows.append((pulled / model.gravity, 0.0, 0.0, label))
-        rows += self._force_rows(kind, shares)
-        motor_rows, cost = self._motor_rows(forces)
-        height_rows: list[tuple[Any, float, float, str]] = []
+        rows += self._standing_rows(kind, displacement, parameters.signs)
+        rows += force_rows(kind.bearing, shares, parameters.friction, parameters.inside)
+        motor_rows, cost = torque_rows(model, self.bounds, forces, parameters.scales)
+        height_rows: list[Row] = []
         if kind.fixed < 3:
             rows += motor_rows
         if not kind.fixed:
@@ -189,7 +188,7 @@ class SpatialProgram:
         cost += smoothness * ca.sumsqr(model.a) + evenness * sum(map(ca.sumsqr, shares.values()), ca.SX(0))
         if self.reference is not None:
             nearness = 10.0  # [1/rad^2] a joint that is 0.1 rad off costs as much as a motor with a third of its torque
-            cost += nearness * ca.sumsqr((model.y - parameters)[3:])
+            cost += nearness * ca.sumsqr((model.y - parameters.near)[3:])
         low = np.array([row[1] for row in rows])[:, None] * np.ones(len(nodes))
         high = np.array([row[2] for row in rows])[:, None] * np.ones(len(nodes))
         if height_rows:
@@ -197,24 +196,69 @@ class SpatialProgram:
             low = np.vstack((low, least))
             high = np.vstack((high, np.full(least.shape, np.inf)))
         indices = np.array([np.arange(self.begins[node], self.begins[node + 1]) for node in nodes]).T
-        variables = of_node
+        variables = [motion, *shares.values()]
+        numbers = parameters.vector
+        if kind.fixed == 3:  # only the forces are open
+            variables = variables[1:]
+            numbers = ca.vertcat(numbers, motion)
+            indices = indices[motion.shape[0] :]
         if uses_displacement:
-            variables = ca.vertcat(of_node, displacement)
+            variables.append(displacement)
             last = self.begins[self.nodes - 1]
             indices = np.vstack((indices, np.tile([[last], [last + 1]], len(nodes))))
         everything = [*rows, *height_rows]
         where = self.phases[self.phase_of[nodes[0]]].name
-        return Piece(
-            variables=variables,
-            parameters=parameters,
+        expression = Expression(
+            variables=ca.vertcat(*variables),
+            parameters=numbers,
             rows=ca.vertcat(*(row[0] for row in everything)),
             cost=cost,
+        )
+        key = (kind, self.reference is None, tuple(self.shank_points))
+        return Piece(
+            expression=self.expressions.setdefault(key, expression),
             indices=indices,
-            values=values,
+            values=np.stack([self._parameters(node) for node in nodes], axis=1),
             low=low,
             high=high,
             labels=tuple(f"{row[3]} ({where})" for row in everything),
         )
+
+    def _standing_rows(self, kind: NodeKind, displacement: Any, signs: Any) -> list[Row]:
+        """Rows of feet that stand, with the signs (F,) of their damping, and the displacement (2,) at landing."""
+        ca = casadi()
+        stiffness = 625.0  # [1/s^2] and
+        damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
+        rows: list[Row] = []
+        of_feet = zip(kind.tracking, kind.damping_signs, ca.vertsplit(signs), strict=True)
+        for foot, is_damped, sign in of_feet:
+            if not is_damped:
+                continue
+            _, (position, velocity, acceleration) = self.model.foot(foot.name)
+            stands = ca.SX(self.ends.places[kind.side][foot.name])
+            if kind.side == "landing":
+                stands += ca.vertcat(displacement, 0)
+            gap = position - stands
+            label = f"position of {foot.name}"
+            for direction in self._directions(kind.side, foot):
+                along = ca.DM(direction).T
+                off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
+                pulled = change + sign * damping * speed + stiffness * off
+                rows.append((pulled / self.model.gravity, 0.0, 0.0, label))
+        return rows
+
+    def _parameters(self, node: int) -> Array:
+        """Values (p,) of the parameters of a node's expression."""
+        kind = self.kinds[node]
+        near = np.empty(0) if self.reference is None else self.reference[:, node]
+        signs = np.array(kind.damping_signs, np.float64)
+        margins = np.array([self.bounds.friction, self.bounds.inside])
+        values: list[Array] = [near, margins, self.bounds.scales, signs]
+        if kind.fixed == 3:
+            end = 0 if node == 0 else 1
+            # One zero stands for all rates of an end that is still.
+            values += np.broadcast_arrays(self.ends.y[end], self.ends.v[end], self.ends.a[end])
+        return np.concatenate(values)
 
     def _directions(self, side: str, foot: Foot) -> Array:
         """Directions (k, 3) in which a point's position is fixed, in the world: as many as fix a sole.
@@ -232,50 +276,7 @@ class SpatialProgram:
         across = np.cross(vertical, to_heel)
         return np.array([across / np.linalg.norm(across), vertical])
 
-    def _motor_rows(self, forces: dict[str, Any]) -> tuple[list[tuple[Any, float, float, str]], Any]:
-        """Rows of torques within limits and curves, and the sum of squared shares of the limits."""
-        ca = casadi()
-        robot = self.model.robot
-        bounds = self.bounds
-        torques = ca.mtimes(ca.sparsify(ca.DM(robot.transmission[BASE:].T)), self.model.torques(forces))
-        rates = ca.mtimes(ca.sparsify(ca.DM(robot.motor_ratios)), self.model.v[BASE:])
-        rows: list[tuple[Any, float, float, str]] = []
-        cost = ca.SX(0)
-        for index, name in enumerate(robot.motors):
-            limit = min(bounds.torque[index], bounds.stall[index])
-            scale = limit if math.isfinite(limit) else self.weight * self.height
-            share = torques[index] / scale
-            cost += share**2
-            if math.isfinite(bounds.torque[index]):
-                most = bounds.torque[index] / scale
-                rows.append((share, -most, most, f"torque of {name}"))
-            if math.isfinite(bounds.stall[index]):
-                lost = bounds.slope[index] * rates[index] / scale
-                most = bounds.stall[index] / scale
-                label = f"torque-speed curve of {name}"
-                rows.append((share + lost, -most, most, label))
-                rows.append((share - lost, -most, most, label))
-        return rows, cost
-
-    def _force_rows(self, kind: NodeKind, shares: dict[str, Any]) -> list[tuple[Any, float, float, str]]:
-        """Rows that keep forces inside friction cones, and the centre of pressure inside each sole.
-
-        Each point of a sole bears a share of the sole's vertical force at least.
-        """
-        sides = 8  # [-] of the pyramid inside the friction cone
-        steepest = self.bounds.friction * math.cos(math.pi / sides)
-        rows = []
-        for foot in kind.bearing:
-            share = shares[foot.name]
-            for angle in np.linspace(0.0, 2 * math.pi, sides, endpoint=False).tolist():
-                along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
-                rows.append((steepest * share[2] - along, 0.0, np.inf, f"friction of {foot.name}"))
-            if foot.suffix:
-                of_sole = sum(shares[other.name][2] for other in kind.bearing if other.frame == foot.frame)
-                rows.append((share[2] - self.bounds.inside * of_sole, 0.0, np.inf, f"pressure of {foot.name}"))
-        return rows
-
-    def _leverage_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+    def _leverage_rows(self, kind: NodeKind) -> list[Row]:
         """Rows that keep legs which stand from postures in which their joints cannot move the foot every way."""
         ca = casadi()
         least = 0.2  # [-] of the leverage where the robot stands at first
@@ -287,7 +288,7 @@ class SpatialProgram:
                 rows.append((leverage / standing - least, 0.0, np.inf, f"leverage of {foot.name}"))
         return rows
 
-    def _distance_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+    def _distance_rows(self, kind: NodeKind) -> list[Row]:
         """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles.
 
         Where the ground has a step, these are of the links' distances from it too.
@@ -318,7 +319,7 @@ class SpatialProgram:
             heights.append((ClearancePoint(foot.name, foot.body, foot.local, foot.depth), "foot"))
         return heights
 
-    def _height_rows(self, kind: NodeKind) -> list[tuple[Any, float, float, str]]:
+    def _height_rows(self, kind: NodeKind) -> list[Row]:
         rows = []
         standing = {foot.body: foot for foot in kind.tracking if not foot.suffix}
         for point, use in self._heights(kind):
@@ -374,11 +375,14 @@ class SpatialProgram:
             )
         )
         zero = np.zeros((2 * n, len(nodes)))
-        return Piece(
+        expression = Expression(
             variables=ca.vertcat(*first, *second, duration),
             parameters=share,
             rows=ca.vertcat(places, rates),
             cost=ca.SX(0),
+        )
+        return Piece(
+            expression=self.expressions.setdefault("interval", expression),
             indices=indices,
             values=np.diff(phase.shares)[None],
             low=zero,
@@ -537,16 +541,6 @@ class SpatialProgram:
             iterations=iterations,
             converged=converged,
         )
-
-
-def lifted_share(share: float) -> float:
-    """Share of the lift that feet have at a share of the flight: all of it between its quarters.
-
-    Before and after, it grows with the square of the time, since feet are still when they leave and meet the ground.
-    """
-    quarter = 0.25
-    growing = share * (1 - share) / (quarter * (1 - quarter))
-    return min(1.0, growing**2)
 
 
 def solved_again(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -24,6 +25,7 @@ from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
 from floatplan.jumps.spatial.phases import SpatialPhase, is_one_sole, side_phases, usual_groups
+from floatplan.jumps.spatial.pieces import Expression
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
 from floatplan.jumps.spatial.standing import (
     Foot,
@@ -89,6 +91,8 @@ class SpatialSetup:
         torque = np.array(problem.motor_torque_limits)
         if not np.isfinite(torque).any():  # the first motors are those of the planned joints, in their order
             torque[: len(problem.torque_limits)] = problem.torque_limits
+        most = torque_share * np.minimum(torque, problem.motor_stall)
+        without_limit = problem.robot.mass * float(problem.flight.gravity) * float(self.ends.y[0, 2])
         ranges = narrowed(np.asarray(problem.position_limits), margins.range)
         standing = self.ends.y[:, BASE:]
         ranges[:, 0] = np.minimum(ranges[:, 0], standing.min(axis=0))
@@ -106,15 +110,34 @@ class SpatialSetup:
             shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
             inside=margins.inside,
+            scales=np.where(np.isfinite(most), most, without_limit),
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
-        model = SpatialModel(problem.robot, self.axes, float(problem.flight.gravity), self.feet)
         points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
         shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
         return SpatialProgram(
-            model, phases, self.ends, points, corners, shanks, bounds, request.friction, step=self.step
+            self._model,
+            phases,
+            self.ends,
+            points,
+            corners,
+            shanks,
+            bounds,
+            request.friction,
+            step=self.step,
+            expressions=self._expressions,
         )
+
+    @cached_property
+    def _model(self) -> SpatialModel:
+        """The robot's, of all programs."""
+        return SpatialModel(self.problem.robot, self.axes, float(self.problem.flight.gravity), self.feet)
+
+    @cached_property
+    def _expressions(self) -> dict[Any, Expression]:
+        """Those of all programs: deriving them takes seconds."""
+        return {}
 
     @property
     def is_combined(self) -> bool:

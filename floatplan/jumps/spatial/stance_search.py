@@ -136,7 +136,7 @@ def planned_stance(
     program = _program(setup, margins, reference)
     solution = program.solve(_guess(setup, program, curve))
     if not solution.converged:
-        return StanceResult((), {}, (shortfall(program, solution, setup.problem),))
+        return StanceResult((), {}, (shortfall(program, solution, setup.problem, setup.request),))
 
     def finer(margins: NodeMargins) -> SpatialProgram:
         return _program(setup, margins, reference)

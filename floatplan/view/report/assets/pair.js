@@ -12,8 +12,9 @@
   const second = make("div", "stage");
   first.after(second);
   const holders = [first, second];
-  const stages = pair.map(({ name, motion }, index) => {
-    holders[index].append(make("span", "title", name));
+  const titles = pair.map(({ name }) => make("span", "title", name));
+  const stages = pair.map(({ motion }, index) => {
+    holders[index].append(titles[index]);
     return new Stage(new Motion(motion), holders[index], index ? "2" : "");
   });
   for (const [stage, other] of [stages, [...stages].reverse()]) {
@@ -27,7 +28,11 @@
   }
   const duration = Math.max(...stages.map((stage) => stage.motion.duration));
   const player = new Player(duration, (time) => {
-    for (const stage of stages) stage.draw(Math.min(time, stage.motion.duration));
+    stages.forEach((stage, index) => {
+      const own = Math.min(time, stage.motion.duration);
+      stage.draw(own);
+      titles[index].classList.toggle("flies", pair[index].flights.some(([begin, end]) => begin < own && own < end));
+    });
   });
   window.floatplan = { stages, player };
 })();
