@@ -93,8 +93,9 @@ class Studio:
 
     def _paint(self) -> None:
         view = self.session.view
-        self.stage.draw(view)
-        self.player.show(self.stage.shows(view))
+        with self.player.held():
+            self.stage.draw(view)
+            self.player.show(self.stage.shows(view))
         self.server.flush()
         if self.panel.draw(view) and not self._again.is_alive():
             self._again = threading.Timer(0.3, self._repaint)  # [s] until an input that the user moves is shown again

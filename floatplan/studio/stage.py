@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -263,6 +264,7 @@ class Player:
         self._on_time = on_time
         self._shows: list[Show] = []
         self._lock = threading.Lock()
+        self._sending = threading.Lock()  # held while nodes of a motion are moved
         self._time = 0.0  # [s] of the flight
         self.speed = 0.5  # [-] of real time
         self.playing = True  # whether time goes on
@@ -277,6 +279,10 @@ class Player:
         with self._lock:
             self._shows = shows
             self._dirty = True
+
+    def held(self) -> AbstractContextManager[Any]:
+        """Move nothing while this is entered: nodes may be removed, if other motions are to be shown then."""
+        return self._sending
 
     def seek(self, instant: float) -> None:
         """Go to an instant, s, and stay there."""
@@ -295,22 +301,27 @@ class Player:
         while not self._closed.wait(max(due - time.monotonic(), 0.0)):
             now = time.monotonic()
             due = max(due + 1 / 40.0, now)  # [Hz] poses are sent about as often as a page can draw them
-            with self._lock:
-                if self.playing:
-                    self._time += (now - last) * self.speed
-                shows = self._shows
-                instant = self._time
-                moving = self.playing or self._dirty
-                longest = max((shown.motion.duration for *_, shown in shows), default=0.0)
-                if self.playing and instant > longest + 0.5 * self.speed:  # [s] of pause at landing
-                    self._time = 0.0
-                self._dirty = False
+            with self._sending:
+                self._go_on(now - last)
             last = now
-            if moving and shows:
-                try:
-                    self._send(shows, min(instant, longest))
-                except Exception:  # the next pose is another chance; it is an error of the program
-                    logging.getLogger(__name__).exception("player")
+
+    def _go_on(self, passed: float) -> None:
+        """Move all robots to where they are after so much time, s."""
+        with self._lock:
+            if self.playing:
+                self._time += passed * self.speed
+            shows = self._shows
+            instant = self._time
+            moving = self.playing or self._dirty
+            longest = max((shown.motion.duration for *_, shown in shows), default=0.0)
+            if self.playing and instant > longest + 0.5 * self.speed:  # [s] of pause at landing
+                self._time = 0.0
+            self._dirty = False
+        if moving and shows:
+            try:
+                self._send(shows, min(instant, longest))
+            except Exception:  # the next pose is another chance; it is an error of the program
+                logging.getLogger(__name__).exception("player")
 
     def _send(self, shows: list[Show], instant: float) -> None:
         with self._server.atomic():
