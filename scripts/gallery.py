@@ -234,7 +234,8 @@ def main() -> None:
         print(table(JUMP_COLUMNS, [entry.row() for entry in stunts]))
         if not arguments.no_picture:
             with styled():
-                save(strips([entry for entry in stunts if entry.name.startswith("go2")]), SPACE_STRIPS)
+                shown = [entry for entry in stunts if entry.name.startswith("go2") and entry.jump.step is None]
+                save(strips(shown), SPACE_STRIPS)
     if arguments.kind in ("all", "space"):
         entries = [planned(SPACE / f"{name}.toml") for name in arguments.names or SPACE_TITLES]
         print(table(SPACE_COLUMNS, [entry.row_in_space() for entry in entries]))
