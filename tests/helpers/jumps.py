@@ -97,9 +97,9 @@ def plan_on_fewer_nodes(patch: pytest.MonkeyPatch, share: float = 0.6) -> None:
     patch.setattr(in_space, "planned_stance", partial(stance_search.planned_stance, margins=coarse))
 
 
-def try_few_gains(patch: pytest.MonkeyPatch) -> None:
-    """Let a search for gains try its first ones: each is flown eight times."""
-    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", (1.1, 1.0))
+def try_few_gains(patch: pytest.MonkeyPatch, multiples: tuple[float, ...] = (1.1, 1.0)) -> None:
+    """Let a search for gains try few of them: each is flown eight times."""
+    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", multiples)
 
 
 def roll() -> SpatialJump:

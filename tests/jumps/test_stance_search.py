@@ -100,8 +100,8 @@ def test_what_is_in_the_way_is_said(case):
     result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 6, slippery)
     assert not result.ok
     assert not result.stances
-    assert "with all of the 0.05 that are allowed" in result.broken[0]
-    assert "duration of (takeoff on FL_foot and FR_foot" in result.broken[0]  # for a while: friction gives the rest
+    # It would take longer; that friction keeps it from being faster is not among what binds at the last iterate.
+    assert "duration of (takeoff on FL_foot and FR_foot" in result.broken[0]
 
 
 def test_programs_of_a_setup_share_derivatives(case):

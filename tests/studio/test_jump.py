@@ -162,7 +162,7 @@ def test_a_jump_in_space_is_planned_changed_and_saved(tmp_path):
         session.listen(lambda: said.add(session.view.doing))
         assert session.wait(lambda view: view.verdict == "proved", PATIENCE), session.view.fault
         answer = session.view.result
-        assert np.array_equal(answer.plan.coefficients, fp.jump(problem).flight.coefficients)
+        assert np.array_equal(answer.plan.coefficients, planned_jump("space/go2_quarter_turn").flight.coefficients)
         assert studio.painter.wait(PATIENCE)
         assert not studio.stage.ghosts
         assert {"goal.orientation.angles.0", "jump.landing.displacement.0", "jump.friction"} <= set(
