@@ -380,7 +380,7 @@ def test_pressure_stays_inside_the_sole(coarse_program):
 @pytest.mark.long
 def test_a_humanoid_flips_over_one_sole(root, monkeypatch):
     """It leaves its right sole and comes down on its left one: both stances hold, and so does the flight."""
-    plan_on_fewer_nodes(monkeypatch)
+    jumps.plan_on_fewer_nodes(monkeypatch)
     jump = fp.jump(root / "problems" / "jumps" / "space" / "g1_side_flip.toml")
     assert jump.ok, jump.explanation
     assert [phase.kind for phase in jump.phases] == ["stance", "stance", "flight", "stance", "stance"]
