@@ -11,7 +11,9 @@ cones, and the centre of pressure inside the sole. So they are taken as they are
 the flight's end on; the legs that stand follow from it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 import pinocchio as pin
@@ -20,6 +22,8 @@ from floatplan.arrays import Array
 from floatplan.jumps.motion import quintic_spline, refined, values
 from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
 from floatplan.jumps.spatial.model import BASE, skew
+
+Slope: TypeAlias = Callable[[int, Array], Array]  # derivative of a state at one of some instants
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +114,10 @@ class Pendulum:
         wrench = pin.rnea(self.model, self.data, self.q[index], v, a)
         return float(wrench[3:BASE] @ (back @ n) + (back.T @ wrench[:3]) @ across)
 
+    def slope(self, index: int, state: Array) -> Array:
+        """Derivative (2,) of angle and rate at an instant."""
+        return np.array([state[1], self.acceleration(index, state[0], state[1])])
+
 
 def balanced_about(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:
     """The motion (3, 6+n, G) turned about a line by an angle that begins with nothing at one end, 0 or -1.
@@ -125,20 +133,17 @@ def balanced_about(mechanics: Mechanics, line: Line, times: Array, motion: Array
     for index in range(len(times)):
         at = index * count
         angle[:2, index] = state
-        angle[2, index] = pendulum.acceleration(at, state[0], state[1])
+        slope = pendulum.slope(at, state)
+        angle[2, index] = slope[1]
         if index < len(times) - 1:
             for begin in range(at, at + count, 2):
-                state = _runge_kutta(pendulum, begin, state, fine[begin + 2] - fine[begin])
+                first = slope if begin == at else pendulum.slope(begin, state)
+                state = _runge_kutta(pendulum.slope, begin, state, first, fine[begin + 2] - fine[begin])
     return line.turned(mechanics.axes, motion, angle[:, :: 1 if near == 0 else -1])
 
 
-def _runge_kutta(pendulum: Pendulum, begin: int, state: Array, step: float) -> Array:
-    """Angle and rate (2,) after a step from the instant ``begin`` to the second one after it."""
-
-    def slope(index: int, at: Array) -> Array:
-        return np.array([at[1], pendulum.acceleration(index, at[0], at[1])])
-
-    first = slope(begin, state)
+def _runge_kutta(slope: Slope, begin: int, state: Array, first: Array, step: float) -> Array:
+    """State after a step from the instant ``begin``, whose slope is ``first``, to the second one after it."""
     second = slope(begin + 1, state + step / 2 * first)
     third = slope(begin + 1, state + step / 2 * second)
     fourth = slope(begin + 2, state + step * third)
@@ -182,6 +187,11 @@ class PushedBase:
         change = np.linalg.solve((wrenches[1:] - wrenches[0]).T, borne - wrenches[0])
         return np.asarray(varied[2, :BASE, 0] + change)
 
+    def slope(self, index: int, state: Array) -> Array:
+        """Derivative (12,) of pose and rate at an instant."""
+        pose, rate = np.split(state, 2)
+        return np.concatenate((rate, self.acceleration(index, pose, rate)))
+
 
 def pushed_from(
     mechanics: Mechanics, times: Array, motion: Array, shares: Array, places: dict[str, Array], near: int
@@ -203,30 +213,14 @@ def pushed_from(
     varied = values(quintic_spline(times, motion), np.clip(fine, times[0], times[-1]))
     base = PushedBase(mechanics, varied[:, :, ::direction], forces[::direction], places)
     steps = np.diff(fine[::direction][::2])
-    pose = motion[0, :BASE, near].copy()
-    rate = motion[1, :BASE, near].copy()
+    state = np.concatenate((motion[0, :BASE, near], motion[1, :BASE, near]))
     columns = []
     for column in range(len(times)):
         at = 2 * column
-        change = base.acceleration(at, pose, rate)
-        pushed = base.closed(at, pose, rate)
-        pushed[2, :BASE, 0] = change
+        slope = base.slope(at, state)
+        pushed = base.closed(at, *np.split(state, 2))
+        pushed[2, :BASE, 0] = slope[BASE:]
         columns.append(mechanics.unaccelerated(pushed, list(places)))
         if column < len(steps):
-            pose, rate = _pushed_step(base, at, (pose, rate, change), float(steps[column]))
+            state = _runge_kutta(base.slope, at, state, slope, float(steps[column]))
     return np.concatenate(columns[::direction], axis=2)
-
-
-def _pushed_step(base: PushedBase, begin: int, state: tuple[Array, Array, Array], step: float) -> tuple[Array, Array]:
-    """Pose and rate (6,) two instants after ``begin``, where pose, rate and acceleration are those of ``state``."""
-    pose, rate, first = state
-    half = step / 2
-    second_rate = rate + half * first
-    second = base.acceleration(begin + 1, pose + half * rate, second_rate)
-    third_rate = rate + half * second
-    third = base.acceleration(begin + 1, pose + half * second_rate, third_rate)
-    fourth_rate = rate + step * third
-    fourth = base.acceleration(begin + 2, pose + step * third_rate, fourth_rate)
-    next_pose = pose + step / 6 * (rate + 2 * second_rate + 2 * third_rate + fourth_rate)
-    next_rate = rate + step / 6 * (first + 2 * second + 2 * third + fourth)
-    return np.asarray(next_pose), np.asarray(next_rate)
