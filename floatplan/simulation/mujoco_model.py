@@ -99,8 +99,8 @@ class MujocoRobot:
         Entry of each joint of the reduced model in ``qpos`` and ``qvel``; the base's entries come first.
     balanced : as of :class:`MujocoSpec`
 
-    Flights without contact integrate :meth:`accelerations` themselves, with torques that change within a step: MuJoCo's own
-    integrators take those from a callback that is one for all threads of the process. With contact :meth:`step` is used.
+    Flights without contact integrate :meth:`accelerations` themselves, with torques that change within a step: MuJoCo's
+    own integrators take those from a callback that is one for all threads. With contact :meth:`step` is used.
     """
 
     def __init__(self, spec: MujocoSpec) -> None:
