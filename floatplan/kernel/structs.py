@@ -50,20 +50,6 @@ def doubles(values: npt.ArrayLike) -> Array:
     return np.ascontiguousarray(values, np.float64)
 
 
-def aligned_doubles(values: npt.ArrayLike) -> Array:
-    """Return a copy of values as a contiguous array of doubles that begins where a line of the processor's cache does.
-
-    For what the kernel reads again and again: of an array that begins elsewhere, vectors of AVX-512 lie in two lines.
-    """
-    source = doubles(values)
-    per_line = 64 // source.itemsize  # [-] doubles of a line, which has 64 bytes, as has a vector
-    buffer = np.empty(source.size + per_line - 1)
-    first = -(buffer.ctypes.data // source.itemsize) % per_line
-    aligned = buffer[first : first + source.size].reshape(source.shape)
-    aligned[...] = source
-    return aligned
-
-
 def integers(values: npt.ArrayLike) -> IntArray:
     """Return values as a contiguous array of 64-bit integers, themselves where they are one."""
     return np.ascontiguousarray(values, np.int64)

@@ -7,7 +7,7 @@ Theory and Approximation Practice, ch. 8 and 19).
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
@@ -28,30 +28,14 @@ class GaussLegendre:
     nodes, weights : (N,)
     transform : (N, N)
         Legendre coefficients (in 2 s - 1) of the interpolant, from values at the nodes.
+    antiderivative : (N+1, N)
+        Chebyshev coefficients (in 2 s - 1) of the interpolant's integral, from values at the nodes.
     """
 
     nodes: Array
     weights: Array
     transform: Array
-
-    @cached_property
-    @one_thread
-    def antiderivative(self) -> Array:
-        """Chebyshev coefficients (N+1, N), in 2 s - 1, of the interpolant's integral, from values at the nodes.
-
-        The integrals of Legendre polynomials have their Chebyshev coefficients from their values at the roots of a
-        Chebyshev polynomial. Chebyshev polynomials are cheap to evaluate, Legendre ones are not.
-        """
-        count = len(self.nodes)
-        roots = chebyshev.chebpts1(count + 1)
-        legendre_values = legendre.legvander(roots, count)
-        degree = np.arange(1, count)
-        integrals = np.empty((count + 1, count))
-        integrals[:, 0] = (roots + 1) / 2
-        integrals[:, 1:] = (legendre_values[:, 2:] - legendre_values[:, :-2]) / (2 * (2 * degree + 1))
-        coefficients = chebyshev.chebvander(roots, count).T @ integrals * (2 / (count + 1))
-        coefficients[0] /= 2
-        return read_only(np.triu(coefficients, -1) @ self.transform)
+    antiderivative: Array
 
     def integrals(self, instants: Array) -> Array:
         """Matrix (len(instants), N): values at the nodes to integrals of their interpolant over [0, instant]."""
@@ -68,7 +52,23 @@ def gauss_legendre(count: int) -> GaussLegendre:
     """Return the quadrature with ``count`` nodes."""
     x, w = legendre.leggauss(count)
     transform = (np.arange(count)[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w
-    return GaussLegendre(nodes=read_only((x + 1) / 2), weights=read_only(w / 2), transform=read_only(transform))
+
+    # The integrals of Legendre polynomials have their Chebyshev coefficients from their values at the roots of a
+    # Chebyshev polynomial. Chebyshev polynomials are cheap to evaluate, Legendre ones are not.
+    roots = chebyshev.chebpts1(count + 1)
+    legendre_values = legendre.legvander(roots, count)
+    degree = np.arange(1, count)
+    integrals = np.empty((count + 1, count))
+    integrals[:, 0] = (roots + 1) / 2
+    integrals[:, 1:] = (legendre_values[:, 2:] - legendre_values[:, :-2]) / (2 * (2 * degree + 1))
+    coefficients = chebyshev.chebvander(roots, count).T @ integrals * (2 / (count + 1))
+    coefficients[0] /= 2
+    return GaussLegendre(
+        nodes=read_only((x + 1) / 2),
+        weights=read_only(w / 2),
+        transform=read_only(transform),
+        antiderivative=read_only(np.triu(coefficients, -1) @ transform),
+    )
 
 
 def chebyshev_values(x: Array, degree: int) -> Array:

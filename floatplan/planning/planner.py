@@ -16,6 +16,7 @@ from floatplan.arrays import Array
 from floatplan.errors import refuse
 from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.batch import follow_unconstrained
+from floatplan.planning.in_space import SpatialSearch
 from floatplan.planning.kernel_input.numbers import Numbers
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import SearchedPlan, SearchResult
@@ -104,7 +105,7 @@ def planned(problem: Problem, options: SearchOptions, near: Plan | None = None) 
 def search_for(problem: Problem, options: SearchOptions, near: Plan | None = None) -> SearchedPlan | SearchResult:
     """What :func:`planned` makes a plan of, where numbers may be enough; errors as above."""
     started = time.perf_counter()
-    search: Search | None = None
+    search = None
     if problem.is_plain and not problem.raises_degree:
         batch = follow_unconstrained(problem, Numbers.of_problems([problem]), options.starts, options.seed)
         if solution := batch.answer(0):
@@ -114,8 +115,6 @@ def search_for(problem: Problem, options: SearchOptions, near: Plan | None = Non
             return SearchedPlan(plan, lambda: batch.result(0, problem), work=batch.searches.pointer[0].work)
         search = batch.search(0, problem, options)
     elif problem.robot.in_plane is None:
-        from floatplan.planning.in_space import SpatialSearch  # here, because most flights are in a plane
-
         search = SpatialSearch(problem, options)
     result = _searched(search or Search(problem, options), near, started)
     return replace(result, seconds=time.perf_counter() - started)

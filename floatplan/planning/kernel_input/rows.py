@@ -17,7 +17,7 @@ import numpy as np
 
 from floatplan.arrays import Array, ComplexArray, identity
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Pointer, Struct, StructArray, aligned_doubles, doubles, enumeration, integers
+from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, enumeration, integers
 from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE, SETTINGS, Exchange, Settings
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.planar.flight import PlanarFlight
@@ -271,7 +271,7 @@ def _distances(block: DistanceRows, shapes: Shapes, obstacles: list[list[float]]
 def nodes_of_levels(form: Form, has_rows: bool) -> StructArray:
     """Return the nodes of all levels in a plane, for motions of a form; integrals to any instant only for rows.
 
-    Without rows only the landing counts, and the integrals of all levels take 15 ms.
+    Without rows only the landing counts, and the integrals of all levels take longer than many a search.
     """
     levels = []
     for count in NODE_COUNTS:
@@ -280,14 +280,14 @@ def nodes_of_levels(form: Form, has_rows: bool) -> StructArray:
         nodes = Struct(
             "Nodes",
             nodes=count,
-            s=aligned_doubles(rule.nodes),
-            weights=aligned_doubles(rule.weights),
-            tail=aligned_doubles(rule.transform[-3:]),
-            value=aligned_doubles(value.T),
-            first=aligned_doubles(first.T),
-            second=aligned_doubles(second.T),
-            integrals=aligned_doubles(rule.integrals(rule.nodes).T) if has_rows else None,
-            antiderivative=aligned_doubles(rule.antiderivative) if has_rows else None,
+            s=doubles(rule.nodes),
+            weights=doubles(rule.weights),
+            tail=doubles(rule.transform[-3:]),
+            value=doubles(value.T),
+            first=doubles(first.T),
+            second=doubles(second.T),
+            integrals=doubles(rule.integrals(rule.nodes).T) if has_rows else None,
+            antiderivative=doubles(rule.antiderivative) if has_rows else None,
         )
         levels.append(nodes)
     return StructArray(levels)

@@ -11,7 +11,7 @@ import numpy as np
 
 from floatplan.arrays import Array
 from floatplan.kernel.library import kernel
-from floatplan.kernel.structs import Pointer, Struct, StructArray, aligned_doubles, doubles, integers
+from floatplan.kernel.structs import Pointer, Struct, StructArray, doubles, integers
 from floatplan.kernel.tolerances import CONSTRAINED_SETTINGS, EXCHANGE_IN_SPACE, WORK_IN_SPACE
 from floatplan.motion.dynamics import MomentumSet
 from floatplan.motion.sine_polynomial import Form, basis
@@ -156,12 +156,12 @@ def _nodes(s: Array, weights: Array, form: Form) -> Struct:
     return Struct(
         "Nodes",
         nodes=len(s),
-        s=aligned_doubles(s),
-        weights=aligned_doubles(weights),
+        s=doubles(s),
+        weights=doubles(weights),
         tail=None,  # those of the cells count
-        value=aligned_doubles(value.T),
-        first=aligned_doubles(first.T),
-        second=aligned_doubles(second.T),
+        value=doubles(value.T),
+        first=doubles(first.T),
+        second=doubles(second.T),
         integrals=None,
         antiderivative=None,
     )
