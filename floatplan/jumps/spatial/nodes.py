@@ -226,6 +226,7 @@ class SpatialEnds:
     a : (2, 6+n) and accelerations; NaN of an end where they are left to the program
     flies : of each end, whether a flight is met there, so that nothing bears the robot
     rise : height of the ground on which it lands over that which it leaves, m
+    tallest : greatest height of the centre of mass over the ground to which its legs reach, m
     """
 
     y: Array
@@ -235,6 +236,7 @@ class SpatialEnds:
     a: Array = field(default_factory=lambda: np.zeros((2, 1)))
     flies: tuple[bool, bool] = (False, False)
     rise: float = 0.0
+    tallest: float = math.inf
 
     def fixed(self, end: int) -> int:
         """How many of y, v and a are fixed at an end, 0 or -1."""

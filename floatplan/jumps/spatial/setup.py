@@ -27,7 +27,9 @@ from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
 from floatplan.jumps.spatial.phases import SpatialPhase, is_one_sole, side_phases, usual_groups
 from floatplan.jumps.spatial.pieces import Expression
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
+from floatplan.jumps.spatial.reach import LegReach, leg_reach
 from floatplan.jumps.spatial.standing import (
+    ClearancePoint,
     Foot,
     Kinematics,
     clearance_points,
@@ -113,14 +115,13 @@ class SpatialSetup:
             scales=np.where(np.isfinite(most), most, without_limit),
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
-        points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
         shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
         return SpatialProgram(
             self._model,
             phases,
             self.ends,
-            points,
+            self._clearance_points,
             corners,
             shanks,
             bounds,
@@ -155,14 +156,24 @@ class SpatialSetup:
         return math.radians(45.0) if self.is_combined else LARGEST_MIDDLE_ANGLE - math.radians(5.0)
 
     @property
+    def _standing_pose(self) -> tuple[Array, Array]:
+        """The base's rotation (3, 3) and joints (n,) in which the robot stands."""
+        standing = self.ends.standing
+        return rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:]
+
+    @cached_property
+    def _clearance_points(self) -> list[ClearancePoint]:
+        """What stays above the ground beside the feet."""
+        return clearance_points(self.problem.robot, self.feet, *self._standing_pose)
+
+    @property
     def _lowest(self) -> float:
         """Height of the lowest clearance point where the robot stands, m."""
         kinematics = Kinematics(self.problem.robot)
-        standing = self.ends.standing
-        kinematics.pose(np.zeros(3), rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:])
+        kinematics.pose(np.zeros(3), *self._standing_pose)
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
-        points = clearance_points(self.problem.robot, self.feet)
+        points = self._clearance_points
         heights = [kinematics.point(point.body, point.local)[2] - point.radius - ground for point in points]
         return max(min(heights, default=0.0), 0.0)
 
@@ -213,6 +224,10 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     meets_one_sole = is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
     (flight,) = side_phases("flight", [()], unit, [flight_bounds], rotation, meets_one_sole)
+    reach = _leg_reach(problem, request, axes, takeoff[0], ends)
+    ends = replace(ends, tallest=reach.tallest)
+    if flight_bounds is None:
+        flight = flight.of_speed(reach.fastest, float(problem.flight.gravity))
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
         replace(flight, **over_step(flight, request.rise, float(problem.flight.gravity))),
@@ -420,6 +435,20 @@ def _ends(
         if not first.suffix:
             origin[2] = problem.takeoff.position[-1] - first.depth
     return SpatialEnds(np.array(rows), places, displacement, rise=request.rise), origin
+
+
+def _leg_reach(problem: Problem, request: JumpRequest, axes: str, feet: Sequence[Foot], ends: SpatialEnds) -> LegReach:
+    """How high the legs carry the robot before takeoff, and how fast, at the share of joints' rates that is allowed."""
+    y = ends.y[0]
+    return leg_reach(
+        Kinematics(problem.robot),
+        feet,
+        ends.places["takeoff"],
+        rotations_about(axes, y[3:BASE, None])[0],
+        np.concatenate((y[2:3], y[BASE:])),
+        ranges=np.asarray(problem.position_limits),
+        rates=request.margin["velocity"] * problem.velocity_limits,
+    )
 
 
 def _refuse_at_edge(

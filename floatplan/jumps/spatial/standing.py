@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -220,10 +220,11 @@ class ClearancePoint:
     radius: float
 
 
-def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]:
+def clearance_points(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -> list[ClearancePoint]:
     """Return corners of the base, and ends of the limbs' capsules but for what is near the feet.
 
-    Of those that are nearly one in every posture, as a knee's of thigh and shank, only one is returned.
+    Of those that are nearly one in every posture, as a knee's of thigh and shank, only one is returned. Where the robot
+    stands, with the base's rotation (3, 3) and joints (n,), none is in the ground: see :func:`_above_ground`.
     """
     near_foot = 0.1  # [m] from a foot's point: the end of the shank
     small = 0.05  # [m] across: sensors on the base
@@ -246,7 +247,29 @@ def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]
             if not any(is_near):
                 x, y, z = end.tolist()
                 points.append(ClearancePoint(capsule.link, capsule.body, (x, y, z), capsule.radius))
-    return _distinct(robot, points)
+    return _above_ground(robot, feet, _distinct(robot, points), rotation, joints)
+
+
+def _above_ground(
+    robot: Robot, feet: Sequence[Foot], points: Sequence[ClearancePoint], rotation: Array, joints: Array
+) -> list[ClearancePoint]:
+    """The points; a ball that is on the ground where the robot stands becomes so small that it is as high as its link.
+
+    A capsule may be much thicker than its link is at that end: that of a shank with wide knees reaches below the sole.
+    No motion would keep it above the ground.
+    """
+    on_ground = 5e-3  # [m] above it
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.zeros(3), rotation, joints)
+    ground = kinematics.point(feet[0].body, feet[0].local)[2] - feet[0].depth
+    above = []
+    for point in points:
+        centre = kinematics.point(point.body, point.local)[2]
+        if centre - point.radius < ground + on_ground:
+            radius = float(centre - kinematics.lowest([point.link]))
+            point = replace(point, radius=min(point.radius, max(radius, 0.0)))
+        above.append(point)
+    return above
 
 
 def foot_corners(robot: Robot, feet: Sequence[Foot], least: float) -> list[ClearancePoint]:
