@@ -226,7 +226,7 @@ class SpatialEnds:
     a : (2, 6+n) and accelerations; NaN of an end where they are left to the program
     flies : of each end, whether a flight is met there, so that nothing bears the robot
     rise : height of the ground on which it lands over that which it leaves, m
-    tallest : greatest height of the centre of mass over the ground to which its legs reach, m
+    tallest : greatest height of the centre of mass over the ground to which slow legs reach, m; infinite of fast ones
     """
 
     y: Array

@@ -218,16 +218,17 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     if step is not None:
         _refuse_at_edge(problem, request, step, axes, feet, ends)
     unit = math.sqrt(float(ends.y[0, 2]) / float(problem.flight.gravity))
-    time = problem.flight.duration
-    flight_bounds = (time, time) if "duration" in request.fixed else None
     check_frames(problem, [foot.frame for foot in takeoff[0]], [foot.frame for foot in landing[0]])
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     meets_one_sole = is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
-    (flight,) = side_phases("flight", [()], unit, [flight_bounds], rotation, meets_one_sole)
+    (usual_flight,) = side_phases("flight", [()], unit, [None], rotation, meets_one_sole)
     reach = _leg_reach(problem, request, axes, takeoff[0], ends)
-    ends = replace(ends, tallest=reach.tallest)
-    if flight_bounds is None:
-        flight = flight.of_speed(reach.fastest, float(problem.flight.gravity))
+    flight = usual_flight.of_speed(reach.fastest, float(problem.flight.gravity))
+    if flight is not usual_flight:  # of faster legs the search gets as far from a guess that is beyond their reach
+        ends = replace(ends, tallest=reach.tallest)
+    if "duration" in request.fixed:
+        time = problem.flight.duration
+        flight = replace(flight, duration=time, bounds=(time, time))
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
         replace(flight, **over_step(flight, request.rise, float(problem.flight.gravity))),
