@@ -115,7 +115,7 @@ def test_a_guess_with_fast_legs_is_as_high_as_ever(setup_of):
 
 def test_slow_legs_make_flights_short(setup_of):
     """Those of a Talos may last a fifth longer than what its fastest lift gives; a Go2's are what they are."""
-    talos = setup_of("talos_side")
+    talos = setup_of("talos_quarter_turn")
     flight = talos.phases[1]
     heights = talos.ends.y[0, 2] * np.array([0.63, 0.8, 1.0])
     fastest = max(fastest_lift(talos, carried(talos, height)[1]) for height in heights)
@@ -129,9 +129,9 @@ def test_slow_legs_make_flights_short(setup_of):
 
 
 def test_a_fixed_duration_stays(setup_of):
-    problem = setup_of("talos_side").problem
-    setup = spatial_setup(problem, replace(problem.jump, fixed=("duration",)))
-    assert setup.phases[1].bounds == (0.25, 0.25)
+    setup = setup_of("talos_side")
+    assert setup.request.fixed == ("duration",)
+    assert setup.phases[1].bounds == (0.26, 0.26)
 
 
 @pytest.mark.parametrize("name", [*HUMANOIDS, "go2_side"])
