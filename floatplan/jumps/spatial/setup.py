@@ -27,15 +27,16 @@ from floatplan.jumps.spatial.nodes import SpatialBounds, SpatialEnds
 from floatplan.jumps.spatial.phases import SpatialPhase, is_one_sole, side_phases, usual_groups
 from floatplan.jumps.spatial.pieces import Expression
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
-from floatplan.jumps.spatial.reach import LegReach, leg_reach
 from floatplan.jumps.spatial.standing import (
     ClearancePoint,
     Foot,
     Kinematics,
+    LegReach,
     clearance_points,
     feet_at,
     feet_links,
     foot_corners,
+    leg_reach,
     not_standing,
     shank_points,
     standing_joints,
@@ -121,7 +122,7 @@ class SpatialSetup:
             self._model,
             phases,
             self.ends,
-            self._clearance_points,
+            self.clearance_points_of_robot,
             corners,
             shanks,
             bounds,
@@ -156,24 +157,24 @@ class SpatialSetup:
         return math.radians(45.0) if self.is_combined else LARGEST_MIDDLE_ANGLE - math.radians(5.0)
 
     @property
-    def _standing_pose(self) -> tuple[Array, Array]:
+    def standing_pose(self) -> tuple[Array, Array]:
         """The base's rotation (3, 3) and joints (n,) in which the robot stands."""
         standing = self.ends.standing
         return rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:]
 
     @cached_property
-    def _clearance_points(self) -> list[ClearancePoint]:
-        """What stays above the ground beside the feet."""
-        return clearance_points(self.problem.robot, self.feet, *self._standing_pose)
+    def clearance_points_of_robot(self) -> list[ClearancePoint]:
+        """What stays above the ground, but for the feet."""
+        return clearance_points(self.problem.robot, self.feet, *self.standing_pose)
 
     @property
     def _lowest(self) -> float:
         """Height of the lowest clearance point where the robot stands, m."""
         kinematics = Kinematics(self.problem.robot)
-        kinematics.pose(np.zeros(3), *self._standing_pose)
+        kinematics.pose(np.zeros(3), *self.standing_pose)
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
-        points = self._clearance_points
+        points = self.clearance_points_of_robot
         heights = [kinematics.point(point.body, point.local)[2] - point.radius - ground for point in points]
         return max(min(heights, default=0.0), 0.0)
 
@@ -222,7 +223,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     meets_one_sole = is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
     (usual_flight,) = side_phases("flight", [()], unit, [None], rotation, meets_one_sole)
-    reach = _leg_reach(problem, request, axes, takeoff[0], ends)
+    reach = reach_before_takeoff(problem, request, axes, takeoff[0], ends)
     flight = usual_flight.of_speed(reach.fastest, float(problem.flight.gravity))
     if flight is not usual_flight:  # of faster legs the search gets as far from a guess that is beyond their reach
         ends = replace(ends, tallest=reach.tallest)
@@ -438,7 +439,9 @@ def _ends(
     return SpatialEnds(np.array(rows), places, displacement, rise=request.rise), origin
 
 
-def _leg_reach(problem: Problem, request: JumpRequest, axes: str, feet: Sequence[Foot], ends: SpatialEnds) -> LegReach:
+def reach_before_takeoff(
+    problem: Problem, request: JumpRequest, axes: str, feet: Sequence[Foot], ends: SpatialEnds
+) -> LegReach:
     """How high the legs carry the robot before takeoff, and how fast, at the share of joints' rates that is allowed."""
     y = ends.y[0]
     return leg_reach(
