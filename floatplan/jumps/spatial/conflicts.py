@@ -140,7 +140,7 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
 def touchdown_sentence(setup: SpatialSetup) -> str:
     """How fast a robot that jumps down comes to the ground with all feet at once, and what would do.
 
-    Its feet are at rest there, so that its joints fold as fast as its trunk comes down: with the rates that they may
+    Its feet stand still there, so that its joints fold as fast as its trunk comes down: with the rates that they may
     have, in the posture in which it stands, that is as after a fall from some height. It is empty where the ground
     falls by no more than that, or where feet land one after the other.
     """
@@ -163,6 +163,6 @@ def touchdown_sentence(setup: SpatialSetup) -> str:
         return ""
     joint = setup.problem.robot.joints[slowest]
     return (
-        f"Feet are at rest where they land: all at once, with {limits[slowest]:.3g} rad/s of {joint}, they let it come"
+        f"Feet stand still where they land: all at once, with {limits[slowest]:.3g} rad/s of {joint}, they let it come"
         f" down with {speeds[slowest]:.2g} m/s where it stands, as after a fall of {fall:.2g} m; let it jump down less."
     )
