@@ -8,7 +8,7 @@ the flight's end on. On one sole, or on three feet where another phase has more,
 What a phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the
 phase in which most feet stand.
 
-Feet that roll are where their legs have brought them, :class:`RollingSide`: on all feet from where the robot stands
+Feet that roll are where their legs have brought them: on all feet from where the robot stands
 still towards the flight, on two from the flight's end on. Where both meet, the feet have to be at the same points: a
 fixed point of where they are when the flight begins, or ends, and of the legs whose feet leave or come.
 """
@@ -423,28 +423,30 @@ def rolling_stances(program: SpatialProgram, solution: SpatialSolution, mechanic
         There are none.
     """
     first, last = stance_ends(program, solution, mechanics).transpose(2, 0, 1)
-    takeoff = RollingSide(program, solution, mechanics, "takeoff", first)
-    start = takeoff.met(lambda places: _takeoff_on(program, solution, mechanics, places))
 
-    def ends_on(places: dict[str, Array]) -> FlightEnds:
-        return _landed_on(program, solution, mechanics, _takeoff_on(program, solution, mechanics, start), places)
+    def leaving(places: dict[str, Array]) -> Array:
+        return _takeoff_on(program, solution, mechanics, places)
 
-    landing = RollingSide(program, solution, mechanics, "landing", last)
-    end = landing.met(lambda places: ends_on(places).motion[:, :, 1:])
-    return RollingStances(ends_on(end), takeoff.stances, landing.stances)
+    left, before = _RollingSide(program, solution, mechanics, "takeoff", first).between(leaving)
+    takeoff = leaving(left)
+
+    def landing(places: dict[str, Array]) -> Array:
+        return _landed_on(program, solution, mechanics, takeoff, places).motion[:, :, 1:]
+
+    met, after = _RollingSide(program, solution, mechanics, "landing", last).between(landing)
+    return RollingStances(_landed_on(program, solution, mechanics, takeoff, met), before, after)
 
 
-class RollingSide:
-    """The stances between where the robot stands still and a flight.
+class _RollingSide:
+    """The phases between where the robot stands still and a flight.
 
     Attributes
     ----------
-    side : "takeoff" or "landing"
     standing : (3, 6+n) the motion where it stands still
     near : end of the phases that is next to the flight, 0 or -1
     outer : index of the phase that is next to where it stands
     inner : of the one that is next to the flight; None where one phase is both
-    stances : of these phases, in order of time, once the flight is :meth:`met`
+    fine : of each phase, by its index: times, the program's motion and forces between its nodes
     """
 
     def __init__(
@@ -459,10 +461,11 @@ class RollingSide:
         self.outer, *inner = indices if side == "takeoff" else indices[::-1]
         self.inner = inner[0] if inner else None
         self.fine = {index: _fine_motion(program, solution, mechanics, index) for index in indices}
-        self.stances: tuple[SpatialStance, ...] = ()
 
-    def met(self, end_on: Callable[[dict[str, Array]], Array]) -> dict[str, Array]:
-        """Where the feet are, (3,) m, that leave for the flight, or land from it; with stances that meet it.
+    def between(
+        self, end_on: Callable[[dict[str, Array]], Array]
+    ) -> tuple[dict[str, Array], tuple[SpatialStance, ...]]:
+        """Where the feet are, (3,) m, that leave for the flight, or land from it; and the stances that meet it so.
 
         Parameters
         ----------
@@ -491,8 +494,7 @@ class RollingSide:
             if not np.isfinite(change).all():
                 break
             if np.abs(change).max() < 1e-9:  # m, rad, rad of rates and accelerations over the phase's duration
-                self.stances = self._stances(motions)
-                return dict(zip(names, places, strict=True))
+                return dict(zip(names, places, strict=True)), self._stances(motions)
             point = np.concatenate((places.ravel(), (bent * scale).ravel()))
             tried.append((point, change))
             point = _mixed(tried)
@@ -513,7 +515,7 @@ class RollingSide:
         if self.inner is not None:
             times, motion, _ = self.fine[self.inner]
             motion = motion + _vanishing(times, seam - motion[:, :, near], near) + _vanishing(times, bent, far)
-            direction = self._turning(names, motion[:, :, motion.shape[2] // 2])
+            direction = self._turning(names, motion[:, :, motion.shape[2] // 2]) if len(names) == 2 else None
             motion = rolled_from(self.mechanics, names, times, motion, near, direction)
             motions[self.inner] = motion
             seam = motion[:, :, far]

@@ -258,23 +258,15 @@ class RollingRobot:
             rows += ball.rows
         self.joints = np.unique(rows)
 
-    def placed(self, index: int, state: Array) -> Array:
-        """The motion (3, 6+n, 1) at an instant in a state, with rates with which the feet roll, d'' being zero."""
-        at_instant = self._base_at(index, state)
-        _, v, _ = self._coordinates(at_instant)
-        for ball in self.balls:
-            ball.locate()
-            at_instant[1, ball.rows, 0] -= ball.joint_rates(v[0])
-        return at_instant
-
     def slope(self, index: int, state: Array) -> Array:
         """Derivative of the state at an instant."""
-        at_instant = self._base_at(index, state)
+        at_instant = self.placed(index, state)
         of_directions = np.repeat(at_instant, 2, axis=2)
         if self.direction is not None:
             of_directions[1, :, 1] = 0.0
             of_directions[1, :BASE, 1] = self.direction
-        q, v, a = self._coordinates(of_directions)
+        q, v, a = self.mechanics.coordinates(of_directions)
+        pin.computeJointJacobians(self.mechanics.model, self.mechanics.data, q[0])
         rates = v[0].copy()
         for ball in self.balls:
             ball.locate()
@@ -284,7 +276,7 @@ class RollingRobot:
         pushed = 0.0 if self.direction is None else self._acceleration(q[0], rates, a[0], v[1])
         return np.concatenate(([state[1], pushed], at_instant[1, self.joints, 0]))
 
-    def _base_at(self, index: int, state: Array) -> Array:
+    def placed(self, index: int, state: Array) -> Array:
         """The motion (3, 6+n, 1) at an instant in a state; of the legs it has only the positions."""
         at_instant = self.motion[:, :, [index]].copy()
         if self.direction is not None:
@@ -292,12 +284,6 @@ class RollingRobot:
             at_instant[1, :BASE, 0] += state[1] * self.direction
         at_instant[0, self.joints, 0] = state[2:]
         return at_instant
-
-    def _coordinates(self, motion: Array) -> tuple[Array, Array, Array]:
-        """Pinocchio's coordinates of a motion (3, 6+n, N), whose first positions the Jacobians are of from now on."""
-        q, v, a = self.mechanics.coordinates(motion)
-        pin.computeJointJacobians(self.mechanics.model, self.mechanics.data, q[0])
-        return q, v, a
 
     def _acceleration(self, q: Array, v: Array, a: Array, along: Array) -> float:
         """The second derivative of d with which the moment about the line through both contacts vanishes.
@@ -315,13 +301,13 @@ class RollingRobot:
         for ball in self.balls:
             changes -= ball.columns @ ball.joint_accelerations()
             more -= ball.columns @ ball.joint_rates(along)
-        base = data.oMi[1].translation
         rotation = data.oMi[1].rotation
         first, second = (ball.contact for ball in self.balls)
+        arm = skew(first - data.oMi[1].translation)
         moments = []
         for accelerations in (changes, changes + more):
             wrench = pin.rnea(model, data, q, v, accelerations)
-            moment = rotation @ wrench[3:BASE] - np.cross(first - base, rotation @ wrench[:3])
+            moment = rotation @ wrench[3:BASE] - arm @ (rotation @ wrench[:3])
             moments.append(float(moment @ (second - first)))
         return moments[0] / (moments[0] - moments[1])
 
@@ -357,7 +343,9 @@ class _Ball:
         jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, frame.placement, aligned)
         self.jacobian = of_contact(jacobian, self.above[2])
         self.contact = data.oMi[frame.parentJoint].act(frame.placement.translation) - self.above
-        self._by_velocity = np.asarray(np.linalg.pinv(self.jacobian @ self.columns), np.float64)
+        by_joints = self.jacobian @ self.columns
+        is_square = by_joints.shape[1] == 3  # where the inverse takes a fifth of the time
+        self._by_velocity = np.asarray((np.linalg.inv if is_square else np.linalg.pinv)(by_joints), np.float64)
 
     def joint_rates(self, v: Array) -> Array:
         """Rates (k,) of its leg's joints that move the lowest point as velocities (nv,) of all coordinates do."""
@@ -368,7 +356,7 @@ class _Ball:
         model = self.mechanics.model
         aligned = pin.LOCAL_WORLD_ALIGNED
         acceleration = pin.getFrameClassicalAcceleration(model, self.mechanics.data, self.number, aligned)
-        return np.asarray(self._by_velocity @ (acceleration.linear - np.cross(acceleration.angular, self.above)))
+        return np.asarray(self._by_velocity @ (acceleration.linear + skew(self.above) @ acceleration.angular))
 
 
 def rolled_from(
@@ -401,6 +389,7 @@ def rolled_from(
         if column < len(steps):
             state = _runge_kutta(robot.slope, 2 * column, state, slope, float(steps[column]))
     rolled = np.concatenate(columns[::onwards], axis=2)
+    mechanics.hold(rolled, frames, 1)
     mechanics.hold(rolled, frames, 2)
     if not np.isfinite(rolled).all():
         raise NoExactStanceError("legs that roll do not reach the ground")
