@@ -5,7 +5,7 @@ import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, wraps
 from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ import once
 import pytest
 from browser import Browser, started
 from long_cases import cases
-from once import made_once
+from once import made_once, same_robot
 from places import ROOT
 from robot_samples import CHAIN_NAMES, URDF_FOLDER, RandomTree
 from threadpoolctl import threadpool_limits
@@ -81,11 +81,13 @@ def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> None:
 def robots_once(shared_folder: None) -> Iterator[None]:
     """What a mesh file holds, the capsules around it, and what a list of robots says of one are found once.
 
-    Tests read the same robots hundreds of times. Small meshes are made by tests, most of them spoiled.
+    Tests read the same robots hundreds of times. Small meshes are made by tests, most of them spoiled. A robot of
+    example-robot-data, whose files no test changes, is the same object for all tests of a process that choose alike.
     """
+    from floatplan import Robot
     from floatplan.cli import robots
     from floatplan.robot.shapes import collisions, links, solid_capsules
-    from floatplan.robot.urdf.tree import PREFIX
+    from floatplan.robot.urdf.tree import PREFIX, urdf_path
 
     read, fit, facts = collisions._corners_and_faces, links.fit, robots._facts
     fit_in_space = solid_capsules.fit
@@ -110,7 +112,17 @@ def robots_once(shared_folder: None) -> Iterator[None]:
             return facts(source)
         return made_once(f"facts {sha256(source.encode()).hexdigest()}", lambda: facts(source))
 
+    load = Robot.from_file
+
+    @wraps(load)
+    def load_once(source: Any, kind: Any = None, **choices: Any) -> Robot:
+        if not isinstance(source, str) or not source.startswith(PREFIX):
+            return load(source, kind, **choices)
+        path = urdf_path(source, kind)  # in the folder that is set now
+        return same_robot(load, path, source, kind, choices)
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Robot, "from_file", load_once)
         patch.setattr(robots, "_facts", facts_once)
         patch.setattr(collisions, "_corners_and_faces", read_once)
         patch.setattr(links, "fit", fit_once)

@@ -24,12 +24,15 @@ NAMES = problem_names()
 OF_OTHERS = {  # flights of jumps in space that are as those of the Go2
     name for name in NAMES if name.startswith("jumps/space/") and not name.startswith("jumps/space/go2")
 }
+OF_OTHERS |= {f"jumps/{name}" for name in ("a1", "anymal", "b1", "boxes/a1_box", "go1", "hyq", "solo12")}
+OF_OTHERS |= {"jumps/talos_hop"}  # as that of the G1
 TWISTS = {"jumps/space/go2_half_flip_half_twist", "jumps/space/go2_backflip_half_twist"}  # as that of problems/space
 TWISTS |= {"space/go2_half_twist_clear"}  # as the same without links that keep apart
+TURNS = {"jumps/space/go2_half_turn", "jumps/space/go2_diagonal"}  # as the quarter turn, and the jump to a side
 GROUNDS = {name for name in NAMES if name.startswith("jumps/space/go2_down")}  # flights that know no ground
 
 
-@pytest.mark.parametrize("name", cases(NAMES, {*OF_OTHERS, *TWISTS, *GROUNDS}))
+@pytest.mark.parametrize("name", cases(NAMES, {*OF_OTHERS, *TWISTS, *TURNS, *GROUNDS}))
 def test_answer_is_the_reference(planned, name):
     plan, wanted = planned(name), expected[name]
     found = answer(plan)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -105,8 +106,9 @@ class RepairedMotion:
         window = stance.window
         assert window is not None, "it is planned"
         ends = {end for number, end in stance.flight_ends}
-        before = 0.0
-        after = clip.duration
+        # Where no other flight follows, what the clip's end leaves no time for stays as it is.
+        before = -math.inf
+        after = math.inf
         for flight in self._flights:
             if flight.end <= window.begin:
                 before = flight.end

@@ -168,7 +168,7 @@ def test_angles_are_those_that_make_the_rotation(axes):
     assert angles == pytest.approx(drawn.as_euler(axes.upper()), abs=1e-9)
 
 
-@pytest.mark.parametrize("axes", ["zyx", "yxz", "xzy", "zxz", "xyx"])
+@pytest.mark.parametrize("axes", cases(["zyx", "yxz", "xzy", "zxz", "xyx"], {"yxz", "xzy", "xyx"}))
 def test_turns_and_tilt_are_counted_about_any_axes(plans, axes):
     """Where the tilt stays below its limit the turns are those of a dense evaluation, else it is refuted."""
     record = plans[1]

@@ -14,17 +14,20 @@ from once import made_once
 from places import PROBLEMS, ROOT
 
 import floatplan as fp
+from floatplan.arrays import Array
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.launches import in_space
 from floatplan.jumps.planner import jump
 from floatplan.jumps.spatial import planner as planner_in_space
 from floatplan.jumps.spatial import stance_search
+from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.jump import SpatialJump
-from floatplan.jumps.spatial.planner import Start, jump_of_solution, solved_start
+from floatplan.jumps.spatial.planner import Start, checked_jump, jump_of_solution, solved_start
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.file import as_problem, problem_text
 
-ROLL = ROOT / "tests" / "jumps" / "cases" / "go2_roll.npy"  # variables of its program
+SOLUTIONS = ROOT / "tests" / "jumps" / "cases"  # variables of programs in space, by the names of their problem files
+STORED = ("go2_roll", "g1_side_flip")  # which are there; their programs' checks hold at once
 SEARCH_ANEW = "python tests/helpers/jumps.py searches anew"
 COARSE = replace(planner_in_space.MARGINS, refinement=0.6)  # fewer nodes than usual take less time
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
@@ -102,41 +105,74 @@ def try_few_gains(patch: pytest.MonkeyPatch, multiples: tuple[float, ...] = (1.1
     patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", multiples)
 
 
-def roll() -> SpatialJump:
-    """The Go2's roll, in space, from its right legs to its left ones, made of the solution of its program in a file."""
-    return _completed_roll()[0]
+def stored_jump(name: str) -> SpatialJump:
+    """The jump of a problem file in space whose program's solution is in a file: flight, stances and check are anew."""
+    return _completed(name)[0]
 
 
-def violated_row_of_roll() -> tuple[float, str]:
+def violated_row(name: str) -> tuple[float, str]:
     """By how much that solution violates a row of the program as it is now, and which it is."""
-    return _completed_roll()[1]
+    return _completed(name)[1]
 
 
-def _completed_roll() -> tuple[SpatialJump, tuple[float, str]]:
+def roll() -> SpatialJump:
+    """The Go2's roll, in space, from its right legs to its left ones."""
+    return stored_jump("go2_roll")
+
+
+def _completed(name: str) -> tuple[SpatialJump, tuple[float, str]]:
     def made() -> tuple[SpatialJump, tuple[float, str]]:
-        setup = roll_setup()
+        setup = setup_in_space(name)
         program = setup.program(COARSE)
-        raw = np.load(ROLL)
+        raw = stored_solution(name)
         assert raw.shape == (program.size,), f"the program has other variables now: {SEARCH_ANEW}"
         solution = program.solution(raw, iterations=0, converged=True)
         return jump_of_solution(setup, program, solution, seed=0), solution.worst
 
-    found: tuple[SpatialJump, tuple[float, str]] = made_once("roll of a Go2", made)
+    found: tuple[SpatialJump, tuple[float, str]] = made_once(f"stored {name}", made)
     return found
 
 
-def searched_roll() -> Start:
-    """Where the search of the roll's program ends: half of the daily tests of jumps would wait for it."""
+def stored_solution(name: str) -> Array:
+    """The variables (size,) of a program that was solved."""
+    solution: Array = np.load(SOLUTIONS / f"{name}.npy")
+    return solution
+
+
+def searched_roll() -> tuple[SpatialJump, int]:
+    """The roll as a search finds it, and its iterations: half of the daily tests of jumps would wait for it."""
+
+    def made() -> tuple[SpatialJump, int]:
+        start = search("go2_roll")
+        return checked_jump(start, seed=0), start.solution.iterations
+
+    found: tuple[SpatialJump, int] = made_once("searched roll", made)
+    return found
+
+
+def search(name: str) -> Start:
+    """Where the search of such a program ends, on few nodes."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(planner_in_space, "MARGINS", COARSE)
-        return solved_start(roll_setup(), seed=0, number=0)
+        return solved_start(setup_in_space(name), seed=0, number=0)
 
 
-def roll_setup() -> SpatialSetup:
-    problem = fp.load_problem(PROBLEMS / "jumps" / "space" / "go2_roll.toml")
+def coarse_quarter_turn() -> Array:
+    """Where the first stage of a search on hardly any nodes ends, as its program's variables (size,)."""
+    setup = setup_in_space("go2_quarter_turn")
+    program = setup.program(replace(COARSE, refinement=0.25))
+    return program.solve(guess(program), tight_solves=0).raw
+
+
+def setup_in_space(name: str) -> SpatialSetup:
+    """The setup of a problem file, by its name in ``problems/jumps/space/``."""
+    problem = fp.load_problem(PROBLEMS / "jumps" / "space" / f"{name}.toml")
     assert problem.jump is not None
     return spatial_setup(problem, problem.jump)
 
 
 if __name__ == "__main__":
-    np.save(ROLL, searched_roll().solution.raw)
+    for name in STORED:
+        start = search(name)
+        assert start.solution.converged, name
+        np.save(SOLUTIONS / f"{name}.npy", start.solution.raw)

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from legged_samples import biped, quadruped
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.initial.flight import jump_problem
@@ -54,7 +55,7 @@ def check_stands(chosen):
     assert (chosen.posture < high - 0.05).all()
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", cases(ROBOTS, {"lying", "folded flat", "a knee from zero on"}))
 def test_where_the_zero_posture_does_not_stand_one_that_does_is_found(chosen, name):
     robot = chosen(ROBOTS[name])
     assert robot.feet

@@ -9,6 +9,7 @@ import jumps
 import numpy as np
 import pinocchio as pin
 import pytest
+from long_cases import cases
 
 import floatplan as fp
 from floatplan.jumps.launches import in_space
@@ -19,6 +20,7 @@ from floatplan.jumps.spatial.nodes import force_rows, lifted_share
 from floatplan.jumps.spatial.program import SpatialProgram, SpatialSolution
 from floatplan.jumps.spatial.setup import spatial_setup
 from floatplan.jumps.spatial.stance_search import StanceResult
+from floatplan.pool import processes
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,7 @@ def roll():
 
 
 def searched():
-    return planner.checked_jump(jumps.searched_roll(), seed=0)
+    return jumps.searched_roll()[0]
 
 
 @pytest.mark.parametrize("made", [jumps.roll, pytest.param(searched, marks=pytest.mark.long)])
@@ -50,9 +52,10 @@ def test_it_is_found_and_checked(made):
     assert figures["velocity"] <= 0.88
 
 
-def test_the_program_s_rows_hold_at_its_solution():
+@pytest.mark.parametrize("name", cases(jumps.STORED, {"g1_side_flip"}))
+def test_the_program_s_rows_hold_at_its_solution(name):
     """That of a file, which a search of these rows had found."""
-    violation, row = jumps.violated_row_of_roll()
+    violation, row = jumps.violated_row(name)
     assert violation < 1e-6, f"{row}: {jumps.SEARCH_ANEW}"
 
 
@@ -102,6 +105,14 @@ def test_feet_of_a_half_turn_do_not_skim(root, monkeypatch):
     turn = fp.jump(root / "problems" / "jumps" / "space" / "a1_half_turn.toml")
     assert turn.ok, turn.explanation
     assert heights_of_feet(turn, np.linspace(0.3, 0.7, 81)).min() > 0.012
+
+
+@pytest.mark.long
+def test_a_search_in_another_process_ends_with_the_same_bits():
+    """As the studio's and those of studies do."""
+    with processes(1, (planner.__name__,)) as pool:
+        elsewhere = pool.submit(jumps.coarse_quarter_turn).result()
+    assert np.array_equal(elsewhere, jumps.coarse_quarter_turn())
 
 
 def test_the_lift_of_feet_grows_from_both_ends_of_the_flight():
@@ -156,13 +167,13 @@ def test_it_is_handed_on(roll, tmp_path):
 @pytest.fixture(scope="module")
 def program_of_roll():
     """The program whose solution the roll is made of, and its setup."""
-    setup = jumps.roll_setup()
+    setup = jumps.setup_in_space("go2_roll")
     return setup, setup.program(jumps.COARSE)
 
 
 def test_variables_are_joined_as_a_solution_takes_them_apart(program_of_roll):
     _, program = program_of_roll
-    raw = np.load(jumps.ROLL)
+    raw = jumps.stored_solution("go2_roll")
     solution = program.solution(raw, 0, True)
     names = {name for of_node in solution.forces for name in of_node}
     forces = {name: np.array([of_node.get(name, np.zeros(3)) for of_node in solution.forces]) for name in names}
@@ -174,7 +185,8 @@ def test_a_jump_is_a_guess_near_what_it_was_made_of(roll, program_of_roll):
     """The flight between the stances is another curve than the program's; the stances are made exact."""
     setup, program = program_of_roll
     guessed, solution = (
-        program.solution(raw, 0, True) for raw in (guess_near(program, setup.mechanics, roll), np.load(jumps.ROLL))
+        program.solution(raw, 0, True)
+        for raw in (guess_near(program, setup.mechanics, roll), jumps.stored_solution("go2_roll"))
     )
     assert guessed.durations == pytest.approx(solution.durations)
     off = np.abs(guessed.y - solution.y).max(axis=0)  # [m, rad]
@@ -249,11 +261,11 @@ def test_a_search_near_a_jump_goes_on_where_it_fails(roll, monkeypatch):
 @pytest.mark.long
 def test_a_search_near_a_jump_takes_few_iterations(roll, monkeypatch):
     monkeypatch.setattr(planner, "MARGINS", jumps.COARSE)
-    setup = jumps.roll_setup()
+    setup = jumps.setup_in_space("go2_roll")
     slippery = replace(setup.problem, jump=replace(setup.request, friction=0.5))
     near = planner.start_near(spatial_setup(slippery, slippery.jump), roll)
     assert near.solution.converged
-    assert near.solution.iterations < 0.6 * jumps.searched_roll().solution.iterations
+    assert near.solution.iterations < 0.6 * jumps.searched_roll()[1]
     jump = planner.checked_jump(near, seed=0)
     assert jump.ok, jump.explanation
     assert jump.check.figures["friction"] <= 0.5
@@ -378,10 +390,9 @@ def test_pressure_stays_inside_the_sole(coarse_program):
 
 
 @pytest.mark.long
-def test_a_humanoid_flips_over_one_sole(root, monkeypatch):
+def test_a_humanoid_flips_over_one_sole():
     """It leaves its right sole and comes down on its left one: both stances hold, and so does the flight."""
-    jumps.plan_on_fewer_nodes(monkeypatch)
-    jump = fp.jump(root / "problems" / "jumps" / "space" / "g1_side_flip.toml")
+    jump = jumps.stored_jump("g1_side_flip")
     assert jump.ok, jump.explanation
     assert [phase.kind for phase in jump.phases] == ["stance", "stance", "flight", "stance", "stance"]
     assert fp.certify(jump.flight).proved
@@ -405,9 +416,11 @@ def test_legs_that_stand_keep_a_leverage(coarse_program):
 def test_a_flight_that_is_not_found_is_said(monkeypatch):
     monkeypatch.setattr(SpatialProgram, "_worst", lambda *_: (0.0, ""))
     monkeypatch.setattr(planner, "planned_flight", lambda *_, **__: SimpleNamespace(ok=False, explanation="Too far."))
-    setup = jumps.roll_setup()
+    setup = jumps.setup_in_space("go2_roll")
     program = setup.program(jumps.COARSE)
-    found = planner.jump_of_solution(setup, program, program.solution(np.load(jumps.ROLL), 0, True), seed=0)
+    found = planner.jump_of_solution(
+        setup, program, program.solution(jumps.stored_solution("go2_roll"), 0, True), seed=0
+    )
     assert not found.ok
     assert found.explanation == "No flight between the stances was found: Too far."
 

@@ -80,6 +80,24 @@ def test_a_stance_ends_as_the_flight_begins(case):
     assert result.figures["friction"] <= 0.6
 
 
+def test_a_robot_settles_where_its_landing_brings_it(case):
+    """Feet stand where they are to; base and joints come to rest elsewhere, where the ground bears them."""
+    first = case.met([0.7, 0.2, -0.9], [0.1, 0.3, 0.0])
+    last = StanceEnd(case.standing, settles=True)
+    result = case.stance("landing", StanceEnd(first, flies=True), last, 0.35, 6)
+    assert result.ok, result.broken
+    (stance,) = result.stances
+    end = stance.grid.at(np.array([stance.span[1]]))
+    assert np.abs(end[1:]).max() < 1e-9
+    assert np.abs(end[0, :3, 0] - case.standing[0, :3]).max() > 0.02  # m
+    feet, _ = case.mechanics.feet(end, FEET)
+    assert np.abs(feet[0, 0] - np.array(list(case.places.values()))).max() < 1e-9
+    centres, _ = case.mechanics.centre(end)
+    for column in (0, 1):
+        of_feet = feet[0, 0, :, column]
+        assert of_feet.min() < centres[0, column, 0] < of_feet.max()
+
+
 @pytest.mark.long
 def test_a_step_is_between_two_flights(case):
     first = case.met([0.3, 0.0, -1.0], [0.0, 0.3, 0.0])

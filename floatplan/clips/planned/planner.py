@@ -1,7 +1,8 @@
 """Stances of a repaired clip by the program of a jump's stances: near to the clip, from flight to flight or from it on.
 
 Durations are the clip's. Where a stance meets no other flight it reaches 0.4 s into the clip, less where a foot would
-stand twice in it; there the robot stands still where it does so in the clip, and else has the clip's posture and rates.
+stand twice in it; there the robot stands still where it does so in the clip, in a posture near to the clip's, and else
+has the clip's posture and rates.
 """
 
 from __future__ import annotations
@@ -325,7 +326,11 @@ class StancePlanner:
         phase: SpatialPhase,
         end: int,
     ) -> StanceEnd:
-        """The clip's own motion at an end of a stance that meets no flight there: still, if it is so in the clip."""
+        """The clip's own motion at an end of a stance that meets no flight there.
+
+        Where the robot stands still in the clip it does so, next to the clip's posture: in that very posture flights
+        that are fast sideways would need pressure outside the soles.
+        """
         instant = np.array([window.begin if end == 0 else window.end])
         motion = _with_rates(self.clip, mechanics, instant)
         rates = np.abs(motion[1, :, 0])
@@ -338,8 +343,9 @@ class StancePlanner:
             own[name] = places[name]
         closed = mechanics.close(motion, own)[:, :, 0]
         attitude = Attitude(angles=tuple(closed[0, 3:BASE].tolist()), axes=mechanics.axes)
-        if not is_still or not_standing(self.clip.robot, phase.feet, attitude, closed[0, BASE:]):
-            closed[2] = np.nan
+        if is_still and not not_standing(self.clip.robot, phase.feet, attitude, closed[0, BASE:]):
+            return StanceEnd(closed, settles=True)
+        closed[2] = np.nan
         return StanceEnd(closed)
 
 

@@ -54,7 +54,7 @@ class FlightEnds:
 def feet_places(program: SpatialProgram, solution: SpatialSolution, side: str) -> dict[str, Array]:
     """Where the feet of a side stand, (3,) m."""
     shift = solution.origin.copy()
-    if side == "landing":
+    if side == "landing" and program.flight >= 0:
         shift[:2] = solution.y[:2, -1]
     return {frame: position + shift for frame, position in program.ends.places[side].items()}
 

@@ -220,11 +220,13 @@ class SpatialEnds:
     Attributes
     ----------
     y : (2, 6+n) centre of mass, angles and joints; the last centre is above the origin, its position is free
-    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's position
+    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's position, but
+        for those of a single stance
     displacement : (2,) m of the centre of mass, where it is fixed; else None
     v : (2, 6+n) their rates, 0 where it stands still
     a : (2, 6+n) and accelerations; NaN of an end where they are left to the program
     flies : of each end, whether a flight is met there, so that nothing bears the robot
+    settles : of each end, whether the robot stands still there in a posture that is left to the program
     rise : height of the ground on which it lands over that which it leaves, m
     """
 
@@ -234,10 +236,13 @@ class SpatialEnds:
     v: Array = field(default_factory=lambda: np.zeros((2, 1)))
     a: Array = field(default_factory=lambda: np.zeros((2, 1)))
     flies: tuple[bool, bool] = (False, False)
+    settles: tuple[bool, bool] = (False, False)
     rise: float = 0.0
 
     def fixed(self, end: int) -> int:
-        """How many of y, v and a are fixed at an end, 0 or -1."""
+        """How many of y, v and a are fixed at an end, 0 or -1; none where it settles, whose v and a are 0."""
+        if self.settles[end]:
+            return 0
         return 3 if np.isfinite(self.a[end]).all() else 2
 
     @property

@@ -167,7 +167,9 @@ class SpatialProgram:
         weight = self.weight
         shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
         forces = {frame: weight * share for frame, share in shares.items()}
-        displacement = ca.SX.sym("d", 2)
+        # Those of a single stance are where they are; those after a flight are where it brings the robot.
+        uses_displacement = kind.side == "landing" and bool(kind.tracking) and self.flight >= 0
+        displacement = ca.SX.sym("d", 2) if uses_displacement else ca.SX(2, 1)
         near = 0 if self.reference is None else model.size
         parameters = NodeParameters.of_sizes(len(self.bounds.scales), len(kind.damping_signs), near)
         motion = ca.vertcat(model.y, model.v, model.a)
@@ -176,7 +178,6 @@ class SpatialProgram:
         for index in range(6):
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
-        uses_displacement = kind.side == "landing" and bool(kind.tracking)
         rows += self._standing_rows(kind, displacement, parameters.signs)
         rows += force_rows(kind.bearing, shares, parameters.friction, parameters.inside)
         motor_rows, cost = torque_rows(model, self.bounds, forces, parameters.scales)
@@ -229,7 +230,7 @@ class SpatialProgram:
         )
 
     def _standing_rows(self, kind: NodeKind, displacement: Any, signs: Any) -> list[Row]:
-        """Rows of feet that stand, with the signs (F,) of their damping, and the displacement (2,) at landing."""
+        """Rows of feet that stand, with the signs (F,) of their damping, and the displacement (2,) of their places."""
         ca = casadi()
         stiffness = 625.0  # [1/s^2] and
         damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
@@ -239,10 +240,7 @@ class SpatialProgram:
             if not is_damped:
                 continue
             _, (position, velocity, acceleration) = self.model.foot(foot.name)
-            stands = ca.SX(self.ends.places[kind.side][foot.name])
-            if kind.side == "landing":
-                stands += ca.vertcat(displacement, 0)
-            gap = foot.stays * (position - stands)
+            gap = foot.stays * (position - self.ends.places[kind.side][foot.name] - ca.vertcat(displacement, 0))
             label = f"position of {foot.name}"
             for direction in self._directions(kind.side, foot):
                 along = ca.DM(direction).T
@@ -419,6 +417,8 @@ class SpatialProgram:
                 low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T
                 low[begin + n + BASE : begin + 2 * n] = -bounds.velocity
                 high[begin + n + BASE : begin + 2 * n] = bounds.velocity
+                if node in (0, self.nodes - 1):  # an end where the robot settles
+                    low[begin + n : begin + 3 * n] = high[begin + n : begin + 3 * n] = 0.0
             forces = np.arange(begin + 3 * n, self.begins[node + 1])
             low[forces[2::3]] = 0.0
         durations = self.size - len(self.phases)

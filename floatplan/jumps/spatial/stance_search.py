@@ -38,10 +38,12 @@ class StanceEnd:
     motion : (3, 6+n) the base's origin, m, its angles and planned joints, rad, in the world, with two derivatives
         Feet that stand there are at their places, and still. Accelerations that are NaN are left to the program.
     flies : whether a flight is met there: nothing bears the robot, and its accelerations are those of the flight
+    settles : whether the robot stands still there, in any posture: the motion's is where the search begins
     """
 
     motion: Array
     flies: bool = False
+    settles: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +102,18 @@ def stance_setup(
     origin = np.array([*centres[0, :2, 0], places[foot.name][2] - foot.depth])
     motion[0, :3] -= origin[:, None]
     y, v, a = motion.transpose(0, 2, 1)
-    side = setup.phases[0].side
-    last_centre = np.array([*y[1, :2], 0.0]) if side == "landing" else np.zeros(3)
     of_side = {}
     for name, position in places.items():
-        of_side[name] = position - origin - last_centre
-    spatial_ends = SpatialEnds(y, {side: of_side}, y[1, :2], v, a, (ends[0].flies, ends[1].flies))
+        of_side[name] = position - origin
+    spatial_ends = SpatialEnds(
+        y=y,
+        places={setup.phases[0].side: of_side},
+        displacement=y[1, :2],
+        v=v,
+        a=a,
+        flies=(ends[0].flies, ends[1].flies),
+        settles=(ends[0].settles, ends[1].settles),
+    )
     return replace(setup, ends=spatial_ends, origin=origin)
 
 
@@ -143,9 +151,19 @@ def planned_stance(
 
     def complete(program: SpatialProgram, solution: SpatialSolution) -> tuple[StanceResult, Mapping[str, float] | None]:
         result = _completed(setup, program, solution, begin)
-        return result, None if result.ok else result.figures
+        return result, None if result.ok or _is_beyond_mending(result) else result.figures
 
     return refined_until_checked(margins, setup.request, (program, solution), finer, complete, solved_again)
+
+
+def _is_beyond_mending(result: StanceResult) -> bool:
+    """Whether forces are so far from what the motion takes that more nodes leave them so.
+
+    Where no motion meets both ends some solutions hold at the nodes and nowhere else: their accelerations change their
+    sign from node to node, the more so the more nodes there are.
+    """
+    most = 0.1  # [-] of the weight: a G1's stances that more nodes mended start from 0.005 at most, others from 0.21
+    return result.figures.get("residual", 0.0) > most
 
 
 def _program(setup: SpatialSetup, margins: NodeMargins, reference: Curve | None) -> SpatialProgram:
@@ -211,11 +229,8 @@ def _guess(setup: SpatialSetup, program: SpatialProgram, curve: Curve) -> Array:
 
 def _places(setup: SpatialSetup, phase: SpatialPhase) -> dict[str, Array]:
     """Where the feet of a phase stand, (3,) m, in the world."""
-    shift = setup.origin.copy()
-    if phase.side == "landing":
-        shift[:2] += setup.ends.y[1, :2]
     places = setup.ends.places[phase.side]
-    return {name: places[name] + shift for name in phase.names}
+    return {name: places[name] + setup.origin for name in phase.names}
 
 
 def _completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, begin: float) -> StanceResult:
