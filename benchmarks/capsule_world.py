@@ -243,9 +243,12 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
     if jump.step is not None:
         _add_higher_ground(spec, jump, touching)
     height = float(jump.q(np.zeros(1))[0, 2] - jump.stances[0].ground)
+    soles = set()
     for foot in {foot.name: foot for foot in jump.contacts}.values():
         radius = max(foot.depth, 5e-3)  # m; a sole's points are corners
         body = spec.joint(robot.model.names[foot.body]).parent
+        if foot.suffix:
+            soles.add(body.name)
         centre = np.add(foot.local, [0, 0, radius - foot.depth])
         body.add_geom(
             name=f"foot {foot.name}", type=kinds.mjGEOM_SPHERE, size=[radius, 0, 0], pos=centre, contype=0, **touching
@@ -257,6 +260,8 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
             end = np.array(child.pos)
             if np.linalg.norm(end) < 2 * radius:
                 continue
+            if body.name in soles:
+                continue  # its points are its shape; a capsule to a frame on its sole would reach below it
             reach = 1.0 if child.bodies or of_trunk else 0.8  # a last link ends at a foot, which has its own geom
             body.add_geom(
                 name=f"link {body.name} {child.name}",

@@ -11,9 +11,10 @@ import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields, replace
-from inspect import cleandoc
+from functools import cache
+from inspect import cleandoc, get_annotations
 from types import MappingProxyType, NoneType, UnionType
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 
@@ -68,9 +69,10 @@ class Keyed(Checked):
         own_hints = {}
         checks_of_keys = {}
         other_checks = {}
-        for name, hint in get_type_hints(cls, include_extras=True).items():
-            if get_origin(hint) is not Annotated:
-                continue
+        annotated: dict[str, Any] = {}
+        for base in reversed(cls.__mro__):
+            annotated |= _annotated(base)
+        for name, hint in annotated.items():
             kind, note = get_args(hint)
             if isinstance(note, Key):
                 keys[name] = replace(note, meaning=_meaning(note.meaning, documented.get(name, "")))
@@ -91,6 +93,13 @@ class Keyed(Checked):
     def keyed_fields(cls) -> list[tuple[Field[Any], Key]]:
         """The fields that have a key, with it."""
         return [(row, cls.keys[row.name]) for row in fields(cls) if row.name in cls.keys]  # type: ignore[arg-type]
+
+
+@cache
+def _annotated(of: type) -> Mapping[str, Any]:
+    """The annotations of a class itself that are ``Annotated``; those of its bases are theirs, read once for all."""
+    annotations: dict[str, Any] = get_annotations(of, eval_str=True)
+    return {name: hint for name, hint in annotations.items() if get_origin(hint) is Annotated}
 
 
 def _meaning(stated: str, documented: str) -> str:

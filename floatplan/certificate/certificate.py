@@ -6,6 +6,8 @@ needed only for the capsules around collision geometry, which the certificate as
 ``docs/certificate.md`` for the statement.
 """
 
+from __future__ import annotations
+
 import cmath
 import math
 import threading
@@ -13,7 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,14 +32,6 @@ from floatplan.certificate.planar.inertia import PlanarRobot, cached_robot
 from floatplan.certificate.planar.limits import flight_findings, orientation_findings
 from floatplan.certificate.planar.obstacles import Surroundings as PlanarSurroundings
 from floatplan.certificate.robots.taken import NotReadError
-from floatplan.certificate.spatial import findings as spatial_findings
-from floatplan.certificate.spatial import flight as spatial_flight
-from floatplan.certificate.spatial import robot as spatial_robot
-from floatplan.certificate.spatial.clearance import CapsuleShape, SolidShape
-from floatplan.certificate.spatial.findings import attitude_findings
-from floatplan.certificate.spatial.obstacles import Surroundings as SpatialSurroundings
-from floatplan.certificate.spatial.out_of_plane import out_of_plane_findings
-from floatplan.certificate.spatial.robot import SpatialRobot
 from floatplan.errors import InputError, naming
 from floatplan.plans.reading import Recorded, check_meshes, check_parts, checked, find_robot, recorded, recorded_robot
 from floatplan.plans.record import PlanRecord, RobotRecord
@@ -48,6 +42,9 @@ from floatplan.robot.shapes.solids import link_placement
 from floatplan.robot.urdf.packages import robot_content
 from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import Range
+
+if TYPE_CHECKING:  # see _proved_in_space()
+    from floatplan.certificate.spatial.clearance import CapsuleShape, SolidShape
 
 BUDGET = 4096  # [-] cells of time
 _ONE_AT_A_TIME = threading.Lock()  # Arb's precision is one for all threads
@@ -185,13 +182,15 @@ def prove(
                 if record.in_space:
                     if out_of_plane:
                         raise InputError("is of plans in a plane, and this flight is in space", element="out_of_plane")
-                    flying = spatial_robot.cached_robot(content, path, record.robot)
-                    certificate = _proved_in_space(flying, record, shapes, unknown_meshes, budget)
+                    certificate = _proved_in_space(content, path, record, shapes, unknown_meshes, budget)
                 else:
                     robot = cached_robot(content, path, record.robot)
                     certificate = _proved(robot, record, shapes, unknown_meshes, budget)
                     if out_of_plane:
-                        free = spatial_robot.cached_robot(content, path, record.robot)
+                        from floatplan.certificate.spatial.out_of_plane import out_of_plane_findings
+                        from floatplan.certificate.spatial.robot import cached_robot as cached_in_space
+
+                        free = cached_in_space(content, path, record.robot)
                         end = certificate.orientation_end
                         leaving = out_of_plane_findings(free, record, robot.normal, end, budget)
                         certificate = replace(certificate, findings=(*leaving, *certificate.findings))
@@ -230,17 +229,26 @@ def _proved(
 
 
 def _proved_in_space(
-    robot: SpatialRobot,
+    content: bytes,
+    path: Path,
     record: PlanRecord,
     shapes: Sequence[Sequence[Any] | None],
     unknown_meshes: Sequence[str],
     budget: int,
 ) -> Certificate:
-    flight = spatial_flight.fly(robot, record, windows(record), budget)
+    # Here, because most flights are in a plane, and what follows takes longer to load than their proof.
+    from floatplan.certificate.spatial.findings import attitude_findings
+    from floatplan.certificate.spatial.findings import flight_findings as findings_in_space
+    from floatplan.certificate.spatial.flight import fly as fly_in_space
+    from floatplan.certificate.spatial.obstacles import Surroundings as SpatialSurroundings
+    from floatplan.certificate.spatial.robot import cached_robot as cached_in_space
+
+    robot = cached_in_space(content, path, record.robot)
+    flight = fly_in_space(robot, record, windows(record), budget)
     attitude = attitude_findings(record, flight)
     limits, peaks = limit_findings(robot, record, flight, flight.cells)
     states = at_ends(record)
-    ends = [*boundary_findings(record, states), *spatial_findings.flight_findings(robot, record, flight, states)]
+    ends = [*boundary_findings(record, states), *findings_in_space(robot, record, flight, states)]
     clear = unfounded_claims(record)
     clearance = None
     if record.asks_clearance:

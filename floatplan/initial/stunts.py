@@ -117,7 +117,9 @@ def _text(robot: Robot, stunt: Stunt, setup: SpatialSetup, options: Mapping[str,
     problem = setup.problem
     request = setup.request
     height = float(setup.ends.y[0, 2])  # of the centre of mass where it stands, m
-    duration = float(f"{2.25 * math.sqrt(height / GRAVITY):.1g}")  # s, of flights of quadrupeds
+    usual = 2.25 * math.sqrt(height / GRAVITY)  # s, of flights of quadrupeds
+    flight = next(phase for phase in setup.phases if phase.side == "flight")
+    duration = float(f"{min(usual, flight.duration):.1g}")
     chosen = [f"{key} = {toml_value(value)}" for key, value in options.items()]
     meaning = f"  # {stunt.meaning}"
     blocks = [
@@ -147,7 +149,9 @@ def _text(robot: Robot, stunt: Stunt, setup: SpatialSetup, options: Mapping[str,
         ],
     ]
     if stunt.displacement is not None:
-        metres = [round(share * height, 2) for share in stunt.displacement]
+        # Legs that are too slow for a usual flight are as slow sideways, and in the air for as much less time.
+        slowness = min(1.0, flight.duration / usual) ** 2
+        metres = [round(slowness * share * height, 2) for share in stunt.displacement]
         meaning = "# m, from standing to standing: forwards, to the left"
         blocks.append(["[jump.landing]", f"displacement = {toml_value(metres)}  {meaning}"])
     return "\n\n".join("\n".join(block) for block in blocks) + "\n"

@@ -323,8 +323,9 @@ def _cut(corners: Array, direction: Array, level: float) -> Array | None:
         return None
     corners = np.array(hull.points())
     triangles = np.empty((hull.num_polygons, 3), np.int64)
-    for face, end in np.ndindex(triangles.shape):
-        triangles[face, end] = hull.polygons(face)[end]
+    for face in range(len(triangles)):
+        polygon = hull.polygons(face)
+        triangles[face] = polygon[0], polygon[1], polygon[2]
     edges = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     height = corners @ direction - level
     begin, end = edges[height[edges[:, 0]] * height[edges[:, 1]] < 0].T

@@ -10,10 +10,11 @@ from typing import Any, cast
 
 import casadi as ca
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import floatplan as fp
-from floatplan.jumps.spatial.conflicts import BindingLimit, binding_limits, binding_sentence
+from floatplan.jumps.spatial.conflicts import BindingLimit, binding_limits, binding_sentence, touchdown_sentence
 from floatplan.jumps.spatial.guess import guess
 from floatplan.jumps.spatial.planner import MARGINS, Start, solved_start
 from floatplan.jumps.spatial.program import SpatialProgram
@@ -124,6 +125,37 @@ def test_limits_are_those_of_the_program_s_request(quarter_turn: fp.Problem) -> 
     for label, (kind, unit, most) in limits.items():
         sentence = binding_sentence(BindingLimit(f"{label} (takeoff)", kind, 1.0, 1.0), problem, request)
         assert sentence == f"{label} (takeoff), with all of the {most:.3g}{unit}"
+
+
+def test_how_fast_all_feet_let_it_come_down(root: Path) -> None:
+    """As fast as a calf folds, by Pinocchio's Jacobians; a jump that is no deeper than that fall is not warned of."""
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_down.toml")
+    robot = problem.robot
+    request = problem.jump
+    assert request is not None
+
+    def sentence(height: float) -> str:
+        changed = replace(request, takeoff=replace(request.takeoff, height=height))
+        return touchdown_sentence(spatial_setup(problem, changed))
+
+    words = re.search(
+        r"with 13\.8 rad/s of (\w+), .* with (\S+) m/s .* a fall of (\S+) m; let it jump down less\.", sentence(0.25)
+    )
+    assert words is not None
+    data = robot.model.createData()
+    q = robot.configuration(spatial_setup(problem, request).ends.y[1, 6:])
+    pin.computeJointJacobians(robot.model, data, q)
+    pin.updateFramePlacements(robot.model, data)
+    rates = np.empty(0)
+    for index, leg in enumerate(("FL", "FR", "RL", "RR")):
+        frame = robot.model.getFrameId(f"{leg}_foot")
+        own = pin.getFrameJacobian(robot.model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
+        rates = np.append(rates, np.linalg.solve(own[:, 6 + 3 * index : 9 + 3 * index], own[:, 2]))
+    speed = (0.88 * problem.velocity_limits / np.abs(rates)).min()
+    assert robot.joints[int(np.argmax(np.abs(rates) / problem.velocity_limits))][2:] == words[1][2:]
+    assert float(words[2]) == pytest.approx(speed, abs=0.05)
+    assert float(words[3]) == pytest.approx(speed**2 / (2 * 9.81), abs=0.005)
+    assert sentence(0.95 * speed**2 / (2 * 9.81)) == ""
 
 
 @pytest.mark.long

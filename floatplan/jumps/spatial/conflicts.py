@@ -16,6 +16,7 @@ from floatplan.jumps.conflicts import KINDS, allowed, kind_of
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.program import SpatialProgram
+from floatplan.jumps.spatial.setup import SpatialSetup
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
@@ -134,3 +135,34 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
         return f"{limit.label}, whose sole would tip"
     unit = {"range": "rad", "duration": "s"}.get(limit.kind, "m")
     return f"{limit.label}, which ends at {limit.bound:.3g} {unit}"
+
+
+def touchdown_sentence(setup: SpatialSetup) -> str:
+    """How fast a robot that jumps down comes to the ground with all feet at once, and what would do.
+
+    Its feet stand still there, so that its joints fold as fast as its trunk comes down: with the rates that they may
+    have, in the posture in which it stands, that is as after a fall from some height. It is empty where the ground
+    falls by no more than that, or where feet land one after the other.
+    """
+    request = setup.request
+    feet = setup.phases[-1].feet
+    if setup.phases[-2].side != "flight" or request.rise >= 0:
+        return ""
+    mechanics = setup.mechanics
+    standing = np.zeros((3, setup.ends.y.shape[1], 1))
+    standing[0, :, 0] = setup.ends.y[1]
+    standing[1, 2] = -1.0  # [m/s] of the trunk
+    standing = mechanics.from_centre(standing)
+    places, _ = mechanics.feet(standing, [foot.name for foot in feet])
+    folding = mechanics.close(standing, dict(zip((foot.name for foot in feet), places[0, 0], strict=True)))
+    limits = request.margin["velocity"] * setup.problem.velocity_limits
+    speeds = limits / np.maximum(np.abs(folding[1, BASE:, 0]), 1e-9)  # joints that do not move limit nothing
+    slowest = int(speeds.argmin())
+    fall = float(speeds[slowest] ** 2 / (2 * mechanics.gravity))
+    if -request.rise <= fall:
+        return ""
+    joint = setup.problem.robot.joints[slowest]
+    return (
+        f"Feet stand still where they land: all at once, with {limits[slowest]:.3g} rad/s of {joint}, they let it come"
+        f" down with {speeds[slowest]:.2g} m/s where it stands, as after a fall of {fall:.2g} m; let it jump down less."
+    )

@@ -15,8 +15,8 @@ from floatplan.motion.spatial.rotations import of_quaternions, unwrapped_angles
 def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Array:
     """Return the generic guess (size,); with random numbers a perturbed one.
 
-    Joints go from posture to posture, the centre of mass rises to 1.15 of its height, flies, and comes down; the
-    base turns by a smoothstep from the takeoff's last phase to the landing's first.
+    Joints go from posture to posture, the centre of mass rises to 1.15 of its height, or as high as slow legs reach,
+    flies, and comes down; the base turns by a smoothstep from the takeoff's last phase to the landing's first.
     """
     durations = np.array([phase.duration for phase in program.phases])
     if rng is not None:
@@ -135,8 +135,10 @@ def _guessed_centre(
     displacement = np.zeros(2) if program.ends.displacement is None else program.ends.displacement - first[:2]
     horizontal = displacement / (landing - takeoff) * 0.8  # of the way in the air
     knots = [0.0, takeoff, landing, times[-1]]
-    high = 1.15
     rise = program.ends.rise
+    usual = 1.15  # [-] of the height where it stands
+    bent = 0.98  # [-] of the greatest height, so that legs are not quite straight
+    high = min(usual, bent * program.ends.tallest / max(first[2], last[2] - rise))
     climb = rise / (landing - takeoff)
     way = horizontal * (landing - takeoff)
     middle = (displacement - way) / 2

@@ -228,6 +228,7 @@ class SpatialEnds:
     flies : of each end, whether a flight is met there, so that nothing bears the robot
     settles : of each end, whether the robot stands still there in a posture that is left to the program
     rise : height of the ground on which it lands over that which it leaves, m
+    tallest : greatest height of the centre of mass over the ground to which slow legs reach, m; infinite of fast ones
     """
 
     y: Array
@@ -238,6 +239,7 @@ class SpatialEnds:
     flies: tuple[bool, bool] = (False, False)
     settles: tuple[bool, bool] = (False, False)
     rise: float = 0.0
+    tallest: float = math.inf
 
     def fixed(self, end: int) -> int:
         """How many of y, v and a are fixed at an end, 0 or -1; none where it settles, whose v and a are 0."""

@@ -5,6 +5,7 @@ Those over which the robot tips leave last; those that are lower where 30 degree
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,6 +40,20 @@ class SpatialPhase(TimedPhase):
     def is_on_one_sole(self) -> bool:
         """Whether one sole stands, and nothing else."""
         return is_one_sole(self.feet)
+
+    def of_speed(self, fastest: float, gravity: float) -> "SpatialPhase":
+        """The flight, shorter where legs cannot lift the robot as fast as its shortest duration takes.
+
+        Parameters
+        ----------
+        fastest : m/s, the greatest speed upwards with which the robot leaves the ground
+        gravity : m/s^2
+        """
+        thrown = 2 * fastest / gravity  # s, from a height to the same one
+        if thrown >= self.bounds[0]:
+            return self
+        # As long as that only the fastest flight is, from a crouch; legs that bend in flight gain a little time.
+        return replace(self, duration=0.75 * thrown, bounds=(0.4 * thrown, 1.2 * thrown))
 
     @property
     def name(self) -> str:

@@ -12,7 +12,7 @@ from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.flight import planned_flight
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.rounds import CORRECTIONS, NEAR_FAILED, NodeMargins, refined_until_checked, saying_on
-from floatplan.jumps.spatial.conflicts import shortfall
+from floatplan.jumps.spatial.conflicts import shortfall, touchdown_sentence
 from floatplan.jumps.spatial.exact import (
     FlightEnds,
     exact_stances,
@@ -98,7 +98,8 @@ def jump_in_space(
     explanation = f"No jump was found in {counted}."
     if nearest is not None and helps:
         say("what stands in the way")
-        explanation += f" {shortfall(nearest.program, nearest.solution, problem, request)}"
+        sentences = [shortfall(nearest.program, nearest.solution, problem, request), touchdown_sentence(setup)]
+        explanation = " ".join([explanation, *filter(None, sentences)])
     return SpatialJump(problem, request, explanation=explanation)
 
 

@@ -28,12 +28,15 @@ from floatplan.jumps.spatial.phases import SpatialPhase, is_one_sole, side_phase
 from floatplan.jumps.spatial.pieces import Expression
 from floatplan.jumps.spatial.program import MIDDLE_ANGLE, SpatialProgram
 from floatplan.jumps.spatial.standing import (
+    ClearancePoint,
     Foot,
     Kinematics,
+    LegReach,
     clearance_points,
     feet_at,
     feet_links,
     foot_corners,
+    leg_reach,
     not_standing,
     rolling,
     shank_points,
@@ -114,14 +117,13 @@ class SpatialSetup:
             scales=np.where(np.isfinite(most), most, without_limit),
         )
         phases = tuple(replace(phase, intervals=round(margins.refinement * phase.intervals)) for phase in self.phases)
-        points = clearance_points(problem.robot, self.feet)
         corners = foot_corners(problem.robot, self.feet, POINT_FEET)
         shanks = shank_points(problem.robot, self.feet, margins.shank_height) if margins.shank_height else []
         return SpatialProgram(
             self._model,
             phases,
             self.ends,
-            points,
+            self.clearance_points_of_robot,
             corners,
             shanks,
             bounds,
@@ -156,14 +158,24 @@ class SpatialSetup:
         return math.radians(45.0) if self.is_combined else LARGEST_MIDDLE_ANGLE - math.radians(5.0)
 
     @property
+    def standing_pose(self) -> tuple[Array, Array]:
+        """The base's rotation (3, 3) and joints (n,) in which the robot stands."""
+        standing = self.ends.standing
+        return rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:]
+
+    @cached_property
+    def clearance_points_of_robot(self) -> list[ClearancePoint]:
+        """What stays above the ground, but for the feet."""
+        return clearance_points(self.problem.robot, self.feet, *self.standing_pose)
+
+    @property
     def _lowest(self) -> float:
         """Height of the lowest clearance point where the robot stands, m."""
         kinematics = Kinematics(self.problem.robot)
-        standing = self.ends.standing
-        kinematics.pose(np.zeros(3), rotations_about(self.axes, standing[3:BASE, None])[0], standing[BASE:])
+        kinematics.pose(np.zeros(3), *self.standing_pose)
         foot = self.feet[0]
         ground = kinematics.point(foot.body, foot.local)[2] - foot.depth
-        points = clearance_points(self.problem.robot, self.feet)
+        points = self.clearance_points_of_robot
         heights = [kinematics.point(point.body, point.local)[2] - point.radius - ground for point in points]
         return max(min(heights, default=0.0), 0.0)
 
@@ -213,12 +225,17 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
     if step is not None:
         _refuse_at_edge(problem, request, step, axes, feet, ends)
     unit = math.sqrt(float(ends.y[0, 2]) / float(problem.flight.gravity))
-    time = problem.flight.duration
-    flight_bounds = (time, time) if "duration" in request.fixed else None
     check_frames(problem, [foot.frame for foot in takeoff[0]], [foot.frame for foot in landing[0]])
     rotation = float(np.abs(goal.angles_about(axes) - start.angles_about(axes)).sum())
     meets_one_sole = is_one_sole(takeoff[-1]) or is_one_sole(landing[0])
-    (flight,) = side_phases("flight", [()], unit, [flight_bounds], rotation, meets_one_sole)
+    (usual_flight,) = side_phases("flight", [()], unit, [None], rotation, meets_one_sole)
+    reach = reach_before_takeoff(problem, request, axes, takeoff[0], ends)
+    flight = usual_flight.of_speed(reach.fastest, float(problem.flight.gravity))
+    if flight is not usual_flight:  # of faster legs the search gets as far from a guess that is beyond their reach
+        ends = replace(ends, tallest=reach.tallest)
+    if "duration" in request.fixed:
+        time = problem.flight.duration
+        flight = replace(flight, duration=time, bounds=(time, time))
     phases = (
         *side_phases("takeoff", takeoff, unit, duration_bounds(request, "takeoff", len(takeoff))),
         replace(flight, **over_step(flight, request.rise, float(problem.flight.gravity))),
@@ -424,6 +441,22 @@ def _ends(
         if not first.suffix:
             origin[2] = problem.takeoff.position[-1] - first.depth
     return SpatialEnds(np.array(rows), places, displacement, rise=request.rise), origin
+
+
+def reach_before_takeoff(
+    problem: Problem, request: JumpRequest, axes: str, feet: Sequence[Foot], ends: SpatialEnds
+) -> LegReach:
+    """How high the legs carry the robot before takeoff, and how fast, at the share of joints' rates that is allowed."""
+    y = ends.y[0]
+    return leg_reach(
+        Kinematics(problem.robot),
+        feet,
+        ends.places["takeoff"],
+        rotations_about(axes, y[3:BASE, None])[0],
+        np.concatenate((y[2:3], y[BASE:])),
+        ranges=np.asarray(problem.position_limits),
+        rates=request.margin["velocity"] * problem.velocity_limits,
+    )
 
 
 def _refuse_at_edge(

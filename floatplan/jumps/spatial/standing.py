@@ -1,8 +1,8 @@
-"""Where a robot stands: its feet as points, the posture in which all are on level ground, and what stays above it."""
+"""Where a robot stands: feet as points, the posture in which all are level, what stays above, how far legs lift it."""
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -263,10 +263,11 @@ class ClearancePoint:
     radius: float
 
 
-def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]:
+def clearance_points(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -> list[ClearancePoint]:
     """Return corners of the base, and ends of the limbs' capsules but for what is near the feet.
 
-    Of those that are nearly one in every posture, as a knee's of thigh and shank, only one is returned.
+    Of those that are nearly one in every posture, as a knee's of thigh and shank, only one is returned. Where the robot
+    stands, with the base's rotation (3, 3) and joints (n,), none is in the ground: see :func:`thinned_above_ground`.
     """
     near_foot = 0.1  # [m] from a foot's point: the end of the shank
     small = 0.05  # [m] across: sensors on the base
@@ -289,7 +290,29 @@ def clearance_points(robot: Robot, feet: Sequence[Foot]) -> list[ClearancePoint]
             if not any(is_near):
                 x, y, z = end.tolist()
                 points.append(ClearancePoint(capsule.link, capsule.body, (x, y, z), capsule.radius))
-    return _distinct(robot, points)
+    return thinned_above_ground(robot, feet, _distinct(robot, points), rotation, joints)
+
+
+def thinned_above_ground(
+    robot: Robot, feet: Sequence[Foot], points: Sequence[ClearancePoint], rotation: Array, joints: Array
+) -> list[ClearancePoint]:
+    """The points; a ball that is on the ground where the robot stands becomes so small that it is as high as its link.
+
+    A capsule may be much thicker than its link is at that end: that of a shank with wide knees reaches below the sole.
+    No motion would keep it above the ground.
+    """
+    on_ground = 5e-3  # [m] above it
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.zeros(3), rotation, joints)
+    ground = kinematics.point(feet[0].body, feet[0].local)[2] - feet[0].depth
+    above = []
+    for point in points:
+        centre = kinematics.point(point.body, point.local)[2]
+        if centre - point.radius < ground + on_ground:
+            radius = float(centre - kinematics.lowest([point.link]))
+            point = replace(point, radius=min(point.radius, max(radius, 0.0)))
+        above.append(point)
+    return above
 
 
 def foot_corners(robot: Robot, feet: Sequence[Foot], least: float) -> list[ClearancePoint]:
@@ -368,3 +391,129 @@ def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearanceP
         if is_box or (distances > near).all():
             distinct.append(index)
     return [points[index] for index in distinct]
+
+
+@dataclass(frozen=True)
+class LegReach:
+    """What legs reach while all feet stand where they are and the base is not rotated; other joints are still.
+
+    Attributes
+    ----------
+    tallest : m, the greatest height of the centre of mass over the ground
+    fastest : m/s, the greatest speed upwards of the centre of mass at any height, within the joints' rates
+    """
+
+    tallest: float
+    fastest: float
+
+
+def leg_reach(
+    kinematics: Kinematics,
+    feet: Sequence[Foot],
+    places: Mapping[str, Array],
+    rotation: Array,
+    standing: Array,
+    ranges: Array,
+    rates: Array,
+) -> LegReach:
+    """Lift and lower a robot from where it stands by steps of 1 % of its height, as far as its legs reach.
+
+    Parameters
+    ----------
+    kinematics : of the robot
+    feet : that stand
+    places : (3,) m, of their points, by their names; the centre of mass is above the origin
+    rotation : (3, 3) of the base
+    standing : (1+n,) height of the centre of mass, m, and joints, where the robot stands
+    ranges : (n, 2) rad, of joints
+    rates : (n,) rad/s, that joints may have
+    """
+    deepest = 0.6  # [-] of the height where it stands: lower no robot crouches to jump
+    step = 0.01  # [-] of it
+    height = float(standing[0])
+    tallest = height
+    fastest = 0.0
+    for direction in (1.0, -1.0):
+        legs = StandingLegs(kinematics, feet, places, rotation, standing[1:], ranges)
+        level = height
+        while level >= deepest * height and legs.carry(level):
+            tallest = max(tallest, level)
+            fastest = max(fastest, legs.speed(rates))
+            level += direction * step * height
+    return LegReach(tallest, fastest)
+
+
+class StandingLegs:
+    """A robot whose feet stand, in a configuration that follows the height of its centre of mass."""
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        feet: Sequence[Foot],
+        places: Mapping[str, Array],
+        rotation: Array,
+        joints: Array,
+        ranges: Array,
+    ) -> None:
+        robot = kinematics.robot
+        self.kinematics = kinematics
+        self.feet = feet
+        self.places = np.concatenate([places[foot.name] for foot in feet])
+        self.q = kinematics.pose(np.zeros(3), rotation, joints)
+        self.q[:3] -= pin.centerOfMass(kinematics.model, kinematics.data, self.q)
+        self.q[2] += self.places[2] - kinematics.point(feet[0].body, feet[0].local)[2]
+        model = kinematics.model
+        in_legs: set[int] = set()
+        for foot in feet:
+            in_legs.update(model.supports[foot.body])
+        self.joints = []
+        numbers = []
+        for index, name in enumerate(robot.joints):
+            number = model.getJointId(name)
+            if number in in_legs:
+                self.joints.append(index)
+                numbers.append(number)
+        self.columns = [0, 1, 2, *(model.joints[number].idx_v for number in numbers)]
+        self.coordinates = [model.joints[number].idx_q for number in numbers]
+        self.ranges = ranges[self.joints]
+
+    def carry(self, height: float) -> bool:
+        """Bring the centre of mass to a height, m, above the origin; return whether the legs reach that far."""
+        close = 1e-4  # [m]
+        longest = 0.2  # [rad, m] of a step of Newton's method
+        model = self.kinematics.model
+        required = np.concatenate(([0.0, 0.0, height], self.places))
+        for _ in range(30):
+            positions, jacobian = self.points()
+            gap = required - positions
+            if np.abs(gap).max() < close:
+                return True
+            change = np.linalg.lstsq(jacobian, gap, rcond=1e-6)[0]
+            motion = np.zeros(model.nv)
+            motion[self.columns] = change * min(1.0, longest / np.abs(change).max())
+            self.q = pin.integrate(model, self.q, motion)
+            self.q[self.coordinates] = np.clip(self.q[self.coordinates], *self.ranges.T)
+        return False
+
+    def speed(self, rates: Array) -> float:
+        """How fast the legs lift the centre of mass here, m/s, with joints (n,) as fast as they may be, rad/s."""
+        _, jacobian = self.points()
+        upwards = np.zeros(len(jacobian))
+        upwards[2] = 1.0
+        shares = np.abs(np.linalg.lstsq(jacobian, upwards, rcond=1e-6)[0][3:])
+        return float((rates[self.joints] / np.maximum(shares, 1e-9)).min())
+
+    def points(self) -> tuple[Array, Array]:
+        """The centre of mass and the feet's points (3+3F,), m, and their derivatives by the base and the legs."""
+        model = self.kinematics.model
+        data = self.kinematics.data
+        pin.forwardKinematics(model, data, self.q)
+        pin.computeJointJacobians(model, data, self.q)
+        rows = [pin.jacobianCenterOfMass(model, data, self.q)]
+        positions = [data.com[0].copy()]
+        for foot in self.feet:
+            of_joint = pin.getJointJacobian(model, data, foot.body, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            arm = data.oMi[foot.body].rotation @ np.array(foot.local)
+            rows.append(of_joint[:3] - pin.skew(arm) @ of_joint[3:])
+            positions.append(self.kinematics.point(foot.body, foot.local))
+        return np.concatenate(positions), np.vstack(rows)[:, self.columns]

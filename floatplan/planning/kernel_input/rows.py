@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise, product
 from typing import Any, Protocol, TypeAlias
 
@@ -222,7 +222,7 @@ class PlanarRows(KernelRows):
         self.node_counts = NODE_COUNTS
         self.settings = CONSTRAINED_SETTINGS if blocks else SETTINGS
         self.rules = EXCHANGE
-        self.nodes = nodes_of_levels
+        self.nodes = partial(nodes_of_levels, has_rows=bool(blocks))
         self.own_bodies = unscaled_bodies(tree)
         self.path: Array = np.full(5, np.nan)
         if flight:
@@ -268,8 +268,11 @@ def _distances(block: DistanceRows, shapes: Shapes, obstacles: list[list[float]]
 
 
 @lru_cache(maxsize=32)
-def nodes_of_levels(form: Form) -> StructArray:
-    """Return the nodes of all levels in a plane, for motions of a form."""
+def nodes_of_levels(form: Form, has_rows: bool) -> StructArray:
+    """Return the nodes of all levels in a plane, for motions of a form; integrals to any instant only for rows.
+
+    Without rows only the landing counts, and the integrals of all levels take longer than many a search.
+    """
     levels = []
     for count in NODE_COUNTS:
         rule = gauss_legendre(count)
@@ -283,8 +286,8 @@ def nodes_of_levels(form: Form) -> StructArray:
             value=doubles(value.T),
             first=doubles(first.T),
             second=doubles(second.T),
-            integrals=doubles(rule.integrals(rule.nodes).T),
-            antiderivative=doubles(rule.antiderivative),
+            integrals=doubles(rule.integrals(rule.nodes).T) if has_rows else None,
+            antiderivative=doubles(rule.antiderivative) if has_rows else None,
         )
         levels.append(nodes)
     return StructArray(levels)
