@@ -90,7 +90,7 @@ FIGURES = {
     "foot_speed": Figure(
         "feet that stand move at {:z.2g} m/s",
         "speed of feet that stand, m/s; where they roll, of points on the ground",
-        0.02,
+        0.005,
     ),
     "derivative": Figure(
         "rates and differences of places differ by {:z.2g}", "disagreement of positions, rates and accelerations", 1e-3
