@@ -38,7 +38,7 @@ class NodeMargins:
     clearance : in addition to the requested clearance, m
     range : from the ends of joint ranges, rad
     reserve : in addition to margins of obstacles and links, m
-    pressed : least vertical force over the weight, where more than one contact stands
+    pressed : least vertical force over the weight, where more than one contact stands; in space of all that stand
     rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
@@ -83,6 +83,10 @@ class NodeMargins:
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
         too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
         too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
+        # Where feet bear next to nothing, small differences between nodes take them out of their friction cones, which
+        # then have no forces that are in balance.
+        is_out_of_balance = figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request)
+        lightness = 0.05 if is_out_of_balance else 0.0  # [-] of the weight, which jumps in a plane begin with
         return replace(
             self,
             torque=torque,
@@ -93,7 +97,7 @@ class NodeMargins:
             reserve=self.reserve - too_near,
             lift=self.lift + 1.5 * too_deep,
             dip=max(0.0, self.dip - 1.5 * too_deep),
-            pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
+            pressed=max(self.pressed, lightness) + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )
 

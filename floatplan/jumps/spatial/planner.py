@@ -27,7 +27,8 @@ from floatplan.jumps.spatial.standing import shank_points
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
-MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85)  # of the first program; then as its check demands
+# Of the first program; then as its check demands. Most jumps hold with feet that bear nothing for a while.
+MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85, pressed=0.0)
 
 
 @dataclass(frozen=True, eq=False)

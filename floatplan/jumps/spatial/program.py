@@ -416,7 +416,7 @@ class SpatialProgram:
                 low[begin + n + BASE : begin + 2 * n] = -bounds.velocity
                 high[begin + n + BASE : begin + 2 * n] = bounds.velocity
             forces = np.arange(begin + 3 * n, self.begins[node + 1])
-            low[forces[2::3]] = 0.0
+            low[forces[2::3]] = bounds.pressed
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high
