@@ -76,17 +76,17 @@ class NodeMargins:
 
         torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
         friction = share("friction", self.friction)
-        if figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
+        # In space forces stay inside their cones, and where these have none that are in balance, the rest is left over.
+        is_out_of_balance = figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request)
+        if is_out_of_balance or figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
             friction *= 0.85  # where forces leave the cone between nodes
+        # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
+        lightness = 0.05 if is_out_of_balance else 0.0
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
         too_deep = max(0.0, FIGURES["feet"].limit_of(request) - figures.get("feet", 0.0))
         too_near = min(figures.get("obstacles", 0.0), figures.get("self_distance", 0.0), 0.0)
-        # Where feet bear next to nothing, small differences between nodes take them out of their friction cones, which
-        # then have no forces that are in balance.
-        is_out_of_balance = figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request)
-        lightness = 0.05 if is_out_of_balance else 0.0  # [-] of the weight, which jumps in a plane begin with
         return replace(
             self,
             torque=torque,
