@@ -90,7 +90,6 @@ def world(robot: fp.Robot, clip: Clip, reduced: ReducedModel, sample: Sample) ->
     parts = MujocoSpec(robot, reduced, sample, free=True)
     spec = parts.spec
     spec.option.timestep = 1.0 / (RATE * STEPS)
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_LIMIT
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     floor = {"type": geoms.mjGEOM_PLANE, "size": [0, 0, 1], "contype": 1, "friction": [FRICTION, 0, 0]}
@@ -137,7 +136,7 @@ def lands_upright(clip: Clip, wanted: Followed, run: int) -> bool:
         torques = np.clip(wanted.torques[k] + feedback, -limits, limits)
         simulated.data.qfrc_applied[simulated.velocities] = torques
         for _ in range(STEPS):
-            simulated.mujoco.mj_step(simulated.model, simulated.data)
+            simulated.step()
     if not np.isfinite(simulated.data.qpos).all():
         return False
     now, _ = simulated.reduced_state(simulated.data.qpos, simulated.data.qvel)

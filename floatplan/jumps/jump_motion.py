@@ -238,9 +238,10 @@ class JumpMotion(MotionInFile):
     @property
     def step(self) -> GroundStep | None:
         """Of the ground, where takeoff and landing are on grounds of different heights."""
-        if not self.before:
+        if not self.stances:
             return None
-        return GroundStep.of(self.request, self.problem.takeoff.position, self.before[-1].ground)
+        left = self.before[-1].ground if self.before else self.after[0].ground - self.request.rise
+        return GroundStep.of(self.request, self.problem.takeoff.position, left)
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
@@ -271,8 +272,9 @@ class JumpMotion(MotionInFile):
     @property
     def ground(self) -> float:
         """Height of the ground, the lower one where there is a step, m."""
-        grounds: list[float] = [stance.ground for stance in self.stances]
-        return min(grounds)
+        if self.step is not None:
+            return self.step.low
+        return float(self.stances[0].ground)
 
     @cached_property
     def height(self) -> float:

@@ -51,8 +51,9 @@ class JumpSide(Keyed):
     Parameters
     ----------
     contacts : sequence of sequences of str, optional
-        A sole's frame is its heel and toe, ``FRAME.toe`` its toe only. A foot that has left does not return. Left out
-        before takeoff: all feet, and those on the side to which it turns; after landing: those of takeoff, in reverse.
+        A sole's frame is its heel and toe, ``FRAME.toe`` in a plane its toe only. A foot that has left does not return.
+        Left out before takeoff: all feet, and those on the side to which it turns; after landing: in a plane those of
+        takeoff in reverse, in space first those that are lower when it lands.
     durations : sequence of pairs, s, optional
         Of each phase: least and largest.
     height : float, m, optional
@@ -327,6 +328,9 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
                     yield InputError(
                         f"the robot has no frame {frame!r}", element=element, advice="name a link or a joint"
                     )
+                elif not is_planar and frame not in frames:
+                    reason = f"{frame!r} is one end of a sole, and in space soles stand as a whole"
+                    yield InputError(reason, element=element, advice=f"name {frame_name!r}")
     by_joint = {
         "takeoff.from": jump.takeoff.from_,
         "takeoff.velocities": jump.takeoff.velocities,

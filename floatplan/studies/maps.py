@@ -54,6 +54,7 @@ class HeatMap:
     colour : (Y, X), NaN where there is no plan or no value
     status : (Y, X), index into the keys of ``STATUS_LOOKS``; -1 where there is no row
     label : of the colour; "status" where the map shows that
+    values : (X,), (Y,) of a grid's cells; None on axes that are not of a grid
     """
 
     x: tuple[str, Array]
@@ -62,6 +63,7 @@ class HeatMap:
     status: IntArray
     label: str
     title: str = ""
+    values: tuple[Array | None, Array | None] = (None, None)
 
 
 def heatmap(shown: HeatMap) -> Figure:
@@ -97,6 +99,9 @@ def heatmap(shown: HeatMap) -> Figure:
         image = axes.pcolorfast(shown.x[1], shown.y[1], cells)
         image.set(interpolation="none")
         axes.set(xlabel=shown.x[0], ylabel=shown.y[0])
+        for axis, values in zip((axes.xaxis, axes.yaxis), shown.values, strict=True):
+            if values is not None and len(values) <= 8:  # so few that each can be written next to its cells
+                axis.set_ticks(values, list(map("{:.4g}".format, values)))
         if shown.title:
             axes.set_title(fill(shown.title, 70), fontsize=8)
         patches = [Patch(color=colour, label=description) for _, colour, description in present]
@@ -107,14 +112,19 @@ def heatmap(shown: HeatMap) -> Figure:
         return figure
 
 
+def _grid_values(study: StudyFile, axis: Axis) -> Array | None:
+    """Return the values of a grid's axis, ascending; None where samples are not on a grid."""
+    return np.unique(axis.values) if study.samples.kind == "grid" else None
+
+
 def _edges(study: StudyFile, axis: Axis) -> Array:
     """Edges of a key's cells: around the values of a grid, even ones elsewhere."""
-    if study.samples.kind != "grid":
+    values = _grid_values(study, axis)
+    if values is None:
         bins = int(np.clip(np.sqrt(len(study) / 2.5), 1, 160))  # 2.5 rows in a cell, on average
         low = float(axis.values[0])
         high = float(axis.values[-1])
         return np.linspace(low, high if high > low else low + 1, bins + 1)
-    values = np.unique(axis.values)
     if len(values) == 1:
         return np.array([values[0] - 0.5, values[0] + 0.5])
     middles = (values[:-1] + values[1:]) / 2
@@ -151,7 +161,8 @@ def study_map(study: StudyFile, table: Any, x: str, y: str, z: str) -> HeatMap:
     title = f"best over {', '.join(others)}" if others else ""
     across = (_label(x, units), edges_x)
     up = (_label(y, units), edges_y)
-    return HeatMap(across, up, colour, shown, _label(z, units), title)
+    of_cells = (_grid_values(study, axes[x]), _grid_values(study, axes[y]))
+    return HeatMap(across, up, colour, shown, _label(z, units), title, of_cells)
 
 
 def _cells(edges: Array, values: Array) -> IntArray:

@@ -12,7 +12,9 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.jumps.check import check_jump
 from floatplan.jumps.spatial.coordinates import rotations_about
+from floatplan.jumps.spatial.geometry import SpatialGeometry
 from floatplan.jumps.spatial.guess import guess
+from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.setup import spatial_setup
 from floatplan.jumps.spatial.standing import Kinematics
 from floatplan.motion.spatial.rotations import of_quaternions
@@ -22,7 +24,6 @@ from floatplan.simulation.contact.model import contact_spec
 from floatplan.simulation.contact.tracked_motion import tracked_jump
 from floatplan.simulation.perturbation import Perturbation
 from floatplan.view import outlines
-from floatplan.view.solids import CAMERA
 
 HEIGHT = 0.2  # m, of the box
 
@@ -142,6 +143,40 @@ def test_a_flight_that_lands_on_another_ground_is_refused(height):
         spatial_setup(other, problem().jump)
 
 
+def test_a_robot_that_lands_rotated_stands_on_level_ground():
+    """On a box its links are as far from the ground as on the floor: the floor below the box does not count."""
+    jump = jumps.roll()
+    landed = jump.state_of(jump.after[0].at(np.array([jump.after[0].span[0]])))
+    everywhere = GroundStep(edge=-9.0, low=jump.ground - HEIGHT, high=jump.ground, inwards=1)
+    floor, box = (SpatialGeometry(jump.robot, jump.after[0].contacts, step) for step in (None, everywhere))
+    heights = list(floor.rotated_heights(landed, 0.07))
+    assert min(heights) > 0.0
+    assert list(box.rotated_heights(landed, 0.07)) == pytest.approx(heights)
+    poses = floor.locate(landed)
+    of_box = dict(box.lowest(poses))
+    for link, height in floor.lowest(poses):
+        assert of_box[link] == pytest.approx(height - HEIGHT)
+
+
+def test_the_ground_of_a_landing_without_its_takeoff_is_the_one_that_it_lands_on():
+    jump = jumps.roll()
+    upwards = request(0.1, (0.7, 0.0), HEIGHT)
+    motion = SpatialJumpMotion(jump.problem, upwards, None, (), jump.after)
+    assert (motion.step.low, motion.step.high) == pytest.approx((jump.ground - HEIGHT, jump.ground))
+    assert motion.ground == motion.step.low
+
+
+def test_labels_name_the_phase_in_which_a_foot_stands():
+    """On the border of takeoff and flight feet still stand, with those that leave on the border of two phases."""
+    program = setup_of().program(jumps.COARSE)
+    by_phase = {phase.name: {foot.name for foot in phase.feet} for phase in program.phases}
+    positions = {label for label in program.assembly.labels if label.startswith("position of ")}
+    assert positions
+    for label in positions:
+        foot, where = label.removeprefix("position of ").rstrip(")").split(" (")
+        assert foot in by_phase[where]
+
+
 def test_rows_keep_capsules_out_of_the_box():
     """They are within the smoothing of what the box's faces leave of capsules that are placed by Pinocchio."""
     setup = setup_of()
@@ -157,8 +192,8 @@ def test_rows_keep_capsules_out_of_the_box():
     q = kinematics.pose(np.zeros(3), rotations_about(setup.axes, y[3:6, None])[0], y[6:])
     shift = y[:3] - pin.centerOfMass(kinematics.model, kinematics.data, q)
     is_of_edge = np.char.startswith(labels, "distance of") & np.char.endswith(labels, "edge of the ground (flight)")
-    nodes = program.phases[program.flight].intervals  # from takeoff on, and before the landing
-    own = values[is_of_edge].reshape(nodes, -1)[4]
+    nodes = program.phases[program.flight].intervals - 1  # between takeoff and landing
+    own = values[is_of_edge].reshape(nodes, -1)[3]
     names = labels[is_of_edge].reshape(nodes, -1)[4]
     capsules = [capsule for capsule in robot.solid_capsules if capsule.radius or (capsule.start != capsule.end).any()]
     step = setup.step
@@ -218,7 +253,7 @@ def test_pictures_have_a_platform_with_shadows_on_it():
     assert outlines.ground_step(jump) is None
     assert outlines.platform(level) is None
     own, other = (outlines.postures(each, np.zeros(1)).shadows for each in (jump, level))
-    assert (own - other).imag == pytest.approx(HEIGHT * CAMERA.up[2])
+    assert own == pytest.approx(other, abs=1e-12)  # on the platform, not on the ground below it
 
 
 @pytest.mark.long

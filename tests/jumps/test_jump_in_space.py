@@ -547,6 +547,13 @@ def test_goals_that_are_not_level_are_refused(problem, angles, axes, words):
     assert error.value.element == "goal.orientation"
 
 
+def test_the_toe_of_a_sole_alone_is_for_jumps_in_a_plane(root):
+    humanoid = fp.load_problem(root / "problems" / "jumps" / "space" / "g1_quarter_turn.toml")
+    toe = sides([("left_ankle_roll_link.toe", "right_ankle_roll_link")])
+    with pytest.raises(fp.InputError, match=r"left_ankle_roll_link.toe' is one end of a sole, and in space"):
+        replace(humanoid, jump=replace(humanoid.jump, **toe))
+
+
 def test_a_displacement_is_for_jumps_in_space(root):
     planar = fp.load_problem(root / "problems" / "jumps" / "go2.toml")
     with pytest.raises(fp.InputError, match="is for jumps in space"):

@@ -62,6 +62,9 @@ def test_what_was_not_found_is_never_drawn_as_impossible(study_file):
     assert len({colour for colour, _ in STATUS_LOOKS.values()}) == len(STATUSES)
     assert tuple(STATUS_LOOKS) == STATUSES
     figure = heatmap(shown)
+    values = [study_axis.values for study_axis in asked.samples.axes if study_axis.path == "flight.duration"]
+    written = [float(label.get_text()) for label in figure.axes[0].get_yticklabels()]
+    np.testing.assert_allclose(written, np.unique(values), rtol=1e-3)
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert [label.split(":")[0] for label in labels] == ["not found", "impossible", "error"]
     (image,) = figure.axes[0].images

@@ -45,9 +45,12 @@ class SpatialGeometry:
 
         Where the ground has a step, points over the higher one count by so much less.
         """
+        return self._lowest(located, self.step)
+
+    def _lowest(self, located: BodyPoses, step: GroundStep | None) -> Iterator[tuple[str, Array]]:
         heights: dict[str, Array] = {}
         for solid in self.robot.solids:
-            own = located.lowest(solid) if self.step is None else _over_step(located, solid, self.step)
+            own = located.lowest(solid) if step is None else _over_step(located, solid, step)
             heights[solid.link] = np.minimum(heights[solid.link], own) if solid.link in heights else own
         yield from heights.items()
 
@@ -64,7 +67,8 @@ class SpatialGeometry:
     def rotated_heights(self, state: FlightState, error: float) -> Iterator[float]:
         """Least heights over the ground of all but feet, m, of a robot that is rotated on its feet.
 
-        It is rotated about either horizontal axis and either way.
+        It is rotated about either horizontal axis and either way. The ground is level, as high as its lowest foot is:
+        a step is not turned with the robot.
         """
         poses = self.locate(state)
         links = self.links_of(self.contacts)
@@ -76,7 +80,7 @@ class SpatialGeometry:
                 position = rotated.points(foot.body, np.array([foot.local]))
                 grounds.append(position[:, 0, 2] - foot.depth)
             ground = np.min(grounds, axis=0)
-            for link, heights in self.lowest(rotated):
+            for link, heights in self._lowest(rotated, None):
                 if link not in links:
                     yield float((heights - ground).min())
 

@@ -51,6 +51,12 @@ def is_one_sole(feet: Sequence[Foot]) -> bool:
     return len({foot.frame for foot in feet}) == 1 and len(feet) == len(Foot.of_soles)
 
 
+def with_more_feet(before: SpatialPhase, after: SpatialPhase) -> SpatialPhase:
+    """Return that of two phases in a row in which more feet stand; all of them do on the border too."""
+    arrives = after.side == "landing" or set(before.feet) < set(after.feet)
+    return after if arrives else before
+
+
 def side_phases(
     side: Side,
     groups: Sequence[tuple[Foot, ...]],

@@ -31,7 +31,7 @@ from floatplan.jumps.spatial.nodes import (
     lifted_share,
     torque_rows,
 )
-from floatplan.jumps.spatial.phases import SpatialPhase
+from floatplan.jumps.spatial.phases import SpatialPhase, with_more_feet
 from floatplan.jumps.spatial.pieces import Assembly, Expression, Piece
 from floatplan.jumps.spatial.standing import ClearancePoint, Foot
 from floatplan.problem.ground_step import GroundStep
@@ -93,7 +93,6 @@ class SpatialProgram:
 
     def _kind(self, node: int) -> NodeKind:
         """What holds at a node."""
-        border = np.flatnonzero(self.borders == node)
         if node in (0, self.nodes - 1):
             end = 0 if node == 0 else -1
             phase = self.phases[end]
@@ -101,15 +100,19 @@ class SpatialProgram:
             bearing = () if self.ends.flies[end] else phase.feet
             tracking = phase.feet if fixed < 3 else ()
             return NodeKind(phase.side, tracking, bearing, self._damping_signs(node, tracking), fixed)
-        if not len(border):
-            phase = self.phases[self.phase_of[node]]
-            return NodeKind(phase.side, phase.feet, phase.feet, self._damping_signs(node, phase.feet))
-        before = self.phases[int(border[0]) - 1]
-        after = self.phases[int(border[0])]
-        bearing = tuple(foot for foot in before.feet if foot in after.feet)
-        arrives = after.side == "landing" or set(before.feet) < set(after.feet)
-        phase = after if arrives else before
+        phase = self._standing_phase(node)
+        bearing = phase.feet
+        if node in self.borders:
+            after = self.phases[self.phase_of[node]]
+            bearing = tuple(foot for foot in self.phases[self.phase_of[node] - 1].feet if foot in after.feet)
         return NodeKind(phase.side, phase.feet, bearing, self._damping_signs(node, phase.feet))
+
+    def _standing_phase(self, node: int) -> SpatialPhase:
+        """The phase whose feet stand at a node: on the border of two that which has more of them."""
+        index = int(self.phase_of[node])
+        if node in self.borders[1:-1]:
+            return with_more_feet(self.phases[index - 1], self.phases[index])
+        return self.phases[index]
 
     def _damping_signs(self, node: int, feet: Sequence[Foot]) -> tuple[int, ...]:
         """What brings back the drift of each foot at a node; see :class:`NodeKind`.
@@ -207,7 +210,7 @@ class SpatialProgram:
             last = self.begins[self.nodes - 1]
             indices = np.vstack((indices, np.tile([[last], [last + 1]], len(nodes))))
         everything = [*rows, *height_rows]
-        where = self.phases[self.phase_of[nodes[0]]].name
+        where = self._standing_phase(nodes[0]).name
         expression = Expression(
             variables=ca.vertcat(*variables),
             parameters=numbers,

@@ -227,6 +227,7 @@ def _completed(setup: SpatialSetup, program: SpatialProgram, solution: SpatialSo
         stances = exact_stances(program, moved, mechanics, setup.phases[0].side, ends, begin)
     except (NoExactStanceError, np.linalg.LinAlgError) as error:
         return StanceResult((), {}, (f"between the program's nodes there is no stance: {error}",))
-    figures = stance_figures(SpatialJumpMotion(setup.problem, setup.request, None, tuple(stances)))
+    sides = (tuple(stances), ()) if setup.phases[0].side == "takeoff" else ((), tuple(stances))
+    figures = stance_figures(SpatialJumpMotion(setup.problem, setup.request, None, *sides))
     failing, _ = sentences_on(setup.request, figures, unlimited_figures(setup.problem))
     return StanceResult(tuple(stances), figures, tuple(", ".join(words) for words in failing))

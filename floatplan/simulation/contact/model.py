@@ -113,7 +113,7 @@ class ContactRobot:
         data = self.data
         data.qfrc_applied[self.mujoco_robot.velocities] = torques
         for _ in range(round(duration / STEP)):
-            self.mujoco_robot.mujoco.mj_step(self.model, data)
+            self.mujoco_robot.step()
             pairs = data.contact.geom
             content = pairs.tobytes()
             if content != self._pairs:  # mostly they are those of the step before
@@ -206,7 +206,6 @@ def contact_spec(tracked: TrackedMotion, friction: float, sample: Sample) -> Muj
     mujoco_spec = MujocoSpec(robot, reduced, sample, free=True)
     spec = mujoco_spec.spec
     spec.option.timestep = STEP
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     # Contacts and stops are on here, which MujocoSpec turns off.
     spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
