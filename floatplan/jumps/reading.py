@@ -55,7 +55,7 @@ STANCE = KeyedTable(
 )
 FOOT = KeyedTable(
     {"frame": text, "depth": number(Range(0.0, 10.0, "m"))},
-    {"suffix": one_of(*Foot.of_soles), "point": TRIPLE},
+    {"suffix": one_of(*Foot.of_soles), "point": TRIPLE, "rolls": flag},
     UNKNOWN,
 )
 STANCE_IN_SPACE = KeyedTable(
@@ -146,7 +146,7 @@ def _read(content: Mapping[str, Any], path: Path, urdf: str | Path | None) -> Ju
         status=content["status"],
         explanation=content["explanation"],
     )
-    for contact in [] if is_spatial else jump.contacts:
+    for contact in jump.contacts:
         if request.feet != "auto" and (contact.radius > 0) != (request.feet == "rolling"):
             raise InputError(f"do not fit problem.jump.feet, {request.feet!r}", element="stances")
     if (flight is None) == all(sides.values()):
@@ -218,10 +218,14 @@ def read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: float
         if bool(suffix) != ("point" in table_of_foot):
             reason = "names a point of a sole by suffix and point, or by neither"
             raise InputError(reason, element=f"{element}.contacts[{index}]")
+        rolls = table_of_foot.get("rolls") is True
         if suffix:
             local = np.array(table_of_foot["point"])
+            if rolls:
+                raise InputError("a sole does not roll", element=f"{element}.contacts[{index}].rolls")
         x, y, z = local.tolist()
-        feet.append(Foot(frame, body, (x, y, z), float(table_of_foot["depth"]), suffix))
+        depth = float(table_of_foot["depth"])
+        feet.append(Foot(frame, body, (x, y, z), depth, suffix, radius=depth if rolls else 0.0))
     if len(feet) < 2:
         raise InputError("must name two feet at least", element=f"{element}.contacts")
     times = _times(content, element)

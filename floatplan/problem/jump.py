@@ -208,9 +208,9 @@ class JumpRequest(Keyed):
     landing : JumpLanding
         What stands after it.
     feet : str
-        "auto": feet whose outlines are circles about their frames roll on the ground without slipping, others rotate
-        about their frames' origins, where the ground's forces act; "rolling": all have to be such circles; "points", or
-        "point": none rolls.
+        "auto": in a plane feet whose outlines are circles about their frames roll on the ground without slipping,
+        others rotate about their frames' origins, where the ground's forces act, and so do all in space; "rolling": all
+        have to be such circles, in space balls; "points", or "point": none rolls.
     objective : "torque" or "limits"
         What is least: "torque" is the integral of squared torques, in space the sum over nodes, without the times
         between, of squared shares of the motors' limits; "limits", in a plane, the largest share of what the margins

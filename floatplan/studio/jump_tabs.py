@@ -36,9 +36,9 @@ class JumpTab:
             inputs.slider(f"{name}, %", (f"jump.margin.{name}",), ENDS.least_margin, 1.0, 0.01, hint)
         hint = "Height that what does not stand keeps above the ground."
         inputs.slider("clearance, mm", ("jump.clearance",), 0.0, ENDS.clearance, 1e-3, hint)
-        if problem.robot.base == "free-flyer":  # there is one objective, and feet are points
-            return
-        for key in ("objective", "feet"):
+        # A free flyer's jumps have one objective.
+        keys = ("feet",) if problem.robot.base == "free-flyer" else ("objective", "feet")
+        for key in keys:
             words = [word for word in get_args(JumpRequest.hints[key]) if word != "point"]  # it has "points"
             inputs.choice(key, words, partial(_of_jump, key), partial(_jump_edit, key))
 

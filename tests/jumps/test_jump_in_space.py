@@ -522,7 +522,6 @@ def sides(takeoff, landing=(ALL,)):
         (sides([ALL[:3]], [ALL[:3]]), "jump.takeoff.contacts", "'RR_foot' is on the ground too"),
         (sides([ALL], [("FL_hip", *ALL)]), "jump.landing.contacts", "'FL_hip' is not among what stands at first"),
         ({"objective": "limits"}, "jump.objective", "is for jumps in a plane"),
-        ({"feet": "rolling"}, "jump.feet", "is for jumps in a plane"),
         ({"fixed": ("goal",)}, "jump.fixed", "is for jumps in a plane"),
     ],
 )

@@ -1,9 +1,9 @@
-"""Jumps in space: rolls, twists and turns, from standing to standing, on feet that are points.
+"""Jumps in space: rolls, twists and turns, from standing to standing, on feet that are points, or balls that roll.
 
 In order of reading: standing, phases and setup say what stands where; model, nodes, pieces and program are the program,
-guess is where it begins; coordinates, exact, pendulum and stance make motions of a solution; geometry and jump_motion
-are what the check judges; planner calls them; stance_search is one stance by itself, for launches and clips;
-conflicts says what binds; jump is the result.
+guess is where it begins; coordinates, exact, pendulum and stance make motions of a solution; geometry and
+jump_motion are what the check judges; planner calls them; stance_search is one stance by itself, for launches and
+clips; conflicts says what binds; jump is the result.
 
 Glossary
 --------

@@ -35,12 +35,19 @@ def turned(axes: str, motion: Array) -> tuple[Array, Array, Array]:
     for letter, angle, angle_rate, acceleration in zip(axes, *motion, strict=True):
         local = np.eye(3)["xyz".index(letter)]
         axis = rotation @ local
-        rate_change = rate_change + axis * acceleration[:, None] + np.cross(rate, axis) * angle_rate[:, None]
+        rate_change = rate_change + axis * acceleration[:, None] + _cross(rate, axis) * angle_rate[:, None]
         rate = rate + axis * angle_rate[:, None]
         cross = skew(local)
         own = np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
         rotation = rotation @ own
     return np.asarray(rotation), rate, rate_change
+
+
+def _cross(first: Array, second: Array) -> Array:
+    """Cross products (N, 3) of rows: of few rows NumPy's own takes twice as long, to the same bits."""
+    onwards = [1, 2, 0]
+    back = [2, 0, 1]
+    return np.asarray(first[:, onwards] * second[:, back] - first[:, back] * second[:, onwards])
 
 
 def angles_of(axes: str, rotations: Array, rates: Array, rate_changes: Array, near: Array) -> Array:
@@ -80,6 +87,13 @@ def best_axes(attitudes: Array) -> str:
     return min(orders, key=lambda axes: float(np.abs(unwrapped_angles(axes, attitudes)[:, 1]).max()))
 
 
+def of_contact(jacobian: Array, radius: float) -> Array:
+    """Jacobian (3, k) of a ball's lowest point, from that of its centre (6, k), linear and angular, in the world."""
+    if not radius:
+        return np.asarray(jacobian[:3])
+    return np.asarray(jacobian[:3] + radius * skew([0.0, 0.0, 1.0]) @ jacobian[3:])
+
+
 class Mechanics:
     """A robot's places, velocities and forces at single instants, by Pinocchio, with gravity.
 
@@ -88,6 +102,9 @@ class Mechanics:
     robot : Robot
     axes : of the base's angles
     model : pinocchio.Model, the robot's with gravity and a frame for each foot
+    frames : of the feet, by their names: numbers in the model
+    radii : of the feet, by their names: of the balls that roll, m; 0 of feet that do not
+    legs : of the feet, by their names: indices of the planned joints that carry them
     """
 
     def __init__(self, robot: Robot, axes: str, gravity: float, feet: Sequence[Foot]) -> None:
@@ -102,6 +119,7 @@ class Mechanics:
                 placement = pin.SE3(np.eye(3), np.array(foot.local))
                 frame = pin.Frame(f"contact of {foot.name}", foot.body, 0, placement, pin.FrameType.OP_FRAME)
                 self.frames[foot.name] = self.model.addFrame(frame)
+        self.radii = {foot.name: foot.radius for foot in feet}
         self.data = self.model.createData()
         self.legs = {foot.name: tuple(self._leg(foot)) for foot in feet}
 
@@ -124,7 +142,7 @@ class Mechanics:
         back = rotation.transpose(0, 2, 1)
         linear = np.einsum("nij,nj->ni", back, base[1])
         angular = np.einsum("nij,nj->ni", back, rate)
-        linear_change = np.einsum("nij,nj->ni", back, base[2]) - np.cross(angular, linear)
+        linear_change = np.einsum("nij,nj->ni", back, base[2]) - _cross(angular, linear)
         angular_change = np.einsum("nij,nj->ni", back, rate_change)
         quaternions = np.array([pin.Quaternion(one).coeffs() for one in rotation])
         q = np.hstack((base[0], quaternions, robot.reference[BASE + 1 :] + joints[0]))
@@ -181,8 +199,13 @@ class Mechanics:
         moved[:, :3] -= centres
         return moved
 
-    def feet(self, motion: Array, frames: Sequence[str]) -> tuple[Array, Array]:
-        """Places of feet with two derivatives (3, N, F, 3), and Jacobians by planned joints (N, F, 3, n)."""
+    def feet(self, motion: Array, frames: Sequence[str], order: int = 0) -> tuple[Array, Array]:
+        """Places of feet with two derivatives (3, N, F, 3), and Jacobians by planned joints (N, F, 3, n).
+
+        Of feet that roll, balls of radius r about C, they are C and what of its motion is no rolling,
+        ``C' - w x r e_z`` and ``C'' - w' x r e_z``. The Jacobians are of the derivative of this ``order``: of the
+        position for 0; else of its velocity by rates, which of balls is that of their lowest points.
+        """
         count = motion.shape[2]
         places = np.empty((3, count, len(frames), 3))
         jacobians = np.empty((count, len(frames), 3, self.robot.selection.shape[1]))
@@ -197,12 +220,21 @@ class Mechanics:
                 places[1, index, column] = pin.getFrameVelocity(self.model, self.data, number, aligned).linear
                 acceleration = pin.getFrameClassicalAcceleration(self.model, self.data, number, aligned)
                 places[2, index, column] = acceleration.linear
-                jacobian = pin.getFrameJacobian(self.model, self.data, number, aligned)[:3]
-                jacobians[index, column] = jacobian @ self.robot.selection
+                jacobian = pin.getFrameJacobian(self.model, self.data, number, aligned)
+                radius = self.radii[frame]
+                if radius:
+                    above = np.array([0.0, 0.0, radius])
+                    places[1, index, column] -= np.cross(jacobian[3:] @ v, above)
+                    places[2, index, column] -= np.cross(acceleration.angular, above)
+                of_order = of_contact(jacobian, radius) if order else jacobian[:3]
+                jacobians[index, column] = of_order @ self.robot.selection
         return places, jacobians
 
     def close(self, motion: Array, places: dict[str, Array]) -> Array:
-        """The motion with legs whose feet stand at places (3,), with the least changes of their joints."""
+        """The motion with legs whose feet stand at places (3,), with the least changes of their joints.
+
+        Of feet that roll they are places of the centres, which such feet have at single instants.
+        """
         frames = list(places)
         targets = np.array([places[frame] for frame in frames])
         closed = motion.copy()
@@ -214,19 +246,19 @@ class Mechanics:
             self._step(closed[0], frames, jacobians, gaps)
             if np.abs(gaps).max() < 1e-12:
                 break
-        self._still(closed, frames, 1)
-        self._still(closed, frames, 2)
+        self.hold(closed, frames, 1)
+        self.hold(closed, frames, 2)
         return closed
 
     def unaccelerated(self, motion: Array, frames: Sequence[str]) -> Array:
         """The motion with legs whose feet, which do not move, have no acceleration."""
         still = motion.copy()
-        self._still(still, frames, 2)
+        self.hold(still, frames, 2)
         return still
 
-    def _still(self, motion: Array, frames: Sequence[str], order: int) -> None:
-        """Change the derivative of an order of a motion's joints, 1 or 2, so that its feet do not have it."""
-        now, jacobians = self.feet(motion, frames)
+    def hold(self, motion: Array, frames: Sequence[str], order: int) -> None:
+        """Change the derivative of an order of a motion's joints, 1 or 2, so that its feet do not have it, but roll."""
+        now, jacobians = self.feet(motion, frames, order)
         self._step(motion[order], frames, jacobians, -now[order])
 
     def _step(self, rows: Array, frames: Sequence[str], jacobians: Array, gaps: Array) -> None:

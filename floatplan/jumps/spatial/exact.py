@@ -7,6 +7,10 @@ force: the whole robot is turned about that line by an angle that follows from t
 the flight's end on. On one sole, or on three feet where another phase has more, the program's forces push the base.
 What a phase ends with goes into the next by a quintic that vanishes at its other end, from both ends of a stance to the
 phase in which most feet stand.
+
+Feet that roll are where their legs have brought them: on all feet from where the robot stands
+still towards the flight, on two from the flight's end on. Where both meet, the feet have to be at the same points: a
+fixed point of where they are when the flight begins, or ends, and of the legs whose feet leave or come.
 """
 
 from collections.abc import Callable
@@ -14,13 +18,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from floatplan.arrays import Array
+from floatplan.arrays import Array, IntArray
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic, quintic_spline, refined, values
+from floatplan.jumps.phases import Side
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
-from floatplan.jumps.spatial.pendulum import Line, balanced_about, pushed_from
+from floatplan.jumps.spatial.pendulum import Line, balanced_about, pushed_from, rolled_from
 from floatplan.jumps.spatial.phases import SpatialPhase
 from floatplan.jumps.spatial.program import SpatialProgram
 from floatplan.jumps.spatial.stance import SpatialGrid, SpatialStance
@@ -55,33 +60,52 @@ def feet_places(program: SpatialProgram, solution: SpatialSolution, side: str) -
 
 
 def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> FlightEnds:
-    """Return takeoff and landing of a flight that both stances can meet.
+    """Return takeoff and landing of a flight that both stances can meet, on feet that do not roll."""
+    flight = program.flight
+    takeoff = _takeoff_on(program, solution, mechanics, _standing_places(program, solution, program.phases[flight - 1]))
+    after = _standing_places(program, solution, program.phases[flight + 1])
+    return _landed_on(program, solution, mechanics, takeoff, after)
 
-    The takeoff's pose and rates are the program's; the landing's attitude too, while its height, its rates and the legs
-    that land follow from the parabola, the momentum and the feet, which stand still.
+
+def _takeoff_on(
+    program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, places: dict[str, Array]
+) -> Array:
+    """The motion (3, 6+n, 1) with which feet at places leave: pose and rates of the program, feet that do not slip."""
+    columns = [program.borders[program.flight]]
+    from_program = np.stack((solution.y, solution.v, solution.a))[:, :, columns]
+    return _falling(mechanics, mechanics.close(mechanics.from_centre(from_program), places), places)
+
+
+def _landed_on(
+    program: SpatialProgram,
+    solution: SpatialSolution,
+    mechanics: Mechanics,
+    takeoff: Array,
+    places: dict[str, Array],
+) -> FlightEnds:
+    """The ends of a flight from its takeoff (3, 6+n, 1), which lands with feet at places.
+
+    Its attitude is the program's; its height, its rates and the legs that land follow from the parabola, the momentum
+    and the feet, which do not slip.
     """
     flight = program.flight
     duration = float(solution.durations[flight])
-    columns = [program.borders[flight], program.borders[flight + 1]]
-    from_program = np.stack((solution.y, solution.v, solution.a))[:, :, columns]
-    motion = mechanics.from_centre(from_program)
-    before = _standing_places(program, solution, program.phases[flight - 1])
-    after = _standing_places(program, solution, program.phases[flight + 1])
-    takeoff = mechanics.close(motion[:, :, :1], before)
-    takeoff = _falling(mechanics, takeoff, before)
+    columns = [program.borders[flight + 1]]
+    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, columns])
     centres, momenta = mechanics.centre(takeoff)
     momentum = momenta[:, 0]
     position = centres[0, :, 0]
     velocity = centres[1, :, 0]
     fallen = np.array([0.0, 0.0, mechanics.gravity * duration])
     landing_centre = position + velocity * duration - fallen * duration / 2
-    landing = _placed(mechanics, motion[:, :, 1:], after, landing_centre)
-    landing = _moving(mechanics, landing, after, velocity - fallen, momentum)
-    landing = _falling(mechanics, landing, after)
+    landing = _placed(mechanics, motion, places, landing_centre)
+    landing = _moving(mechanics, landing, places, velocity - fallen, momentum)
+    landing = _falling(mechanics, landing, places)
     return FlightEnds(np.concatenate((takeoff, landing), axis=2), momentum, velocity, duration)
 
 
 def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: SpatialPhase) -> dict[str, Array]:
+    """Where the feet of a phase stand, (3,) m."""
     places = feet_places(program, solution, phase.side)
     return {frame: places[frame] for frame in phase.names}
 
@@ -379,3 +403,170 @@ def _fine_motion(
         nodes = [solution.forces[node].get(foot.name, np.zeros(3)) for node in range(begin, end + 1)]
         shares += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
     return times, mechanics.from_centre(of_program), np.array(shares)
+
+
+@dataclass(frozen=True, eq=False)
+class RollingStances:
+    """The stances of a jump whose feet roll, in order of time, and the flight's ends that they meet."""
+
+    ends: FlightEnds
+    before: tuple[SpatialStance, ...]
+    after: tuple[SpatialStance, ...]
+
+
+def rolling_stances(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> RollingStances:
+    """Return the stances of a solution, exact between its nodes, and the flight between them.
+
+    Raises
+    ------
+    NoExactStanceError
+        There are none.
+    """
+    first, last = stance_ends(program, solution, mechanics).transpose(2, 0, 1)
+
+    def leaving(places: dict[str, Array]) -> Array:
+        return _takeoff_on(program, solution, mechanics, places)
+
+    left, before = _RollingSide(program, solution, mechanics, "takeoff", first).between(leaving)
+    takeoff = leaving(left)
+
+    def landing(places: dict[str, Array]) -> Array:
+        return _landed_on(program, solution, mechanics, takeoff, places).motion[:, :, 1:]
+
+    met, after = _RollingSide(program, solution, mechanics, "landing", last).between(landing)
+    return RollingStances(_landed_on(program, solution, mechanics, takeoff, met), before, after)
+
+
+class _RollingSide:
+    """The phases between where the robot stands still and a flight.
+
+    Attributes
+    ----------
+    standing : (3, 6+n) the motion where it stands still
+    near : end of the phases that is next to the flight, 0 or -1
+    outer : index of the phase that is next to where it stands
+    inner : of the one that is next to the flight; None where one phase is both
+    fine : of each phase, by its index: times, the program's motion and forces between its nodes
+    """
+
+    def __init__(
+        self, program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, side: Side, standing: Array
+    ) -> None:
+        self.program = program
+        self.solution = solution
+        self.mechanics = mechanics
+        self.standing = standing
+        self.near = -1 if side == "takeoff" else 0
+        indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
+        self.outer, *inner = indices if side == "takeoff" else indices[::-1]
+        self.inner = inner[0] if inner else None
+        self.fine = {index: _fine_motion(program, solution, mechanics, index) for index in indices}
+
+    def between(
+        self, end_on: Callable[[dict[str, Array]], Array]
+    ) -> tuple[dict[str, Array], tuple[SpatialStance, ...]]:
+        """Where the feet are, (3,) m, that leave for the flight, or land from it; and the stances that meet it so.
+
+        Parameters
+        ----------
+        end_on : the motion (3, 6+n, 1) with which feet at such places meet the flight
+
+        Raises
+        ------
+        NoExactStanceError
+            There are none.
+        """
+        program = self.program
+        meeting = program.phases[self.outer if self.inner is None else self.inner]
+        names = list(meeting.names)
+        places = self._places_in_program(meeting)
+        others = self._other_joints(meeting)
+        times, _, _ = self.fine[self.outer if self.inner is None else self.inner]
+        scale = ((times[-1] - times[0]) ** np.arange(3))[:, None]
+        bent = np.zeros(self.standing.shape)  # by how much the other legs differ from the program's where feet join
+        tried: list[tuple[Array, Array]] = []
+        for _ in range(30):
+            seam, arrival, motions = self._rolled(names, end_on(dict(zip(names, places, strict=True))), bent)
+            moved = self._centres(arrival, names) - self._centres(seam, names)
+            missing = np.zeros(self.standing.shape)
+            missing[:, others] = (arrival - seam)[:, others]
+            change = np.concatenate((moved.ravel(), (missing * scale).ravel()))
+            if not np.isfinite(change).all():
+                break
+            if np.abs(change).max() < 1e-9:  # m, rad, rad of rates and accelerations over the phase's duration
+                return dict(zip(names, places, strict=True)), self._stances(motions)
+            point = np.concatenate((places.ravel(), (bent * scale).ravel()))
+            tried.append((point, change))
+            point = _mixed(tried)
+            places = point[: places.size].reshape(places.shape)
+            bent = point[places.size :].reshape(bent.shape) / scale
+        raise NoExactStanceError("feet that roll are not where they would have to be when the flight begins or ends")
+
+    def _rolled(self, names: list[str], end: Array, bent: Array) -> tuple[Array, Array, dict[int, Array]]:
+        """Motions (3, 6+n, G) of the phases between the flight's end (3, 6+n, 1) and where the robot stands still.
+
+        Before them the motion (3, 6+n) that the phase next to the flight has where both meet, and that which the
+        outer phase has there.
+        """
+        near = self.near
+        far = -1 - near
+        motions: dict[int, Array] = {}
+        seam = end[:, :, 0]
+        if self.inner is not None:
+            times, motion, _ = self.fine[self.inner]
+            motion = motion + _vanishing(times, seam - motion[:, :, near], near) + _vanishing(times, bent, far)
+            direction = self._turning(names, motion[:, :, motion.shape[2] // 2]) if len(names) == 2 else None
+            motion = rolled_from(self.mechanics, names, times, motion, near, direction)
+            motions[self.inner] = motion
+            seam = motion[:, :, far]
+        times, motion, _ = self.fine[self.outer]
+        motion = motion + _vanishing(times, self.standing - motion[:, :, far], far)
+        motion = motion + _vanishing(times, seam - motion[:, :, near], near)
+        motion = rolled_from(self.mechanics, self.program.phases[self.outer].names, times, motion, far, None)
+        motions[self.outer] = motion
+        return seam, motion[:, :, near], motions
+
+    def _turning(self, names: list[str], motion: Array) -> Array:
+        """By which the base's coordinates (6,) change where the robot turns about the line through two feet."""
+        still = motion[:, :, None].copy()
+        still[1:] = 0.0
+        line = Line.through(dict(zip(names, self._centres(motion, names), strict=True)))
+        turning = line.turned(self.mechanics.axes, still, np.array([[0.0], [1.0], [0.0]]))
+        return np.asarray(turning[1, :BASE, 0])
+
+    def _places_in_program(self, phase: SpatialPhase) -> Array:
+        """Centres (F, 3) of a phase's feet at the program's node next to the flight, m, as high as they stand."""
+        flight = self.program.flight
+        node = self.program.borders[flight + 1 if self.near == 0 else flight]
+        of_node = np.stack((self.solution.y, self.solution.v, self.solution.a))[:, :, [node]]
+        centres = self._centres(self.mechanics.from_centre(of_node)[:, :, 0], list(phase.names))
+        standing = _standing_places(self.program, self.solution, phase)
+        centres[:, 2] = [standing[name][2] for name in phase.names]
+        return centres
+
+    def _other_joints(self, meeting: SpatialPhase) -> IntArray:
+        """Rows of the joints of legs that stand in the outer phase only."""
+        legs = self.mechanics.legs
+        rows: list[int] = []
+        for name in self.program.phases[self.outer].names:
+            if name not in meeting.names:
+                rows += legs[name]
+        return BASE + np.unique(np.array(rows, int))
+
+    def _centres(self, motion: Array, names: list[str]) -> Array:
+        """Centres (F, 3) of feet in a motion (3, 6+n), m."""
+        places, _ = self.mechanics.feet(motion[:, :, None], names)
+        return np.asarray(places[0, 0])
+
+    def _stances(self, motions: dict[int, Array]) -> tuple[SpatialStance, ...]:
+        """Stances of the phases' motions."""
+        stances = []
+        for index in sorted(motions):
+            times, _, shares = self.fine[index]
+            y, v, a = motions[index]
+            model = self.program.model
+            feet = self.program.phases[index].feet
+            grid = SpatialGrid(times, y, v, a, shares)
+            axes = self.mechanics.axes
+            stances.append(SpatialStance(model.robot, model.gravity, axes, feet, self.program.friction, grid))
+        return tuple(stances)

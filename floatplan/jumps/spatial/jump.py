@@ -1,8 +1,9 @@
 """The result of a search in space: a jump from standing to standing, with its check, and its file, ``jump.json``.
 
 JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, a file ``floatplan.plan/2``, and
-``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m; of a sole's points also ``suffix`` and
-``point``, m, in the frame of the joint that carries it), the ``axes`` of the base's angles,
+``stances``, each with ``side``, ``contacts`` (``frame`` and ``depth``, m; ``rolls`` where that is a rolling ball's
+radius; of a sole's points ``suffix`` and ``point``, m, in the frame of the joint that carries it), the ``axes`` of the
+base's angles,
 ``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (position of the
 base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
 """
@@ -41,4 +42,6 @@ def contact_table(foot: Foot) -> dict[str, Any]:
     table: dict[str, Any] = {"frame": foot.frame, "depth": foot.depth}
     if foot.suffix:
         table |= {"suffix": foot.suffix, "point": list(foot.local)}
+    if foot.radius:
+        table["rolls"] = True
     return table

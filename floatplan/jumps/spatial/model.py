@@ -10,7 +10,8 @@ own centre
 The six rows of the base are ``m (c'' + g) = sum F`` and ``sum_i n_i + (c_i - c) x m_i a_i = sum (p - c) x F``, F the
 contacts' forces at points p; s drops out of the second. A joint with the axis z at p_j has the torque
 ``z . (M - p_j x f)``, M and f summed over all that it carries, less what the contacts on it take. Rotors' inertia is
-added as Pinocchio adds it.
+added as Pinocchio adds it. A ball of radius r about C that rolls, on a body with angular velocity w, has
+``C' = w x r e_z`` and its force at ``C - r e_z``.
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,6 +69,7 @@ class SpatialModel:
     axes : letters of the axes of the base's angles
     gravity : m/s^2
     points : of feet, by their names: joint of the robot's model that carries it, and position (3,) m in its frame
+    radii : of feet, by their names: of the ball about the point that rolls, m; 0 of one that does not
     y, v, a : (6+n,) symbols
     bodies : of the joints of the robot's model, the base's first
     """
@@ -75,6 +77,7 @@ class SpatialModel:
     def __init__(self, robot: Robot, axes: str, gravity: float, feet: Sequence[Foot] = ()) -> None:
         self.robot = robot
         self.points = {foot.name: (foot.body, np.array(foot.local)) for foot in feet}
+        self.radii = {foot.name: foot.radius for foot in feet}
         self.axes = axes
         self.gravity = gravity
         self.mass = robot.mass
@@ -159,18 +162,42 @@ class SpatialModel:
         self.angular_momentum = angular_momentum
 
     def foot(self, name: str) -> tuple[int, tuple[Any, Any, Any]]:
-        """Number of the body that carries a foot or frame; position, velocity and acceleration (3,) of its point."""
+        """Number of the body that carries a foot or frame; position, velocity and acceleration (3,) of its point.
+
+        Of a foot that rolls, a ball of radius r about C, they are C and what of its motion is no rolling,
+        ``C' - w x r e_z`` and ``C'' - w' x r e_z``: the first is the velocity of the ball's lowest point.
+        """
         body, local = self.points.get(name) or frame_position(self.robot.model, self.robot.joint_tree, name)
-        return body - 1, self.placed(self.bodies[body - 1].point(local))
+        position, velocity, acceleration = self.placed(self.bodies[body - 1].point(local))
+        above = self._above_ground(name)
+        if above is not None:
+            ca = casadi()
+            velocity -= ca.cross(self.bodies[body - 1].rate, above)
+            acceleration -= ca.cross(self.bodies[body - 1].rate_change, above)
+        return body - 1, (position, velocity, acceleration)
+
+    def _above_ground(self, name: str) -> Any:
+        """From a ball's point on the ground to its centre (3,), m; None of a foot that does not roll."""
+        radius = self.radii.get(name, 0.0)
+        return casadi().DM([0.0, 0.0, radius]) if radius else None
+
+    def contact(self, name: str) -> tuple[int, Any]:
+        """Number of the body that carries a foot, and where the ground's force on it acts (3,)."""
+        number, (position, _, _) = self.foot(name)
+        above = self._above_ground(name)
+        return number, position if above is None else position - above
 
     def leverage(self, name: str) -> Any:
-        """Determinant of the derivative of a foot's position by the joints of its leg, m^3; None unless they are three.
+        """Determinant of the derivative of a foot's contact by the joints of its leg, m^3; None unless they are three.
 
         It vanishes where the leg is straight, or the foot on the axis of the first joint.
         """
         ca = casadi()
         number, _ = self.foot(name)
         foot = self.bodies[number].point(self.points[name][1])[0]
+        above = self._above_ground(name)
+        if above is not None:
+            foot -= above
         columns = []
         while number > 0:
             columns.append(ca.cross(self.joint_axes[number], foot - self.bodies[number].position))
@@ -242,7 +269,7 @@ class SpatialModel:
         total = self.mass * (self.a[:3] + ca.DM([0.0, 0.0, self.gravity]))
         moment = self.moment_about_com
         for frame, force in forces.items():
-            _, (position, _, _) = self.foot(frame)
+            _, position = self.contact(frame)
             total -= force
             moment -= ca.cross(position - self.y[:3], force)
         return ca.vertcat(total, moment)
@@ -254,7 +281,7 @@ class SpatialModel:
         sums = [(force, moment) for force, moment in zip(self.forces, self.moments, strict=True)]
         origin = self.y[:3] - self.centre[0]
         for frame, force in forces.items():
-            number, (position, _, _) = self.foot(frame)
+            number, position = self.contact(frame)
             total, moment = sums[number]
             sums[number] = (total - force, moment - ca.cross(position - origin, force))
         torques = ca.SX.zeros(model.nv - BASE)

@@ -9,9 +9,14 @@ On one sole, whose points are near one another, a motion that is interpolated be
 next to the flight above all, where there is little force. Forces that are linear between nodes stay inside the friction
 cones, and the centre of pressure inside the sole. So they are taken as they are, and the base's pose is integrated from
 the flight's end on; the legs that stand follow from it.
+
+Legs whose feet are balls that roll do not follow from where these stand: with a motion of the base their positions have
+a differential equation, ``J q' + u = 0``, u what the ball's lowest point would move by with the leg's joints still. On
+two such feet the base leaves the motion at hand in one direction, by d(t): that of a rotation about the line through
+both. The moment about the line through their contacts is affine in ``d''``, as above.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -19,8 +24,9 @@ import numpy as np
 import pinocchio as pin
 
 from floatplan.arrays import Array
+from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic_spline, refined, values
-from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
+from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, of_contact, turned
 from floatplan.jumps.spatial.model import BASE, skew
 
 Slope: TypeAlias = Callable[[int, Array], Array]  # derivative of a state at one of some instants
@@ -224,3 +230,167 @@ def pushed_from(
         if column < len(steps):
             state = _runge_kutta(base.slope, at, state, slope, float(steps[column]))
     return np.concatenate(columns[::direction], axis=2)
+
+
+class RollingRobot:
+    """The differential equation of legs whose feet roll, and of the base in a direction that nothing bears.
+
+    Its state is d, d' and the positions of the legs' joints.
+
+    Attributes
+    ----------
+    mechanics : Mechanics
+    motion : (3, 6+n, N) of the base, but for d, and of joints that are in none of these legs
+    direction : (6,) of the base's coordinates, by which d moves them; None where the feet bear any motion of the base
+    joints : rows of the legs' joints in such a motion
+    balls : the feet that roll
+    """
+
+    def __init__(self, mechanics: Mechanics, frames: Sequence[str], motion: Array, direction: Array | None) -> None:
+        self.mechanics = mechanics
+        self.motion = motion
+        self.direction = direction
+        self.balls: list[_Ball] = []
+        rows: list[int] = []
+        for frame in frames:
+            ball = _Ball(mechanics, frame)
+            self.balls.append(ball)
+            rows += ball.rows
+        self.joints = np.unique(rows)
+
+    def slope(self, index: int, state: Array) -> Array:
+        """Derivative of the state at an instant."""
+        at_instant = self.placed(index, state)
+        of_directions = np.repeat(at_instant, 2, axis=2)
+        if self.direction is not None:
+            of_directions[1, :, 1] = 0.0
+            of_directions[1, :BASE, 1] = self.direction
+        q, v, a = self.mechanics.coordinates(of_directions)
+        pin.computeJointJacobians(self.mechanics.model, self.mechanics.data, q[0])
+        rates = v[0].copy()
+        for ball in self.balls:
+            ball.locate()
+            change = ball.joint_rates(v[0])
+            at_instant[1, ball.rows, 0] -= change
+            rates -= ball.columns @ change
+        pushed = 0.0 if self.direction is None else self._acceleration(q[0], rates, a[0], v[1])
+        return np.concatenate(([state[1], pushed], at_instant[1, self.joints, 0]))
+
+    def placed(self, index: int, state: Array) -> Array:
+        """The motion (3, 6+n, 1) at an instant in a state; of the legs it has only the positions."""
+        at_instant = self.motion[:, :, [index]].copy()
+        if self.direction is not None:
+            at_instant[0, :BASE, 0] += state[0] * self.direction
+            at_instant[1, :BASE, 0] += state[1] * self.direction
+        at_instant[0, self.joints, 0] = state[2:]
+        return at_instant
+
+    def _acceleration(self, q: Array, v: Array, a: Array, along: Array) -> float:
+        """The second derivative of d with which the moment about the line through both contacts vanishes.
+
+        Parameters
+        ----------
+        q, v, a : Pinocchio's coordinates, with which the feet roll but for their accelerations
+        along : (nv,) velocity of the base's coordinates where d' is 1
+        """
+        model = self.mechanics.model
+        data = self.mechanics.data
+        pin.forwardKinematics(model, data, q, v, a)
+        changes = a.copy()
+        more = along.copy()
+        for ball in self.balls:
+            changes -= ball.columns @ ball.joint_accelerations()
+            more -= ball.columns @ ball.joint_rates(along)
+        rotation = data.oMi[1].rotation
+        first, second = (ball.contact for ball in self.balls)
+        arm = skew(first - data.oMi[1].translation)
+        moments = []
+        for accelerations in (changes, changes + more):
+            wrench = pin.rnea(model, data, q, v, accelerations)
+            moment = rotation @ wrench[3:BASE] - arm @ (rotation @ wrench[:3])
+            moments.append(float(moment @ (second - first)))
+        return moments[0] / (moments[0] - moments[1])
+
+
+class _Ball:
+    """A foot that rolls, in the configuration that its mechanics' data have.
+
+    Attributes
+    ----------
+    rows : of its leg's joints in motions
+    columns : (nv, k) velocities of all coordinates by the rates of these joints
+    contact : (3,) m, its lowest point
+    jacobian : (3, nv) of the velocity of that point
+    """
+
+    def __init__(self, mechanics: Mechanics, frame: str) -> None:
+        self.mechanics = mechanics
+        self.number = mechanics.frames[frame]
+        self.above = np.array([0.0, 0.0, mechanics.radii[frame]])
+        leg = list(mechanics.legs[frame])
+        self.rows = [BASE + joint for joint in leg]
+        self.columns = mechanics.robot.selection[:, leg]
+        self.contact: Array = np.zeros(3)
+        self.jacobian: Array = np.zeros((3, mechanics.model.nv))
+        self._by_velocity: Array = np.zeros((len(leg), 3))
+
+    def locate(self) -> None:
+        """Take contact and Jacobian of the data, whose joints' Jacobians are of this configuration."""
+        model = self.mechanics.model
+        data = self.mechanics.data
+        frame = model.frames[self.number]
+        aligned = pin.LOCAL_WORLD_ALIGNED
+        jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, frame.placement, aligned)
+        self.jacobian = of_contact(jacobian, self.above[2])
+        self.contact = data.oMi[frame.parentJoint].act(frame.placement.translation) - self.above
+        by_joints = self.jacobian @ self.columns
+        is_square = by_joints.shape[1] == 3  # where the inverse takes a fifth of the time
+        self._by_velocity = np.asarray((np.linalg.inv if is_square else np.linalg.pinv)(by_joints), np.float64)
+
+    def joint_rates(self, v: Array) -> Array:
+        """Rates (k,) of its leg's joints that move the lowest point as velocities (nv,) of all coordinates do."""
+        return np.asarray(self._by_velocity @ (self.jacobian @ v))
+
+    def joint_accelerations(self) -> Array:
+        """Accelerations (k,) of its leg's joints that make it slip as the motion does of which the data are."""
+        model = self.mechanics.model
+        aligned = pin.LOCAL_WORLD_ALIGNED
+        acceleration = pin.getFrameClassicalAcceleration(model, self.mechanics.data, self.number, aligned)
+        return np.asarray(self._by_velocity @ (acceleration.linear + skew(self.above) @ acceleration.angular))
+
+
+def rolled_from(
+    mechanics: Mechanics, frames: Sequence[str], times: Array, motion: Array, near: int, direction: Array | None
+) -> Array:
+    """The motion (3, 6+n, G) with legs that roll from one end, 0 or -1, where they are as they are.
+
+    Parameters
+    ----------
+    mechanics : Mechanics
+    frames : of the feet that roll
+    times : (G,) s
+    motion : (3, 6+n, G)
+    near : of the end
+    direction : as of :class:`RollingRobot`
+    """
+    onwards = 1 if near == 0 else -1
+    fine = refined(times, 2)  # each Runge-Kutta step needs its middle
+    between = values(quintic_spline(times, motion), np.clip(fine, times[0], times[-1]))
+    robot = RollingRobot(mechanics, frames, between[:, :, ::onwards], direction)
+    steps = np.diff(fine[::onwards][::2])
+    state = np.concatenate(([0.0, 0.0], motion[0, robot.joints, near]))
+    columns = []
+    for column in range(len(times)):
+        slope = robot.slope(2 * column, state)
+        placed = robot.placed(2 * column, state)
+        if direction is not None:
+            placed[2, :BASE, 0] += slope[1] * direction
+        columns.append(placed)
+        if column < len(steps):
+            state = _runge_kutta(robot.slope, 2 * column, state, slope, float(steps[column]))
+    rolled = np.concatenate(columns[::onwards], axis=2)
+    mechanics.hold(rolled, frames, 1)
+    mechanics.hold(rolled, frames, 2)
+    if not np.isfinite(rolled).all():
+        raise NoExactStanceError("legs that roll do not reach the ground")
+    return rolled

@@ -13,7 +13,15 @@ from floatplan.jumps.flight import planned_flight
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.rounds import CORRECTIONS, NEAR_FAILED, NodeMargins, refined_until_checked, saying_on
 from floatplan.jumps.spatial.conflicts import shortfall
-from floatplan.jumps.spatial.exact import exact_stances, feet_places, flight_ends, motion_of_side, stance_ends
+from floatplan.jumps.spatial.exact import (
+    FlightEnds,
+    exact_stances,
+    feet_places,
+    flight_ends,
+    motion_of_side,
+    rolling_stances,
+    stance_ends,
+)
 from floatplan.jumps.spatial.flight import flight_problem
 from floatplan.jumps.spatial.guess import guess, guess_near
 from floatplan.jumps.spatial.jump import SpatialJump
@@ -197,21 +205,17 @@ def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: Spa
     solution = solution.moved(setup.origin)
     mechanics = setup.mechanics
     try:
-        ends = flight_ends(program, solution, mechanics)
+        rolled = rolling_stances(program, solution, mechanics) if setup.feet[0].radius else None
+        ends = flight_ends(program, solution, mechanics) if rolled is None else rolled.ends
         joints = np.stack((solution.y, solution.v))[:, BASE:, program.flight_nodes]
         plan = planned_flight(flight_problem(problem, program, solution, mechanics, ends), seed, joints=joints)
         if not plan.ok:
             explanation = f"No flight between the stances was found: {plan.explanation}"
             return SpatialJump(problem, request, explanation=explanation)
-        outer = stance_ends(program, solution, mechanics)
-        first, last = np.split(outer, 2, axis=2)
-        takeoff, landing = np.split(ends.motion, 2, axis=2)
-        before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
-        ends_of_landing = np.concatenate((landing, last), axis=2)
-        if program.phases[program.flight + 1].is_on_one_sole:
-            after = _landing_anew(setup, program, solution, ends_of_landing)
+        if rolled is None:
+            before, after = _stances_on_points(setup, program, solution, ends)
         else:
-            after = exact_stances(program, solution, mechanics, "landing", ends_of_landing)
+            before, after = rolled.before, rolled.after
     except InputError as error:
         explanation = f"The flight between the stances cannot be planned: {error}"
         return SpatialJump(problem, request, explanation=explanation)
@@ -222,6 +226,27 @@ def jump_of_solution(setup: SpatialSetup, program: SpatialProgram, solution: Spa
     check = jump.check
     sentence = "The stances hold at 2 kHz." if check.ok else f"Between the program's nodes, {check.sentences[0]}."
     return jump.explained(sentence)
+
+
+def _stances_on_points(
+    setup: SpatialSetup, program: SpatialProgram, solution: SpatialSolution, ends: FlightEnds
+) -> tuple[Sequence[SpatialStance], Sequence[SpatialStance]]:
+    """The stances of a solution before and after its flight, exact from the flight's ends, on feet that do not roll.
+
+    Raises
+    ------
+    NoExactStanceError
+        There are none.
+    """
+    mechanics = setup.mechanics
+    outer = stance_ends(program, solution, mechanics)
+    first, last = np.split(outer, 2, axis=2)
+    takeoff, landing = np.split(ends.motion, 2, axis=2)
+    before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
+    ends_of_landing = np.concatenate((landing, last), axis=2)
+    if program.phases[program.flight + 1].is_on_one_sole:
+        return before, _landing_anew(setup, program, solution, ends_of_landing)
+    return before, exact_stances(program, solution, mechanics, "landing", ends_of_landing)
 
 
 def _landing_anew(

@@ -3,8 +3,9 @@
 A border of two phases is one node, at which feet that leave or arrive bear no force. Between nodes accelerations are
 linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``. Feet that stand satisfy
 ``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
-other sign of the velocity, since there the motion's end is fixed. The squares of the motors' shares of their torque
-limits are minimised, summed over nodes without the times between. Tight solves go on until all rows hold, four at most.
+other sign of the velocity, since there the motion's end is fixed. Of feet that roll, vel and acc are what they slip by,
+and pos is their height only. The squares of the motors' shares of their torque limits are minimised, summed over nodes
+without the times between. Tight solves go on until all rows hold, four at most.
 """
 
 import itertools
@@ -241,7 +242,7 @@ class SpatialProgram:
             stands = ca.SX(self.ends.places[kind.side][foot.name])
             if kind.side == "landing":
                 stands += ca.vertcat(displacement, 0)
-            gap = position - stands
+            gap = foot.stays * (position - stands)
             label = f"position of {foot.name}"
             for direction in self._directions(kind.side, foot):
                 along = ca.DM(direction).T

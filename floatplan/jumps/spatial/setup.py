@@ -35,6 +35,7 @@ from floatplan.jumps.spatial.standing import (
     feet_links,
     foot_corners,
     not_standing,
+    rolling,
     shank_points,
     standing_joints,
 )
@@ -178,7 +179,7 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
         request asks for what only jumps in a plane have.
     """
     robot = problem.robot
-    _check_robot_stands(problem, request)
+    check_robot_stands(problem)
     _refuse_what_is_planar(request)
     refuse_other_ground(problem, request)
     start = required(problem.initial.attitude)
@@ -203,6 +204,11 @@ def spatial_setup(problem: Problem, request: JumpRequest) -> SpatialSetup:
             if len(group) < 2:
                 reason = f"{group[0].frame!r} would stand on its own"
                 raise InputError(reason, element=f"jump.{side}.contacts", advice="name two feet at least in each phase")
+            if request.feet == "rolling" and len(group) not in (2, len(feet)):
+                reason = f"{len(group)} feet would roll where {len(feet)} stand before or after: two do, or all, so far"
+                raise InputError(
+                    reason, element=f"jump.{side}.contacts", advice='name two feet, or let feet = "points"'
+                )
     ends, origin = _ends(problem, request, axes, feet, (start, goal), joints, heights)
     step = GroundStep.of(request, (np.array(problem.takeoff.position) - origin).tolist(), 0.0)
     if step is not None:
@@ -231,21 +237,16 @@ def feet_and_posture(problem: Problem, request: JumpRequest, side: End) -> tuple
         As of :func:`spatial_setup`.
     """
     robot = problem.robot
-    _check_robot_stands(problem, request)
+    check_robot_stands(problem)
+    if request.feet == "rolling":
+        reason = "'rolling' is for whole jumps, so far: a stance that is looked for on its own is on points"
+        raise InputError(reason, element="jump.feet", advice="leave it out")
     level = Attitude(angles=(0.0, 0.0, 0.0), axes="zyx")
     target = _target(robot, request.takeoff.from_)
     feet = _named_feet(robot, request, level, target)
     if side == "landing" and request.landing.to != "standing":
         target = _target(robot, request.landing.to)
     return feet, *_standing(problem, request, feet, level, target, side)
-
-
-def _check_robot_stands(problem: Problem, request: JumpRequest) -> None:
-    """Refuse what stands in no plane either, and feet that are to roll."""
-    check_robot_stands(problem)
-    if request.feet == "rolling":
-        advice = "leave it out: feet rotate about their frames' origins"
-        raise InputError(f"'rolling' {IN_PLANE}", element="jump.feet", advice=advice)
 
 
 def _refuse_what_is_planar(request: JumpRequest) -> None:
@@ -314,7 +315,10 @@ def _named_feet(robot: Robot, request: JumpRequest, start: Attitude, joints: Arr
             if other.body == body:
                 reason = f"{name!r} stands twice: on the same leg as {other.frame!r}"
                 raise InputError(reason, element=key, advice="name one foot of each leg")
-        feet += feet_at(robot, name, start, joints, key)
+        points = feet_at(robot, name, start, joints, key)
+        if request.feet == "rolling":
+            points = tuple(rolling(robot, point, start, joints) for point in points)
+        feet += points
     for side, groups in (("takeoff", request.takeoff.contacts), ("landing", request.landing.contacts)):
         for index, group in enumerate(groups or ()):
             unknown = set(group) - {foot.frame for foot in feet}

@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from floatplan.arrays import Array, read_only
 from floatplan.jumps.motion import JumpState, quintic_spline, values
-from floatplan.jumps.spatial.coordinates import Mechanics, rotations_about
+from floatplan.jumps.spatial.coordinates import Mechanics, of_contact, rotations_about
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.robot.robot import Robot
@@ -99,7 +99,8 @@ class SpatialStance:
             )
         )
         shares = np.array([np.interp(times, self.grid.times, row) for row in self.grid.shares]).T
-        arms = places[0] - motion[0, :3].T[:, None]
+        contacts = places[0] - [[0.0, 0.0, foot.radius] for foot in self.contacts]
+        arms = contacts - motion[0, :3].T[:, None]
         weight = self.gravity * self.robot.mass
         forces = shared_forces(base, arms, shares.reshape(len(times), len(frames), 3), weight, self.friction)
         # What is left on the base: force and moment in its own axes, as RNEA has them.
@@ -116,14 +117,15 @@ class SpatialStance:
             accelerations=read_only(a),
             forces={frame: read_only(forces[:, column]) for column, frame in enumerate(frames)},
             torques=read_only(torques),
-            points={frame: read_only(places[0][:, column]) for column, frame in enumerate(frames)},
+            points={frame: read_only(contacts[:, column]) for column, frame in enumerate(frames)},
         )
 
     def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
         """What the motors and the base take of a state's forces; see :class:`~floatplan.jumps.motion.AnyStance`.
 
         The points are frames of the robot's own model, apart from what the state was computed with; points of soles,
-        which have none, get some.
+        which have none, get some. Of balls that roll, the force acts at the lowest point, whose speed it is; what they
+        have rolled is the integral of ``w x r e_z``, by trapezoids.
         """
         model = self.robot.model.copy()
         model.gravity.linear = np.array([0.0, 0.0, -self.gravity])
@@ -132,17 +134,27 @@ class SpatialStance:
         count = len(state.times)
         torques = np.empty_like(state.torques)
         feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frames}
+        rolling = {foot.name: np.empty((count, 3)) for foot in self.contacts if foot.radius}  # velocity of centres
+        radii = self.mechanics.radii
         rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
         for index, (q, v, a) in enumerate(rows):
             torques[index] = pin.rnea(model, data, q, v, a)
             pin.computeJointJacobians(model, data, q)
             pin.updateFramePlacements(model, data)
             for name, (positions, speeds) in feet.items():
-                frame = frames[name]
-                jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL_WORLD_ALIGNED)[:3]
-                torques[index] -= jacobian.T @ state.forces[name][index]
-                positions[index] = data.oMf[frame].translation
-                speeds[index] = np.linalg.norm(jacobian @ v)
+                frame = model.frames[frames[name]]
+                down = data.oMi[frame.parentJoint].rotation[2]  # the vertical in the joint's axes
+                lowest = pin.SE3(np.eye(3), frame.placement.translation - radii[name] * down)
+                aligned = pin.LOCAL_WORLD_ALIGNED
+                jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, lowest, aligned)
+                torques[index] -= jacobian[:3].T @ state.forces[name][index]
+                positions[index] = data.oMf[frames[name]].translation
+                speeds[index] = np.linalg.norm(jacobian[:3] @ v)
+                if name in rolling:
+                    rolling[name][index] = radii[name] * np.cross(jacobian[3:] @ v, [0.0, 0.0, 1.0])
+        steps = np.diff(state.times)[:, None]
+        for name, velocities in rolling.items():
+            feet[name][0][1:] -= np.cumsum(steps * (velocities[1:] + velocities[:-1]) / 2, axis=0)
         return torques, feet
 
     def _carried(self, motion: Array, forces: Array) -> Array:
@@ -155,7 +167,8 @@ class SpatialStance:
             for column, foot in enumerate(self.contacts):
                 number = mechanics.frames[foot.name]
                 jacobian = pin.getFrameJacobian(mechanics.model, mechanics.data, number, pin.LOCAL_WORLD_ALIGNED)
-                carried[index] += jacobian[:3, BASE:].T @ forces[index, column]
+                at_contact = of_contact(jacobian[:, BASE:], foot.radius)
+                carried[index] += at_contact.T @ forces[index, column]
         return carried
 
 

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from floatplan.errors import InputError
 from floatplan.problem.attitude import Attitude
 from floatplan.robot.robot import Robot
 from floatplan.robot.shapes.solids import LinkSolid, frame_position
+from floatplan.robot.standing import ROLLED, may_roll
 
 DOWN = np.array([0.0, 0.0, -1.0])
 LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
@@ -23,7 +24,7 @@ LEVEL = 1e-6  # [m] by which heights of feet that stand may differ
 
 @dataclass(frozen=True)
 class Foot:
-    """A point on which the robot stands: a foot, or one of the three points of a sole.
+    """A point on which the robot stands: a foot, one of the three points of a sole, or the centre of a rolling ball.
 
     Attributes
     ----------
@@ -32,6 +33,7 @@ class Foot:
     local : (3,) m, in that joint's frame
     depth : height of the point over the ground where it stands, m
     suffix : of a sole's point, one of :attr:`of_soles`; else empty
+    radius : of the ball about it that rolls on the ground, m; 0 for a foot that turns about its point
     """
 
     of_soles: ClassVar[tuple[str, str, str]] = (".heel", ".left_toe", ".right_toe")
@@ -41,6 +43,7 @@ class Foot:
     local: tuple[float, float, float]
     depth: float
     suffix: str = ""
+    radius: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -53,9 +56,9 @@ class Foot:
         return self.frame + self.suffix
 
     @property
-    def radius(self) -> float:
-        """Of a ball on which it rolls: 0, since it turns about its point."""
-        return 0.0
+    def stays(self) -> Array:
+        """In which directions (3,) it stays where it stands, 1 or 0: what rolls keeps only its height."""
+        return np.array([0.0, 0.0, 1.0]) if self.radius else np.ones(3)
 
 
 class Kinematics:
@@ -117,6 +120,46 @@ def feet_at(robot: Robot, frame: str, attitude: Attitude, joints: Array, key: st
         x, y, z = placement.actInv(np.array([*position, ground])).tolist()
         feet.append(Foot(frame, body, (x, y, z), 0.0, suffix))
     return tuple(feet)
+
+
+def rolling(robot: Robot, foot: Foot, attitude: Attitude, joints: Array) -> Foot:
+    """Return a foot that rolls on a ball about its frame down to the ground, in a posture that stands.
+
+    Raises
+    ------
+    InputError
+        The shape of its link is no such ball near its lowest point, as far as a foot may roll.
+    """
+    kinematics = Kinematics(robot)
+    kinematics.pose(np.zeros(3), attitude.matrix, joints)
+    reason = "is a sole"
+    if not foot.suffix:
+        off = _off_ball(kinematics, foot)
+        if may_roll(off, foot.depth):
+            return replace(foot, radius=foot.depth)
+        reason = f"is no ball about it, by {1e3 * off:.0f} mm" if foot.depth > 0 else "is a point"
+    raise InputError(
+        f"{foot.frame!r} cannot roll: its link {reason}",
+        element="jump.feet",
+        advice='name a frame at the centre of a round foot, or let feet = "points"',
+    )
+
+
+def _off_ball(kinematics: Kinematics, foot: Foot) -> float:
+    """By how much, m, a foot's link is no ball of the foot's depth about its point, where it may roll.
+
+    That is so far about its lowest point, in the configuration that was set last.
+    """
+    tilts = np.linspace(0.0, ROLLED, 13)  # 5 degrees apart
+    headings = np.linspace(0.0, 2 * np.pi, 24, endpoint=False)  # 15 degrees
+    tilt, heading = np.meshgrid(tilts, headings)
+    across = np.sin(tilt)
+    directions = np.stack((across * np.cos(heading), across * np.sin(heading), -np.cos(tilt)), axis=-1).reshape(-1, 3)
+    in_joint = directions @ kinematics.data.oMi[foot.body].rotation
+    links = feet_links(kinematics.robot, [foot])
+    reaches = [solid.reach(in_joint) for solid in kinematics.robot.solids if solid.link in links]
+    from_point = np.max(reaches, axis=0) - in_joint @ np.array(foot.local)
+    return float(np.abs(from_point - foot.depth).max())
 
 
 def _lowest_points(kinematics: Kinematics, link: str) -> Array:
