@@ -81,7 +81,7 @@ class NodeMargins:
         if is_out_of_balance or figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
             friction *= 0.85  # where forces leave the cone between nodes
         # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
-        lightness = 0.05 if is_out_of_balance else 0.0
+        least_force = 0.05 if is_out_of_balance else 0.0
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
@@ -97,7 +97,7 @@ class NodeMargins:
             reserve=self.reserve - too_near,
             lift=self.lift + 1.5 * too_deep,
             dip=max(0.0, self.dip - 1.5 * too_deep),
-            pressed=max(self.pressed, lightness) + max(0.0, -figures.get("pull", 0.0)),
+            pressed=max(self.pressed, least_force) + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )
 
