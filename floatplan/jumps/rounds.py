@@ -76,7 +76,7 @@ class NodeMargins:
 
         torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
         friction = share("friction", self.friction)
-        # In space forces stay inside their cones, and where these have none that are in balance, the rest is left over.
+        # In space forces stay inside their cones; what these cannot bear is out of balance.
         is_out_of_balance = figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request)
         if is_out_of_balance or figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
             friction *= 0.85  # where forces leave the cone between nodes
