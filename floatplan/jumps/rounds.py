@@ -38,7 +38,7 @@ class NodeMargins:
     clearance : in addition to the requested clearance, m
     range : from the ends of joint ranges, rad
     reserve : in addition to margins of obstacles and links, m
-    pressed : least vertical force over the weight, where more than one contact stands
+    pressed : least vertical force over the weight, where more than one contact stands; in space of all that stand
     rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
         Most landings do without them, and a program with them is slower and finds fewer jumps.
     lift : of feet in the middle of the flight, m
@@ -76,8 +76,12 @@ class NodeMargins:
 
         torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
         friction = share("friction", self.friction)
-        if figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
+        # In space forces stay inside their cones; what these cannot bear is out of balance.
+        is_out_of_balance = figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request)
+        if is_out_of_balance or figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
             friction *= 0.85  # where forces leave the cone between nodes
+        # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
+        least_force = 0.05 if is_out_of_balance else 0.0
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
@@ -93,7 +97,7 @@ class NodeMargins:
             reserve=self.reserve - too_near,
             lift=self.lift + 1.5 * too_deep,
             dip=max(0.0, self.dip - 1.5 * too_deep),
-            pressed=self.pressed + max(0.0, -figures.get("pull", 0.0)),
+            pressed=max(self.pressed, least_force) + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
         )
 

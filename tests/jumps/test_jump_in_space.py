@@ -451,6 +451,23 @@ def test_feet_are_held_where_they_stand(coarse_program, name, stances):
         assert np.count_nonzero(np.abs(change[of_feet] - 0.01 * stiffness) < 1e-9) == count
 
 
+def test_where_a_balance_is_missed_cones_are_narrower_and_feet_press(problem):
+    """Forces never leave their cones in space: what these cannot bear is out of balance."""
+    setup = spatial_setup(problem, problem.jump)
+    coarse = replace(planner.MARGINS, refinement=0.3)
+    at_the_limit = {"friction": problem.jump.friction, "residual": 0.9e-3}
+    balanced = coarse.tightened(problem.jump, at_the_limit)
+    unbalanced = coarse.tightened(problem.jump, at_the_limit | {"residual": 1.1e-3})
+    assert balanced.friction == coarse.friction
+    assert unbalanced.friction < 0.9 * coarse.friction
+    for margins, least in ((balanced, 0.0), (unbalanced, 0.05)):
+        program = setup.program(margins)
+        lowest = [low[2::3] for low in np.split(program.box[0], program.begins[1:])[:-1]]
+        forces = [low[program.model.size :] for low in lowest]
+        assert {bound for of_node in forces for bound in of_node} == {least}
+        assert [len(of_node) for of_node in forces] == [len(kind.bearing) for kind in program.kinds]
+
+
 @pytest.mark.long
 def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     """A program that allows rates of 0.84 of their limits where 0.7 are requested: the next one allows less."""

@@ -32,6 +32,7 @@ class SpatialBounds:
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
+    pressed : least vertical force over the weight of what stands
     inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
     """
@@ -47,6 +48,7 @@ class SpatialBounds:
     dip: float
     shank_height: float
     tilt: float
+    pressed: float
     inside: float
     scales: Array
 

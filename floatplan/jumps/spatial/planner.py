@@ -35,8 +35,9 @@ from floatplan.jumps.spatial.standing import shank_points
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
-# Of the first program; then as its check demands. No rows are of rotated landings: clearance makes up for them.
-MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85, rotated_landing=True)
+# Of the first program; then as its check demands. No rows are of rotated landings: clearance makes up for them. Most
+# jumps hold with feet that bear nothing for a while.
+MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85, pressed=0.0, rotated_landing=True)
 
 
 @dataclass(frozen=True, eq=False)

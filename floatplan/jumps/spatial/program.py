@@ -420,7 +420,7 @@ class SpatialProgram:
                 if node in (0, self.nodes - 1):  # an end where the robot settles
                     low[begin + n : begin + 3 * n] = high[begin + n : begin + 3 * n] = 0.0
             forces = np.arange(begin + 3 * n, self.begins[node + 1])
-            low[forces[2::3]] = 0.0
+            low[forces[2::3]] = bounds.pressed
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high

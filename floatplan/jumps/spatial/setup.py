@@ -113,6 +113,7 @@ class SpatialSetup:
             dip=margins.dip,
             shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
+            pressed=margins.pressed,
             inside=margins.inside,
             scales=np.where(np.isfinite(most), most, without_limit),
         )
