@@ -40,6 +40,16 @@ def test_from_straight_legs_it_stands_bent(tmp_path):
     assert np.abs(setup.ends[:, knees]).min() > 0.4
 
 
+def test_in_space_straight_legs_are_refused(root):
+    problem = fp.load_problem(root / "problems" / "jumps" / "space" / "solo12_quarter_turn.toml")
+    straight = dict.fromkeys(problem.robot.joints, 0.0)
+    request = replace(problem.jump, takeoff=replace(problem.jump.takeoff, from_=straight))
+    straight_legged = replace(problem, jump=request)
+    with pytest.raises(fp.InputError, match=r"leg of 'FL_FOOT' is straight.*stand with bent legs") as error:
+        fp.jump(straight_legged, starts=1)
+    assert error.value.element == "jump.takeoff.from"
+
+
 @pytest.mark.long
 def test_from_straight_legs_a_jump_is_found(tmp_path):
     problem = hop(table(tmp_path))

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from floatplan.arrays import Array
+from floatplan.errors import InputError
 from floatplan.jumps.model import casadi
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.standing import Foot
@@ -169,6 +170,37 @@ def torque_rows(
             rows.append((share + lost, -most, most, label))
             rows.append((share - lost, -most, most, label))
     return rows, cost
+
+
+def leverage_rows(model: SpatialModel, feet: Sequence[Foot], standing: Array, refuses: bool) -> list[Row]:
+    """Rows that keep legs which stand from postures in which their joints cannot move the foot every way.
+
+    Parameters
+    ----------
+    model : SpatialModel
+    feet : that stand
+    standing : (6+n,) coordinates y where the robot stands at first
+    refuses : whether a leg that is in such a posture there is refused
+
+    Raises
+    ------
+    InputError
+        It is refused.
+    """
+    ca = casadi()
+    least = 0.2  # [-] of the leverage where the robot stands at first,
+    singular = 0.01  # [-] which is more than this of the cube of the centre of mass's height
+    rows: list[Row] = []
+    for foot in feet:
+        leverage = model.leverage(foot.name)
+        if leverage is None:
+            continue
+        at_first = float(ca.Function("leverage", [model.y], [leverage])(standing))
+        if refuses and abs(at_first) < singular * standing[2] ** 3:
+            reason = f"the leg of {foot.name!r} is straight, or its foot on the hip's axis"
+            raise InputError(reason, element="jump.takeoff.from", advice="stand with bent legs")
+        rows.append((leverage / at_first - least, 0.0, np.inf, f"leverage of {foot.name}"))
+    return rows
 
 
 def lifted_share(share: float) -> float:

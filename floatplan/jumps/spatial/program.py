@@ -29,6 +29,7 @@ from floatplan.jumps.spatial.nodes import (
     SpatialEnds,
     SpatialSolution,
     force_rows,
+    leverage_rows,
     lifted_share,
     torque_rows,
 )
@@ -185,7 +186,7 @@ class SpatialProgram:
         if kind.fixed < 3:
             rows += motor_rows
         if not kind.fixed:
-            rows += self._leverage_rows(kind)
+            rows += leverage_rows(model, kind.tracking, self.ends.standing, self.flight >= 0)
             rows += self._distance_rows(kind)
             height_rows = self._height_rows(kind)
         smoothness = 1e-5  # [s^4/rad^2] 100 rad/s^2 cost as much as a motor with a third of its torque;
@@ -277,18 +278,6 @@ class SpatialProgram:
         to_heel = places[foot.frame + heel] - places[foot.name]
         across = np.cross(vertical, to_heel)
         return np.array([across / np.linalg.norm(across), vertical])
-
-    def _leverage_rows(self, kind: NodeKind) -> list[Row]:
-        """Rows that keep legs which stand from postures in which their joints cannot move the foot every way."""
-        ca = casadi()
-        least = 0.2  # [-] of the leverage where the robot stands at first
-        rows = []
-        for foot in kind.tracking:
-            leverage = self.model.leverage(foot.name)
-            if leverage is not None:
-                standing = float(ca.Function("leverage", [self.model.y], [leverage])(self.ends.standing))
-                rows.append((leverage / standing - least, 0.0, np.inf, f"leverage of {foot.name}"))
-        return rows
 
     def _distance_rows(self, kind: NodeKind) -> list[Row]:
         """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles.
