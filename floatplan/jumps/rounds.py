@@ -81,6 +81,7 @@ class NodeMargins:
         if is_out_of_balance or figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
             friction *= 0.85  # where forces leave the cone between nodes
         # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
+        # A sole's pressure leaves it likewise: its bounds move further inside.
         least_force = 0.05 if is_out_of_balance else 0.0
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
@@ -99,6 +100,7 @@ class NodeMargins:
             dip=max(0.0, self.dip - 1.5 * too_deep),
             pressed=max(self.pressed, least_force) + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
+            inside=self.inside + least_force,
         )
 
 
