@@ -61,7 +61,8 @@ def jump(
     """Plan a whole jump: from standing through a flight to standing again.
 
     The goal's orientation fixes the whole turns; postures, durations and momentum of the flight are optimised unless
-    the request fixes them. The sum of the motors' squared torques is minimised, or the largest share of a limit.
+    the request fixes them. The sum of the motors' squared torques is minimised, in space of their shares of the limits,
+    or the largest share of a limit.
 
     Parameters
     ----------
@@ -79,8 +80,8 @@ def jump(
         Whether conflicting limits are explained where no jump is found; in a plane relaxed ones are tried too, as long
         again.
     near : Jump, optional
-        One of nearly the same problem, with the same phases; the search begins from it, and only where that fails
-        with the starts. In a plane one with other phases is left aside, in space it is refused.
+        One of nearly the same problem, with the same phases, from which the search begins; starts follow where that
+        fails. In a plane one with other phases is left aside, in space it is refused.
 
     Returns
     -------

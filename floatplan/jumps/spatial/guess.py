@@ -56,7 +56,7 @@ def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Ar
 
 
 def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Array:
-    """Return the motion of a jump of nearly the same problem as a guess (size,), as slow as phases may be.
+    """Return the motion of a jump of nearly the same problem as a guess (size,), its durations within their bounds.
 
     It is taken at the program's nodes, of which it may have had others. Where the program begins or ends elsewhere,
     turned further, displaced further or in another posture, the difference joins by a smoothstep over the flight.

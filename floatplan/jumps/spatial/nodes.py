@@ -253,12 +253,12 @@ class SpatialEnds:
 
     Attributes
     ----------
-    y : (2, 6+n) centre of mass, angles and joints; the last centre is above the origin, its position is free
-    places : of each side, frame -> (3,) m, of the feet; after landing relative to the centre of mass's position, but
-        for those of a single stance
-    displacement : (2,) m of the centre of mass, where it is fixed; else None
-    v : (2, 6+n) their rates, 0 where it stands still
-    a : (2, 6+n) and accelerations; NaN of an end where they are left to the program
+    y : (2, 6+n) centre of mass, angles and joints; the last centre is above the origin, moved by the displacement
+    places : of each side, name of a foot's point -> (3,) m; after landing horizontally relative to the centre of mass's
+        last position, but for those of a single stance
+    displacement : (2,) m of the centre of mass, where it is fixed; None where it is left to the program
+    v : (2, 6+n) their rates; (2, 1) of zeros where the robot stands still at both ends
+    a : (2, 6+n) or (2, 1), accelerations likewise; NaN of an end where they are left to the program
     flies : of each end, whether a flight is met there, so that nothing bears the robot
     settles : of each end, whether the robot stands still there in a posture that is left to the program
     rise : height of the ground on which it lands over that which it leaves, m

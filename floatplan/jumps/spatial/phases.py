@@ -134,7 +134,7 @@ def usual_groups(
 
 
 def _lower(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -> tuple[Foot, ...]:
-    """The feet that are lower than the mean of all where the base is rotated; all where none is by much."""
+    """The feet in the lower half of the heights of all where the base is rotated; all where none is lower by much."""
     kinematics = Kinematics(robot)
     kinematics.pose(np.zeros(3), rotation, joints)
     points = np.array([kinematics.point(foot.body, foot.local) for foot in feet])

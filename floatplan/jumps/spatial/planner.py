@@ -143,7 +143,8 @@ def _jump_near(start: Start, seed: int, say: Callable[[str], None], helps: bool)
 def checked_jump(start: Start, seed: int, say: Callable[[str], None] = _silent) -> SpatialJump:
     """Return the jump of a start's solution; where its check fails, of one with more nodes, and stricter margins.
 
-    So it goes on where the check holds, but links come too near to the ground; of jumps that hold it is the highest.
+    It goes on likewise where the check holds, but links come too near to the ground. Of the jumps whose check holds
+    that is returned whose links are highest above the ground.
 
     Parameters
     ----------
