@@ -48,6 +48,8 @@ class NodeMargins:
     tilt : of the middle one of the base's angles, at most, rad; of jumps in space
     inside : least share of a sole's vertical force on each of its points; of jumps in space
         Where one bears nothing the sole's centre of pressure is on its edge, and beyond it between nodes.
+    most_excess : by how many times a limit is taken that the next program allows for at once
+        With 1 it hardly is stricter: stances between fixed ends have little to give, and more nodes mend more of them.
     """
 
     torque: float
@@ -64,6 +66,7 @@ class NodeMargins:
     shank_height: float = 0.0
     tilt: float = math.inf
     inside: float = 0.05
+    most_excess: float = 1.25
 
     def tightened(self, request: JumpRequest, figures: Mapping[str, float]) -> NodeMargins:
         """More nodes, and less of what the figures of a check show too much of."""
@@ -72,14 +75,14 @@ class NodeMargins:
             over = figures.get(name, 0.0) / FIGURES[name].limit_of(request)
             if over <= 1:
                 return used
-            return used * 0.97 / min(over, 1.25)  # a little less than what would just do, but not much at once
+            return used * 0.97 / min(over, self.most_excess)  # a little less than what would just do
 
         torque = min(share(name, self.torque) for name in ("torque", "torque_speed", "held_torque"))
         friction = share("friction", self.friction)
         # In space forces stay inside their cones; what these cannot bear is out of balance.
         is_out_of_balance = figures.get("residual", 0.0) > FIGURES["residual"].limit_of(request)
         if is_out_of_balance or figures.get("slip", 0.0) > FIGURES["slip"].limit_of(request):
-            friction *= 0.85  # where forces leave the cone between nodes
+            friction *= max(0.85, 0.97 / self.most_excess)  # where forces leave the cone between nodes
         # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
         # A sole's pressure leaves it likewise: its bounds move further inside.
         least_force = 0.05 if is_out_of_balance else 0.0

@@ -24,9 +24,9 @@ def setup_of(root):
     """The setup of a file's jump."""
 
     @cache
-    def setup(name):
+    def setup(name, **changes):
         problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
-        return spatial_setup(problem, problem.jump)
+        return spatial_setup(problem, replace(problem.jump, **changes))
 
     return setup
 
@@ -115,7 +115,7 @@ def test_a_guess_with_fast_legs_is_as_high_as_ever(setup_of):
 
 def test_slow_legs_make_flights_short(setup_of):
     """Those of a Talos may last a fifth longer than what its fastest lift gives; a Go2's are what they are."""
-    talos = setup_of("talos_quarter_turn")
+    talos = setup_of("talos_turn", fixed=())
     flight = talos.phases[1]
     heights = talos.ends.y[0, 2] * np.array([0.63, 0.8, 1.0])
     fastest = max(fastest_lift(talos, carried(talos, height)[1]) for height in heights)

@@ -26,7 +26,8 @@ from floatplan.jumps.spatial.stance import SpatialStance, shared_forces
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
-MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3, pressed=0.0)  # of the first program
+# Of the first program.
+MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3, pressed=0.0, most_excess=1.0)
 
 
 @dataclass(frozen=True, eq=False)
