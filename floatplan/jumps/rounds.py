@@ -49,7 +49,8 @@ class NodeMargins:
     inside : least share of a sole's vertical force on each of its points; of jumps in space
         Where one bears nothing the sole's centre of pressure is on its edge, and beyond it between nodes.
     most_excess : by how many times a limit is taken that the next program allows for at once
-        With 1 it hardly is stricter: stances between fixed ends have little to give, and more nodes mend more of them.
+        With 1 it hardly is stricter, and forces are pressed inwards only where more nodes have not mended the balance:
+        stances between fixed ends have little to give.
     """
 
     torque: float
@@ -85,7 +86,8 @@ class NodeMargins:
             friction *= max(0.85, 0.97 / self.most_excess)  # where forces leave the cone between nodes
         # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
         # A sole's pressure leaves it likewise: its bounds move further inside.
-        least_force = 0.05 if is_out_of_balance else 0.0
+        is_stricter = self.most_excess > 1.0 or self.refinement > 1.0
+        least_force = 0.05 if is_out_of_balance and is_stricter else 0.0
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)

@@ -1,8 +1,8 @@
 """Stances of a repaired clip by the program of a jump's stances: near to the clip, from flight to flight or from it on.
 
 Durations are the clip's. Where a stance meets no other flight it reaches 0.4 s into the clip, less where a foot would
-stand twice in it; there the robot stands still where it does so in the clip, in a posture near to the clip's, and else
-has the clip's posture and rates.
+stand twice in it; there the robot stands still where it does so in the clip, in the clip's posture or, where that is
+not found, in one near to it, and else has the clip's posture and rates.
 """
 
 from __future__ import annotations
@@ -307,15 +307,17 @@ class StancePlanner:
                 near = reference(np.array([0.0, window.end - window.begin]))[0, 3:BASE, end]
                 ends.append(StanceEnd(_plan_motion(mechanics, plan, time, near), flies=True))
         plan = plans[window.after if window.before is None else window.before]  # type: ignore[index]
-        setup = stance_setup(
-            stance_problem(plan.problem, reference(instants - window.begin)[0, BASE:]),
-            JumpRequest(margin={"torque": 1.0, "velocity": 1.0}, clearance=0.02, pitch_error=0.0, feet="points"),
-            axes,
-            phases,
-            (ends[0], ends[1]),
-            places,
-        )
-        result = planned_stance(setup, reference, is_reference=True)
+        problem = stance_problem(plan.problem, reference(instants - window.begin)[0, BASE:])
+        request = JumpRequest(margin={"torque": 1.0, "velocity": 1.0}, clearance=0.02, pitch_error=0.0, feet="points")
+
+        def search(first: StanceEnd, last: StanceEnd) -> StanceResult:
+            setup = stance_setup(problem, request, axes, phases, (first, last), places)
+            return planned_stance(setup, reference, is_reference=True)
+
+        result = search(*ends)
+        if not result.ok and any(end.is_still for end in ends):
+            # Flights that are fast sideways would need pressure outside the soles to come to rest in that very posture.
+            result = search(*(replace(end, settles=end.is_still) for end in ends))
         return ClipStance(window.side, window, result, "; ".join(result.broken), tuple(frames))
 
     def _own_end(
@@ -326,11 +328,7 @@ class StancePlanner:
         phase: SpatialPhase,
         end: int,
     ) -> StanceEnd:
-        """The clip's own motion at an end of a stance that meets no flight there.
-
-        Where the robot stands still in the clip it does so, next to the clip's posture: in that very posture flights
-        that are fast sideways would need pressure outside the soles.
-        """
+        """The clip's own motion at an end of a stance that meets no flight there: still, if it is so in the clip."""
         instant = np.array([window.begin if end == 0 else window.end])
         motion = _with_rates(self.clip, mechanics, instant)
         rates = np.abs(motion[1, :, 0])
@@ -343,9 +341,8 @@ class StancePlanner:
             own[name] = places[name]
         closed = mechanics.close(motion, own)[:, :, 0]
         attitude = Attitude(angles=tuple(closed[0, 3:BASE].tolist()), axes=mechanics.axes)
-        if is_still and not not_standing(self.clip.robot, phase.feet, attitude, closed[0, BASE:]):
-            return StanceEnd(closed, settles=True)
-        closed[2] = np.nan
+        if not is_still or not_standing(self.clip.robot, phase.feet, attitude, closed[0, BASE:]):
+            closed[2] = np.nan
         return StanceEnd(closed)
 
 

@@ -46,6 +46,11 @@ class StanceEnd:
     flies: bool = False
     settles: bool = False
 
+    @property
+    def is_still(self) -> bool:
+        """Whether the robot stands still there."""
+        return not self.flies and not self.motion[1:].any()
+
 
 @dataclass(frozen=True, eq=False)
 class StanceResult:
