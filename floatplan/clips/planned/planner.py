@@ -1,8 +1,8 @@
 """Stances of a repaired clip by the program of a jump's stances: near to the clip, from flight to flight or from it on.
 
 Durations are the clip's. Where a stance meets no other flight it reaches 0.4 s into the clip, less where a foot would
-stand twice in it; there the robot stands still where it does so in the clip, in the clip's posture or, where that is
-not found, in one near to it, and else has the clip's posture and rates.
+stand twice in it; there the robot stands still where it does so in the clip, in the clip's posture or, where no stance
+leads to it, in one near to it, and else has the clip's posture and rates.
 """
 
 from __future__ import annotations
@@ -316,7 +316,7 @@ class StancePlanner:
 
         result = search(*ends)
         if not result.ok and any(end.is_still for end in ends):
-            # Flights that are fast sideways would need pressure outside the soles to come to rest in that very posture.
+            # To stop in that very posture, flights that are fast sideways may need pressure outside the soles.
             result = search(*(replace(end, settles=end.is_still) for end in ends))
         return ClipStance(window.side, window, result, "; ".join(result.broken), tuple(frames))
 
