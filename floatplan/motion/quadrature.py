@@ -29,7 +29,8 @@ class GaussLegendre:
     transform : (N, N)
         Legendre coefficients (in 2 s - 1) of the interpolant, from values at the nodes.
     antiderivative : (N+1, N)
-        Chebyshev coefficients (in 2 s - 1) of the interpolant's integral, from values at the nodes.
+        Chebyshev coefficients (in 2 s - 1) of the interpolant's integral, from values at the nodes; (0, N) where the
+        rule was made without.
     """
 
     nodes: Array
@@ -48,10 +49,14 @@ class GaussLegendre:
 
 @lru_cache(maxsize=32)
 @one_thread
-def gauss_legendre(count: int) -> GaussLegendre:
-    """Return the quadrature with ``count`` nodes."""
+def gauss_legendre(count: int, integrates: bool = True) -> GaussLegendre:
+    """Return the quadrature with ``count`` nodes, with the antiderivative, which takes most of the time, or without."""
     x, w = legendre.leggauss(count)
     transform = (np.arange(count)[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w
+    nodes = read_only((x + 1) / 2)
+    weights = read_only(w / 2)
+    if not integrates:
+        return GaussLegendre(nodes, weights, read_only(transform), np.empty((0, count)))
 
     # The integrals of Legendre polynomials have their Chebyshev coefficients from their values at the roots of a
     # Chebyshev polynomial. Chebyshev polynomials are cheap to evaluate, Legendre ones are not.
@@ -64,8 +69,8 @@ def gauss_legendre(count: int) -> GaussLegendre:
     coefficients = chebyshev.chebvander(roots, count).T @ integrals * (2 / (count + 1))
     coefficients[0] /= 2
     return GaussLegendre(
-        nodes=read_only((x + 1) / 2),
-        weights=read_only(w / 2),
+        nodes=nodes,
+        weights=weights,
         transform=read_only(transform),
         antiderivative=read_only(np.triu(coefficients, -1) @ transform),
     )

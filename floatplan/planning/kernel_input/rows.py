@@ -275,7 +275,7 @@ def nodes_of_levels(form: Form, has_rows: bool) -> StructArray:
     """
     levels = []
     for count in NODE_COUNTS:
-        rule = gauss_legendre(count)
+        rule = gauss_legendre(count, integrates=has_rows)
         value, first, second = basis(form).values(rule.nodes)
         nodes = Struct(
             "Nodes",
