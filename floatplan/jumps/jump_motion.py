@@ -274,7 +274,8 @@ class JumpMotion(MotionInFile):
         """Height of the ground, the lower one where there is a step, m."""
         if self.step is not None:
             return self.step.low
-        return float(self.stances[0].ground)
+        grounds: list[float] = [stance.ground for stance in self.stances]
+        return min(grounds)
 
     @cached_property
     def height(self) -> float:

@@ -40,7 +40,8 @@ class NodeMargins:
     reserve : in addition to margins of obstacles and links, m
     pressed : least vertical force over the weight, where more than one contact stands; in space of all that stand
     rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
-        Most landings do without them, and a program with them is slower and finds fewer jumps.
+        Most landings do without them, and a program with them is slower and finds fewer jumps. In space there are no
+        such rows: with this the clearance makes up for them.
     lift : of feet in the middle of the flight, m
     dip : by which corners of feet may be in the ground at nodes, m; of jumps in space
     shank_height : of links to which feet are fixed, m over the ground, in jumps in space; 0 for no rows

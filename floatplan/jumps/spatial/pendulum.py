@@ -343,9 +343,7 @@ class _Ball:
         jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, frame.placement, aligned)
         self.jacobian = of_contact(jacobian, self.above[2])
         self.contact = data.oMi[frame.parentJoint].act(frame.placement.translation) - self.above
-        by_joints = self.jacobian @ self.columns
-        is_square = by_joints.shape[1] == 3  # where the inverse takes a fifth of the time
-        self._by_velocity = np.asarray((np.linalg.inv if is_square else np.linalg.pinv)(by_joints), np.float64)
+        self._by_velocity = np.asarray(np.linalg.pinv(self.jacobian @ self.columns), np.float64)
 
     def joint_rates(self, v: Array) -> Array:
         """Rates (k,) of its leg's joints that move the lowest point as velocities (nv,) of all coordinates do."""
