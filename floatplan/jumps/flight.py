@@ -155,8 +155,8 @@ def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = (), 
     """Return the plan of a flight's problem: of a low degree where that is quick, else of higher ones.
 
     Limits that are ``tighter`` than the problem's are tried before these, one after the other. With a motion of the
-    ``joints`` at even times (2, n, N), rad and rad/s, higher degrees begin with it: of fast twists no other start may
-    lead to a plan.
+    ``joints`` at even times (2, n, N), rad and rad/s, higher degrees begin with it, once: of fast twists, and past
+    edges, no other start may lead to a plan.
     """
     patience = 1.6e7  # [instants of one body] with each degree at first, about a second
     tries = [*((limits, patience) for limits in tighter), (problem.limits, patience), (problem.limits, None)]
@@ -166,7 +166,7 @@ def planned_flight(problem: Problem, seed: int, tighter: Sequence[Limits] = (), 
         variant = replace(problem, motion=motion, limits=limits, jump=None)
         options = SearchOptions(seed, patience=work)
         near = None
-        if plan is not None and joints is not None and degree > 8:
+        if plan is not None and joints is not None and degree > 7 and work is not None:
             near = _moving_nearly_as(plan, joints, degree)
         plan = planned(variant, options, near).plan
         if plan.ok:

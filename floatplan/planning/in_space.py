@@ -58,6 +58,7 @@ class SpatialRules:
     degrees_without_twist: tuple[int, ...] = (7, 9)  # [-]
     share_of_fixed: float = 0.8  # [-] of budget or work, before another h than the fixed one is tried
     share_of_one: float = 0.5  # [-] of the usual work, for one start; also where a budget of seconds ends the search
+    share_of_near: float = 4.0  # [-] the same of a start near a plan, which usually ends at one
     outside: float = 1e-6  # [-] of the box of h, that is rounding
     first_radius_within: float = 0.2  # [rad] of p, root mean square, of a step down that leads out of limits
     last_radius_within: float = 0.01  # [rad] the same, below which a step gains next to nothing
@@ -178,16 +179,18 @@ class SpatialSearch(Search):
     def follow_near(self, start: Start, stop: Callable[[], bool]) -> AttemptResult | None:
         """Follow a motion that is nearly one to the goal; None where it cannot be integrated."""
         lifted = LiftedFlight(self.spec, start.variables, self.work)
+        most_work = SPATIAL_RULES.share_of_near * Allowance.of(SearchOptions()).left
         try:
-            return self._follow_lifted(
-                nearby(lifted, start.x), stop, SPATIAL_RULES.share_of_one * Allowance.of(SearchOptions()).left
-            )
+            return self._follow_lifted(nearby(lifted, start.x), stop, most_work, is_near=True)
         except IntegrationError:
             return None
 
-    def _follow_lifted(self, start: LiftedMotion, stop: Callable[[], bool], most_work: float) -> AttemptResult | None:
+    def _follow_lifted(
+        self, start: LiftedMotion, stop: Callable[[], bool], most_work: float, is_near: bool = False
+    ) -> AttemptResult | None:
         """Where one start ends: closed, then made smaller, or followed with limits and another objective.
 
+        One that is near a plan is not made smaller before it is followed: without limits it would leave them.
         None where that cannot be integrated.
         """
         before = self.work.done
@@ -198,8 +201,8 @@ class SpatialSearch(Search):
         if usable and objective == "robust":
             result = self._robust(motion, stop, before + most_work)
         elif usable and (self.spec.constraints or not is_norm):
-            smaller = descend(motion)
-            result = self._within_limits(smaller, stop, before + most_work)
+            begin = motion if is_near else descend(motion)
+            result = self._within_limits(begin, stop, before + most_work)
         else:
             result = self._smallest(motion) if usable else self._judged(motion, "infeasible")
         result.work = self.work.done - before

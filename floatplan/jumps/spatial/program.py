@@ -345,9 +345,14 @@ class SpatialProgram:
         return np.array([ground + least_of[use] for _, use in self._heights(kind)]) / self.height
 
     def _interval_piece(self, index: int) -> Piece:
-        """Rows of the intervals of a phase: y and v follow from accelerations that are linear."""
+        """Rows of the intervals of a phase: y and v follow from accelerations that are linear.
+
+        In flight the rates of the base's angles follow from the angular momentum, which is the same at all nodes: as the
+        integral of accelerations they would be wrong by the square of the step, and the attitude where it lands too.
+        """
         ca = casadi()
-        n = self.model.size
+        model = self.model
+        n = model.size
         phase = self.phases[index]
         first = [ca.SX.sym(f"{name}0", n) for name in "yva"]
         second = [ca.SX.sym(f"{name}1", n) for name in "yva"]
@@ -356,6 +361,11 @@ class SpatialProgram:
         step = share * duration
         places = second[0] - first[0] - step * first[1] - step**2 * (first[2] / 3 + second[2] / 6)
         rates = (second[1] - first[1] - step / 2 * (first[2] + second[2])) * self.unit
+        flies = index == self.flight
+        if flies:
+            momentum = ca.Function("momentum", [model.y, model.v], [model.angular_momentum])
+            change = momentum(second[0], second[1]) - momentum(first[0], first[1])
+            rates[3:BASE] = change * self.unit / (model.mass * self.height**2)
         nodes = np.arange(self.borders[index], self.borders[index + 1])
         offsets = np.arange(3 * n)[:, None]
         indices = np.vstack(
@@ -372,13 +382,16 @@ class SpatialProgram:
             rows=ca.vertcat(places, rates),
             cost=ca.SX(0),
         )
+        labels = [f"motion between nodes ({phase.name})"] * (2 * n)
+        if flies:
+            labels[n + 3 : n + BASE] = [f"angular momentum ({phase.name})"] * 3
         return Piece(
-            expression=self.expressions.setdefault("interval", expression),
+            expression=self.expressions.setdefault("flight" if flies else "interval", expression),
             indices=indices,
             values=np.diff(phase.shares)[None],
             low=zero,
             high=zero,
-            labels=(f"motion between nodes ({phase.name})",) * (2 * n),
+            labels=tuple(labels),
         )
 
     @cached_property
