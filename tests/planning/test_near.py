@@ -7,6 +7,7 @@ import pytest
 from places import PROBLEMS
 
 import floatplan as fp
+from floatplan.planning import in_space
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.planner import planned
 
@@ -80,3 +81,21 @@ def test_in_space_a_plan_is_at_its_own_motion_too_and_a_small_change_begins_with
     assert near.ok
     assert near.solver["starts"] == 1
     assert near.objective_value <= whole.objective_value * (1 + 1e-5)
+
+
+def test_in_space_a_start_near_a_plan_is_followed_within_its_limits_as_it_is(request, monkeypatch):
+    """Made smaller without them first, it would leave them: flights past the edge of a box were not found."""
+    plan = request.getfixturevalue("planned")("space/go2_barrel_roll")
+    assert plan.problem.has_inequalities
+    made_smaller = []
+
+    def recorded(motion, *arguments, **options):
+        made_smaller.append(motion)
+        return descend(motion, *arguments, **options)
+
+    descend = in_space.descend
+    monkeypatch.setattr(in_space, "descend", recorded)
+    again = plan_near(plan.problem, plan, PATIENCE)
+    assert again.ok
+    assert again.solver["starts"] == 1
+    assert not made_smaller

@@ -347,8 +347,8 @@ class SpatialProgram:
     def _interval_piece(self, index: int) -> Piece:
         """Rows of the intervals of a phase: y and v follow from accelerations that are linear.
 
-        In flight the rates of the base's angles follow from the angular momentum, which is the same at all nodes: as the
-        integral of accelerations they would be wrong by the square of the step, and the attitude where it lands too.
+        In flight the rates of the base's angles follow from the angular momentum, which is the same at all nodes: as
+        integrals of accelerations they would be wrong by the square of the step, and the attitude where it lands too.
         """
         ca = casadi()
         model = self.model
