@@ -190,7 +190,7 @@ class SpatialSearch(Search):
     ) -> AttemptResult | None:
         """Where one start ends: closed, then made smaller, or followed with limits and another objective.
 
-        One that is near a plan is not made smaller before it is followed: without limits it would leave them.
+        One that is near a plan is not made smaller first: without limits it would leave them.
         None where that cannot be integrated.
         """
         before = self.work.done

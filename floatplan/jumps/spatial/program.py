@@ -361,8 +361,8 @@ class SpatialProgram:
         step = share * duration
         places = second[0] - first[0] - step * first[1] - step**2 * (first[2] / 3 + second[2] / 6)
         rates = (second[1] - first[1] - step / 2 * (first[2] + second[2])) * self.unit
-        flies = index == self.flight
-        if flies:
+        in_flight = index == self.flight
+        if in_flight:
             momentum = ca.Function("momentum", [model.y, model.v], [model.angular_momentum])
             change = momentum(second[0], second[1]) - momentum(first[0], first[1])
             rates[3:BASE] = change * self.unit / (model.mass * self.height**2)
@@ -383,10 +383,10 @@ class SpatialProgram:
             cost=ca.SX(0),
         )
         labels = [f"motion between nodes ({phase.name})"] * (2 * n)
-        if flies:
+        if in_flight:
             labels[n + 3 : n + BASE] = [f"angular momentum ({phase.name})"] * 3
         return Piece(
-            expression=self.expressions.setdefault("flight" if flies else "interval", expression),
+            expression=self.expressions.setdefault("flight" if in_flight else "interval", expression),
             indices=indices,
             values=np.diff(phase.shares)[None],
             low=zero,
