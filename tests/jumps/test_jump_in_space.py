@@ -65,7 +65,7 @@ def test_the_program_s_rows_hold_at_its_solution(name):
 def test_the_program_s_flight_keeps_its_angular_momentum(name):
     """At its nodes, by Pinocchio; and where it lands the attitude is that of an integral over its joints' motion."""
     setup = jumps.setup_in_space(name)
-    program = setup.program(jumps.COARSE)
+    program = setup.program(jumps.STORED[name])
     solution = program.solution(jumps.stored_solution(name), iterations=0, converged=True)
     mechanics = setup.mechanics
     nodes = np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes]
