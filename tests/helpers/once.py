@@ -14,7 +14,7 @@ from filelock import FileLock
 if TYPE_CHECKING:
     from floatplan import Robot
 
-folder = Path()  # of all processes; set when they begin
+folder: Path | None = None  # of all processes; set when tests begin, without them nothing is left for others
 _made: dict[str, Any] = {}
 _robots: dict[tuple[Any, ...], Robot] = {}  # of this process, by what loads them
 _asked: dict[int, tuple[Any, ...]] = {}  # what loads them, by their identity
@@ -48,15 +48,19 @@ class _Unpickler(pickle.Unpickler):
 def made_once(name: str, make: Callable[[], Any]) -> Any:
     """Return what ``make`` returns: from memory, or as another process left it, or made now and left for the others."""
     if name not in _made:
-        path = folder / "made" / f"{name}.pickle"
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(path.with_suffix(".lock")):  # who comes while it is made waits for it
-            if path.is_file():
-                _made[name] = _Unpickler(io.BytesIO(path.read_bytes())).load()
-            else:
-                _made[name] = make()
-                new = path.with_suffix(".new")
-                with new.open("wb") as stream:
-                    _Pickler(stream).dump(_made[name])
-                os.rename(new, path)  # noqa: PTH104 - not as floatplan does it, which tests spoil
+        _made[name] = make() if folder is None else _made_in(folder, name, make)
     return _made[name]
+
+
+def _made_in(shared: Path, name: str, make: Callable[[], Any]) -> Any:
+    path = shared / "made" / f"{name}.pickle"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(path.with_suffix(".lock")):  # who comes while it is made waits for it
+        if path.is_file():
+            return _Unpickler(io.BytesIO(path.read_bytes())).load()
+        made = make()
+        new = path.with_suffix(".new")
+        with new.open("wb") as stream:
+            _Pickler(stream).dump(made)
+        os.rename(new, path)  # noqa: PTH104 - not as floatplan does it, which tests spoil
+        return made
