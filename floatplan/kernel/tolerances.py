@@ -2,16 +2,18 @@
 
 One dataclass for each struct of numbers in ``kernel.h``, with the fields of that struct; Python that uses the same
 number reads it here. In brackets the unit; then what the number does, and why it has this value where that is known.
-What depends on the problem, or is a number of another room, is 0 here and filled in where the struct is made.
+What depends on the problem, or is a number of another room, is 0 here and filled in where the struct is made. None of
+them is compared or printed: methods for that, of so many fields, would take 3 ms of every start of the program.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Stage:
     """When one stage of a search ends; the last one where no other numbers stand."""
 
@@ -25,7 +27,7 @@ class Stage:
 FINE = Stage()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Settings:
     """SQP and its stages, and the starts of programs without rows.
 
@@ -84,7 +86,7 @@ class Settings:
     spreads_of_starts: tuple[float, ...] = (0.2, 0.4, 0.8, 1.6, 0.8, 1.6)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Exchange:
     """The search with inequalities: the exchange of instants, restoration, and the measure of work.
 
@@ -146,7 +148,7 @@ class Exchange:
     begins_with_active: int = 0  # whether a step's quadratic program begins with the rows of the step before
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class CorrectionOptions:
     """Corrections in flight, and the filter that estimates the robot's state."""
 
@@ -186,6 +188,7 @@ EXCHANGE_IN_SPACE = Exchange(
 )
 
 
+@cache
 def near_recorded(exchange: Exchange) -> Exchange:
     """Return the same for the motion that is nearest to a recorded one.
 

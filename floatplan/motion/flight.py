@@ -22,8 +22,6 @@ from floatplan.motion.planar.full_model import (
     free_flyer,
 )
 from floatplan.motion.planar.whole import PlanarMotion
-from floatplan.motion.spatial.flight import spatial_flight
-from floatplan.motion.spatial.out_of_plane import missed_in_space
 from floatplan.problem.ballistics import Ballistics
 from floatplan.problem.problem import Problem
 
@@ -31,10 +29,14 @@ __all__ = ["FAST", "Ballistics", "Contact", "Dynamics", "End", "EndRates"]
 __all__ += ["FlightCoordinates", "FullMotion", "GaussGrid"]
 __all__ += ["LinkShapes", "MotionInFile", "PinocchioDynamics", "PlanarFlight", "PlanarMotion", "Reachable", "Segments"]
 __all__ += ["flight_of", "frame_from_com", "free_flyer", "gauss_grid", "landing"]
-__all__ += ["missed_in_space", "no_common_momentum", "obstacle_distances", "planar_flight", "reachable_sets", "takeoff"]
+__all__ += ["no_common_momentum", "obstacle_distances", "planar_flight", "reachable_sets", "takeoff"]
 __all__ += ["tree_dynamics"]
 
 
 def flight_of(problem: Problem) -> FlightDynamics:
     """What a problem fixes of every motion, prepared once, and what is known of it without a search."""
-    return planar_flight(problem) if problem.robot.in_plane else spatial_flight(problem)
+    if problem.robot.in_plane:
+        return planar_flight(problem)
+    from floatplan.motion.spatial.flight import spatial_flight  # here, because flights in a plane do without
+
+    return spatial_flight(problem)

@@ -8,6 +8,7 @@ Theory and Approximation Practice, ch. 8 and 19).
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
@@ -16,7 +17,9 @@ from floatplan.arrays import Array, IntArray, distinct, read_only
 from floatplan.pool import one_thread
 
 NODE_COUNTS = (16, 24, 32, 48, 64, 96, 128, 192, 256)
-AT_ONCE = 32  # [-] candidates: the function gives all its columns for every one
+# Nodes and weights (2, 856) on [-1, 1] of the rules of NODE_COUNTS, one after the other, from NumPy's leggauss(). Every
+# search needs all of them, and to compute them takes 20 ms, a hundred times as long as most plans.
+TABULATED = np.load(Path(__file__).with_name("gauss_legendre.npy"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,11 @@ class GaussLegendre:
 @one_thread
 def gauss_legendre(count: int, integrates: bool = True) -> GaussLegendre:
     """Return the quadrature with ``count`` nodes, with the antiderivative, which takes most of the time, or without."""
-    x, w = legendre.leggauss(count)
+    if count in NODE_COUNTS:
+        first = sum(NODE_COUNTS[: NODE_COUNTS.index(count)])
+        x, w = TABULATED[:, first : first + count]
+    else:
+        x, w = legendre.leggauss(count)
     transform = (np.arange(count)[:, None] + 0.5) * legendre.legvander(x, count - 1).T * w
     nodes = read_only((x + 1) / 2)
     weights = read_only(w / 2)
@@ -213,8 +220,9 @@ def narrowed(
     The function gives (N, r) at (N,); ``span`` is how far the first look goes to both sides, the next ones 8 times
     closer each. Returned are where the minima are, and their values.
     """
-    if len(where) > AT_ONCE:
-        chunks = [slice(first, first + AT_ONCE) for first in range(0, len(where), AT_ONCE)]
+    most = 32  # [-] candidates of a call: the function gives all its columns for every one
+    if len(where) > most:
+        chunks = [slice(first, first + most) for first in range(0, len(where), most)]
         minima = [narrowed(values, column[chunk], where[chunk], least[chunk], span, last) for chunk in chunks]
         where, least = map(np.concatenate, zip(*minima, strict=True))
         return where, least

@@ -16,7 +16,6 @@ from floatplan.arrays import Array
 from floatplan.errors import refuse
 from floatplan.motion.sine_polynomial import basis
 from floatplan.planning.batch import follow_unconstrained
-from floatplan.planning.in_space import SpatialSearch
 from floatplan.planning.kernel_input.numbers import Numbers
 from floatplan.planning.options import SearchOptions
 from floatplan.planning.result import SearchedPlan, SearchResult
@@ -115,6 +114,8 @@ def search_for(problem: Problem, options: SearchOptions, near: Plan | None = Non
             return SearchedPlan(plan, lambda: batch.result(0, problem), work=batch.searches.pointer[0].work)
         search = batch.search(0, problem, options)
     elif problem.robot.in_plane is None:
+        from floatplan.planning.in_space import SpatialSearch  # here, because flights in a plane do without
+
         search = SpatialSearch(problem, options)
     result = _searched(search or Search(problem, options), near, started)
     return replace(result, seconds=time.perf_counter() - started)

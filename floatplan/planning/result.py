@@ -12,7 +12,6 @@ from floatplan.arrays import Array, IntArray
 from floatplan.kernel.tolerances import EXCHANGE
 from floatplan.motion.quadrature import gauss_legendre
 from floatplan.motion.sine_polynomial import SinePolynomials, WrittenMotion, basis
-from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.planning.spec import FlightSpec
 from floatplan.planning.variables import DecisionVariables, decision_variables
 from floatplan.plans.plan import Plan
@@ -161,6 +160,8 @@ class AttemptResult:
 
     def _robust_size(self) -> float:
         """The objective "robust", rad."""
+        from floatplan.motion.spatial.whole import SpatialMotion  # here, because flights in a plane do without
+
         problem = self.spec.problem
         motions, z, h = self.motion
         joints = WrittenMotion.from_powers(motions.centre, motions.amplitude, self.written, problem.flight.duration)

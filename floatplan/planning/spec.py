@@ -10,10 +10,8 @@ import numpy as np
 from floatplan.arrays import Array
 from floatplan.motion.dynamics import FlightDynamics, MomentumSet
 from floatplan.motion.flight import PlanarFlight, flight_of
-from floatplan.motion.spatial.flight import SpatialFlight
 from floatplan.planning.constraints import Constraint, clearance, limit
 from floatplan.planning.kernel_input.rows import KernelRows, PlanarRows
-from floatplan.planning.kernel_input.space import SpatialRows
 from floatplan.planning.variables import DecisionVariables, Start, decision_variables, scaled_variables
 from floatplan.problem.parts import Obstacle
 from floatplan.problem.problem import Problem
@@ -83,6 +81,9 @@ class FlightSpec:
             assert isinstance(flight, PlanarFlight), "the robot flies in its plane"
             blocks = [constraint.rows for constraint in self.constraints]
             return PlanarRows(self.problem.robot.tree, blocks, quantity, flight)
+        from floatplan.motion.spatial.flight import SpatialFlight  # here, because flights in a plane do without
+        from floatplan.planning.kernel_input.space import SpatialRows
+
         assert isinstance(self.flight, SpatialFlight), "the robot flies in space"
         return SpatialRows(self.flight, [constraint.rows for constraint in self.constraints], quantity)
 

@@ -15,7 +15,6 @@ from floatplan.motion import flight, quadrature
 from floatplan.motion.dynamics import FlightState, Peaks, PlacedShapes, WholeMotion
 from floatplan.motion.quadrature import least_by_grids, resolution
 from floatplan.motion.sine_polynomial import WrittenMotion, free_part
-from floatplan.motion.spatial.whole import SpatialMotion
 from floatplan.pool import one_thread
 from floatplan.problem.parts import Ground, Obstacle
 from floatplan.problem.problem import Problem
@@ -253,7 +252,11 @@ class PlannedMotion(flight.MotionInFile):
         leak = self.out_of_plane_leak
         if leak is None or not isinstance(self.whole, flight.PlanarMotion):
             return None
-        return read_only(np.zeros(3) if leak < 1e-12 else flight.missed_in_space(self.whole))  # is rounding
+        if leak < 1e-12:  # is rounding
+            return read_only(np.zeros(3))
+        from floatplan.motion.spatial.out_of_plane import missed_in_space  # here, because most plans do without
+
+        return read_only(missed_in_space(self.whole))
 
     @cached_property
     @one_thread
@@ -263,7 +266,12 @@ class PlannedMotion(flight.MotionInFile):
         They are K (3,), rad, the turn of the world at landing by ``ln |h|``, and P (3, 3), that by a small turn at
         takeoff, of the same motion of the joints.
         """
-        return self.whole.growth_of_errors if isinstance(self.whole, SpatialMotion) else None
+        if self.problem.robot.in_plane:
+            return None
+        from floatplan.motion.spatial.whole import SpatialMotion  # here, because flights in a plane do without
+
+        assert isinstance(self.whole, SpatialMotion), "the robot flies in space"
+        return self.whole.growth_of_errors
 
     @property
     def _size(self) -> float:
@@ -282,6 +290,8 @@ class PlannedMotion(flight.MotionInFile):
             positions = self.at(self.duration * grid.nodes).positions
             return distance_from(self.problem.reference, grid.nodes, grid.weights, positions)
         if self.problem.motion.objective == "robust":
+            from floatplan.motion.spatial.whole import SpatialMotion  # here, because flights in a plane do without
+
             assert isinstance(self.whole, SpatialMotion), "the robot flies in space"
             return self.whole.robust_size(self._size)
         if quantity is None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import FrameType
 
 import floatplan as fp
+import floatplan.planning.in_space  # the planner imports it on first need
 
 PACKAGE = str(Path(fp.__file__).parent)
 PLAN = fp.plan  # imports the planner

@@ -25,6 +25,13 @@ class TestGaussLegendre:
         vanishing = legendre.legval(2 * quadrature.nodes - 1, [0.0] * count + [1.0])
         assert quadrature.weights @ vanishing**2 == pytest.approx(0.0, abs=1e-20)  # its integral is 1 / (2 count + 1)
 
+    @pytest.mark.parametrize("count", NODE_COUNTS)
+    def test_tabulated_nodes_are_those_that_numpy_computes(self, count):
+        nodes, weights = legendre.leggauss(count)
+        quadrature = gauss_legendre(count)
+        assert 2 * quadrature.nodes - 1 == pytest.approx(nodes, abs=4e-16)
+        assert 2 * quadrature.weights == pytest.approx(weights, rel=1e-12)
+
     def test_integrals_up_to_any_instant(self):
         quadrature = gauss_legendre(24)
         integrals = quadrature.integrals(INSTANTS) @ np.exp(3 * quadrature.nodes)
