@@ -290,7 +290,8 @@ class JumpProgram:
             times = variables.durations[index] * ca.DM(phase.shares).T
             if self.node_rows.limits.pitch_error:
                 self._add_rotated_landing(rows, phase, motion, times)
-            cost = cost + onset_cost(load, times)
+            abruptness = PROGRAM.abruptness_of_shares if self._limits else PROGRAM.abruptness
+            cost = cost + onset_cost(load, times, abruptness)
         return cost
 
     def _stance_bounds(self, index: int, bounds: Sequence[Bound]) -> tuple[Array, Array]:
