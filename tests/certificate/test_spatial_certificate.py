@@ -28,7 +28,7 @@ from floatplan.plans.verdicts import Certificate
 from floatplan.robot.urdf.tree import urdf_path
 from floatplan.tables import ORIENTATION
 
-MUTATIONS = 8  # scripts/mutations.py makes more
+MUTATIONS = 6  # scripts/mutations.py makes more
 INTEGRATED = 1e-11  # [rad] that DOP853 is off by, times the amplification
 
 
