@@ -176,7 +176,7 @@ def calls(problem, plan, authority, folder):
     asked = {"problem": problem, "angular_momentum": 3.0}
     replanner = fp.Replanner(plan)
     options = {"seed": 0, "starts": 1, "prove": False}
-    flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 50.0}
+    flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 10.0}
     return {
         "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
         "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "jobs": 1, "search": False, "attempts": 4}),
@@ -195,7 +195,7 @@ def calls(problem, plan, authority, folder):
                 "engine": "pinocchio",
                 "perturb": "",
                 "feedback": None,
-                "step": 0.05,
+                "step": 0.01,
                 "seed": 0,
             },
         ),
@@ -359,7 +359,7 @@ def test_a_path_stands_for_what_is_in_its_file(root, plan, authority, tmp_path):
     assert fp.plan_many([toml, plan.problem]).ok.all()
     assert fp.replay(file).position_error.tolist() == fp.replay(plan).position_error.tolist()
     assert fp.Replanner(str(file)).plan.coefficients.tolist() == plan.coefficients.tolist()
-    assert fp.closed_loop(file, 50.0, flights=1, feedback=50.0).flights == 1
+    assert fp.closed_loop(file, 50.0, flights=1, feedback=10.0).flights == 1
     assert fp.authority(file).momentum.shape == authority.momentum.shape
 
 
@@ -406,7 +406,7 @@ def test_representations_are_short_and_tell(problem, plan, authority):
     replanner = fp.Replanner(plan)
     first = plan.at(0.0)
     measured = (float(first.orientation), float(first.orientation_rate), first.positions, first.velocities)
-    flown = fp.closed_loop(plan, 50.0, flights=2, feedback=50.0)
+    flown = fp.closed_loop(plan, 50.0, flights=2, feedback=10.0)
     for shown, told in (
         (plans, "status: 1000 optimal"),
         (family, "varied: flight.duration (1000,) from 1.3 to 1.5"),

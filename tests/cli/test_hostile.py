@@ -34,7 +34,7 @@ def results_of_a_run(plan_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     plan = fp.load_plan(plan_file)
     write_results(plan, folder, 1000.0)
-    save_figures(plan, folder / ResultFile.FIGURES)
+    save_figures(plan, folder / ResultFile.FIGURES, formats=("png",))
     plan.show(folder / ResultFile.REPORT, browse=False)
     return folder
 

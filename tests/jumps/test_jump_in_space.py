@@ -168,7 +168,7 @@ def test_the_lift_of_feet_grows_from_both_ends_of_the_flight():
 
 def test_momentum_changes_by_what_the_feet_exert(roll):
     """The moment about the centre of mass, integrated, by an independent sum over contact forces."""
-    times = np.linspace(0.0, roll.takeoff_time, 4001)
+    times = np.linspace(0.0, roll.takeoff_time, 2001)
     state = roll.state(times)
     forces = roll.forces(times)
     points = roll.contact_points(times)
@@ -193,10 +193,6 @@ def test_its_file_holds_it(roll, tmp_path):
     assert not bent.ok
     assert bent.check.figures["drift"] > 1e-3  # of feet that stood still
     assert bent.check.figures["foot_speed"] > 0.02
-    content["stances"][0]["contacts"][0]["frame"] = "paw"
-    path.write_text(json.dumps(content))
-    with pytest.raises(fp.InputError, match="no frame 'paw'"):
-        fp.load_jump(path)
 
 
 def test_it_is_handed_on(roll, tmp_path):
@@ -387,7 +383,7 @@ def coarse_program(root):
     @cache
     def program_of(name):
         problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
-        return spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
+        return spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.25))
 
     return program_of
 
