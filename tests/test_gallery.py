@@ -99,6 +99,7 @@ def test_the_script_makes_the_table(monkeypatch, capsys):
     assert row.startswith("| double pendulum | 2 | 0.701 | 0.6 |")
 
 
+@pytest.mark.long
 def test_the_page_has_the_table_of_these_plans(monkeypatch, plans):
     """Joints, mass and duration as the script prints them; what depends on the plan found within its limits."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))

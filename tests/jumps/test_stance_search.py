@@ -65,7 +65,7 @@ def test_a_stance_ends_as_the_flight_begins(case):
     velocity = [0.2, 0.1, 1.0]
     momentum = [0.1, 0.2, -0.1]
     end = case.met(velocity, momentum)
-    result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 10)
+    result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 6)
     assert result.ok, result.broken
     (stance,) = result.stances
     reached, turning, force = case.flies_with(stance, stance.span[1])
