@@ -53,6 +53,7 @@ def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, written_as:
     assert [phase.frames for phase in setups[0].phases] == [phase.frames for phase in setups[1].phases]
 
 
+@pytest.mark.long
 def test_soles_are_named_by_their_frames(tmp_path: Path) -> None:
     """A humanoid's roll: off its right sole, onto its left one."""
     source = "example-robot-data:g1_description/urdf/g1_29dof_rev_1_0.urdf"

@@ -187,6 +187,13 @@ def test_its_file_holds_it(roll, tmp_path):
     assert content["flight"]["format"] == "floatplan.plan/2"
     again = fp.load_jump(path)
     assert again.check.figures == roll.check.figures
+
+
+@pytest.mark.long
+def test_its_file_is_checked(roll, tmp_path):
+    """As those of jumps in a plane, see ``test_tampering.py``."""
+    path = roll.save(tmp_path / "jump.json")
+    content = json.loads(path.read_text())
     content["stances"][0]["y"][8][40] += 0.02
     path.write_text(json.dumps(content))
     bent = fp.load_jump(path)

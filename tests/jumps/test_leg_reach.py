@@ -97,6 +97,7 @@ def takeoff_height(setup):
     return guess(program)[program.begins[program.borders[program.flight]] + 2]
 
 
+@pytest.mark.long
 def test_a_guess_leaves_the_ground_where_slow_legs_reach(setup_of):
     """A Talos that stands with its knees hardly bent leaves it lower than the 1.15 of its height of others."""
     problem = setup_of("talos_side").problem

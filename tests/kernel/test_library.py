@@ -87,6 +87,7 @@ def test_an_installation_that_cannot_compile_fails_and_says_so(checkout, compile
     assert not list(checkout.glob("dist/*"))
 
 
+@pytest.mark.long
 def test_an_editable_installation_leaves_the_kernel_to_who_compiles_it_elsewhere(checkout):
     """A wheel has it in any case."""
     code = (

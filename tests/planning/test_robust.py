@@ -77,7 +77,8 @@ def test_errors_at_takeoff_grow_less(plan_of, name):
         assert errors[0] < 0.65 * errors[1]
 
 
-@pytest.mark.parametrize("name", cases(NAMES, NAMES[1:]))
+@pytest.mark.long
+@pytest.mark.parametrize("name", NAMES)
 def test_what_is_optimal_cannot_be_made_smaller(plan_of, name):
     """However far a descent of the plan's motion goes, its value falls by less than a thousandth."""
     plan = plan_of(name, "robust")

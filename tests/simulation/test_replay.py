@@ -30,7 +30,6 @@ FLOWN = {
     "high_jump",
     "obstacle_hard",
     "somersault",
-    "gallery/borinot",
 }  # every time
 
 
