@@ -205,7 +205,7 @@ class TestWrites:
     @pytest.mark.parametrize(
         ("shell", "code"),
         [
-            (">&- 2>&-", 0),
+            pytest.param(">&- 2>&-", 0, marks=pytest.mark.long),
             pytest.param(">/dev/full", 2, marks=pytest.mark.long),
             ("--json >/dev/full", 2),
             pytest.param("2>&- >/dev/null", 0, marks=pytest.mark.long),
