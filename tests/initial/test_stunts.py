@@ -82,8 +82,9 @@ def test_it_leaves_from_the_feet_over_which_it_turns(
     assert set(phases[3].frames) == lands
 
 
-def test_every_stunt_is_written(tmp_path: Path) -> None:
-    for name in STUNTS:
+def test_every_other_stunt_is_written(tmp_path: Path) -> None:
+    written = {"roll", "side", "backflip", "roll-left"}  # which those above read too
+    for name in STUNTS.keys() - written:
         path = tmp_path / f"{name}.toml"
         path.write_text(stunt_file_text(A1, name, {}, path))
         assert fp.load_problem(path).jump is not None

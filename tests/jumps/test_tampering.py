@@ -96,10 +96,8 @@ SPOILED = {  # what is changed; the figure that shows it, or what reading says
 }
 DAILY = {
     "forces scaled",
-    "forces shifted",
     "a phase shifted",
     "feet that hover",
-    "an obstacle where it flies",
     "endless rates",
 }
 
