@@ -32,7 +32,7 @@ TURNS = {"jumps/space/go2_half_turn", "jumps/space/go2_diagonal"}  # as the quar
 GROUNDS = {name for name in NAMES if name.startswith("jumps/space/go2_down")}  # flights that know no ground
 GROUNDS |= {"jumps/space/go2_up", "jumps/boxes/go2_box", "jumps/sequences/go2_flips_periodic"}
 LARGE = {"jumps/g1", "space/diver_full_twist", "space/free_panda", "jumps/space/go2_side", *TURNS}  # of many joints
-LARGE |= {"jumps/space/go2_quarter_turn"}
+LARGE |= {"jumps/space/go2_quarter_turn", *(f"gallery/{name}" for name in ("g1", "human", "solo12", "talos"))}
 
 
 @pytest.mark.parametrize("name", cases(NAMES, {*OF_OTHERS, *TWISTS, *LARGE, *GROUNDS}))
