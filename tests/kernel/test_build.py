@@ -148,8 +148,7 @@ def ended(processes):
 def test_an_interrupted_build_leaves_neither_files_nor_compilers(checkout, number):
     processes = checkout.kernel.parent / "processes"
     processes.mkdir()
-    # They run for a while first: one whose start is interrupted itself goes on, as the build does not know it yet.
-    checkout.compile_by(f"sleep 0.3\ntouch '{processes}'/$$\nexec sleep {10 * PATIENCE}")
+    checkout.compile_by(f"touch '{processes}'/$$\nexec sleep {10 * PATIENCE}")
     process = checkout.start()
     wait_until(lambda: len(list(processes.iterdir())) == len(build.UNITS))
     process.send_signal(number)
