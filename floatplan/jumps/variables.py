@@ -33,7 +33,7 @@ class ProgramSettings:
     onset : time in which the ground's force may grow by the weight, s: feet land by so much late and early
     abruptness : cost of the square of force over the weight beyond that; 3 to 100 make little difference
     abruptness_of_shares : the same where the factor counts: 10 takes 1 to 6 % of the limits more, and of 40 disturbed
-        landings of a Go2 no more stand than with 1 (21 and 21, of which 14 and 18 touch the ground with feet alone)
+        landings of a Go2 no more stand than with 1 (21 and 21, of which 14 and 18 only on their feet)
     rounding : of the weight, by which the corner of that cost is rounded
     largest_factor : that is looked for
     violation : of constraints, scaled, that IPOPT aims at; a last iterate with which it does not converge counts as a

@@ -2,8 +2,8 @@
 
 One dataclass for each struct of numbers in ``kernel.h``, with the fields of that struct; Python that uses the same
 number reads it here. In brackets the unit; then what the number does, and why it has this value where that is known.
-What depends on the problem, or is a number of another room, is 0 here and filled in where the struct is made. None of
-them is compared or printed: methods for that, of so many fields, would take 3 ms of every start of the program.
+What depends on the problem, or is a number of another package, is 0 here and filled in where the struct is made. None
+of them is compared or printed: methods for that, of so many fields, would take 3 ms of every start of the program.
 """
 
 from __future__ import annotations
