@@ -252,7 +252,7 @@ def _run_side_by_side(commands: Sequence[Sequence[str]], environment: dict[str, 
 
 @contextlib.contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """Let signals that end this process come after this; what starts in it inherits that, and is ended by a kill."""
+    """Let signals that end this process come after this; what starts in it inherits the mask, and is to be killed."""
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
         yield
