@@ -270,7 +270,7 @@ class Mechanics:
         return still, self._base_wrench(still, coordinates)
 
     def hold(self, motion: Array, frames: Sequence[str], *orders: int) -> None:
-        """Change derivatives of these orders, 1 or 2, of a motion's joints, so that its feet do not have them, but roll."""
+        """Change derivatives of these orders, 1 or 2, of a motion's joints, so that its feet have none, but roll."""
         self._hold(motion, self.coordinates(motion), frames, orders)
 
     def _hold(
