@@ -25,6 +25,10 @@ from floatplan.simulation.results import JumpLandings, JumpReplay, SimulatedRun
 from floatplan.simulation.simulated_jump import SimulatedJump
 from floatplan.tables import Range
 
+MASSES = (
+    0.95,
+    1.05,
+)  # [-] of the plan's, with which gains are tried: as far off as in the replays of the documentation
 MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # [-] of gains
 
 
@@ -52,8 +56,7 @@ def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = 
     for trial, multiple in enumerate(MULTIPLES, start=1):
         control.gains = multiple * first
         of_multiple = []
-        # Masses as far off as with mass=5%, the size with which replays and the bench are documented.
-        for rotors, mass, correct in itertools.product((0.0, heaviest), (0.95, 1.05), (False, True)):
+        for rotors, mass, correct in itertools.product((0.0, heaviest), MASSES, (False, True)):
             masses = mass * bodies
             run = control.run_jump(late, friction, seed, 0, correct, armature=rotors, mass=masses, inertia=masses)
             on_feet = run.landing["stands"] and not run.landing["touched"]

@@ -118,8 +118,9 @@ def plan_on_fewer_nodes(patch: pytest.MonkeyPatch, share: float = 0.6) -> None:
 
 
 def try_few_gains(patch: pytest.MonkeyPatch, multiples: tuple[float, ...] = (1.1, 1.0)) -> None:
-    """Let a search for gains try few of them: each is flown eight times."""
+    """Let a search for gains try few of them, with bodies of one mass: each is flown four times, not eight."""
     patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", multiples)
+    patch.setattr("floatplan.simulation.jump_replay.MASSES", (1.05,))
 
 
 def stored_jump(name: str) -> SpatialJump:

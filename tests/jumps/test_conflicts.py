@@ -56,7 +56,8 @@ def test_a_limit_of_a_kind_that_nobody_relaxes_is_not_taken_for_a_distance():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("at_leisure")
-def test_a_search_that_finds_nothing_says_why():
+def test_a_search_that_finds_nothing_says_why(monkeypatch):
+    monkeypatch.setattr("floatplan.jumps.program.ITERATIONS", 125)  # as many as find a jump where there is one
     said = list[str]()
     answer = fp.jump(go2_problem(), fp.JumpRequest(friction=0.12), starts=1, near=backflip(), progress=said.append)
     assert not answer.ok

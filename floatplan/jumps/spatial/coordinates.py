@@ -165,9 +165,10 @@ class Mechanics:
 
     def wrench(self, motion: Array) -> Array:
         """Forces (N, nv) on all coordinates that a motion takes, by RNEA, gravity's included."""
-        return self._wrench(self.coordinates(motion))
+        return self.wrench_of(self.coordinates(motion))
 
-    def _wrench(self, coordinates: tuple[Array, Array, Array]) -> Array:
+    def wrench_of(self, coordinates: tuple[Array, Array, Array]) -> Array:
+        """As :meth:`wrench`, of Pinocchio's q, v and a."""
         return np.array([pin.rnea(self.model, self.data, *row) for row in zip(*coordinates, strict=True)])
 
     def base_wrench(self, motion: Array) -> Array:
@@ -176,7 +177,7 @@ class Mechanics:
 
     def _base_wrench(self, motion: Array, coordinates: tuple[Array, Array, Array]) -> Array:
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
-        wrench = self._wrench(coordinates)
+        wrench = self.wrench_of(coordinates)
         force = np.einsum("nij,nj->ni", rotation, wrench[:, :3])
         moment = np.einsum("nij,nj->ni", rotation, wrench[:, 3:BASE])
         return np.hstack((force, moment))
@@ -209,11 +210,11 @@ class Mechanics:
         position for 0; else of its velocity by rates, which of balls is that of their lowest points.
         """
         coordinates = self.coordinates(motion)
-        of_position, jacobians = self._placed(coordinates[0], frames, rolls=order > 0)
+        of_position, jacobians = self.placed(coordinates[0], frames, rolls=order > 0)
         places = [of_position, *(self._derivative(of_time, coordinates, frames) for of_time in (1, 2))]
         return np.stack(places), jacobians
 
-    def _placed(self, q: Array, frames: Sequence[str], rolls: bool) -> tuple[Array, Array]:
+    def placed(self, q: Array, frames: Sequence[str], rolls: bool) -> tuple[Array, Array]:
         """Places of feet (N, F, 3), and Jacobians (N, F, 3, n), where they roll those of balls' lowest points."""
         places = np.empty((len(q), len(frames), 3))
         jacobians = np.empty((*places.shape, self.robot.selection.shape[1]))
@@ -233,14 +234,15 @@ class Mechanics:
         rows = coordinates[: order + 1]
         of_frame = pin.getFrameVelocity if order == 1 else pin.getFrameClassicalAcceleration
         derivatives = np.empty((len(rows[0]), len(frames), 3))
+        spins = np.empty_like(derivatives)
         for index, of_time in enumerate(zip(*rows, strict=True)):
             pin.forwardKinematics(self.model, self.data, *of_time)
             for column, frame in enumerate(frames):
                 moves = of_frame(self.model, self.data, self.frames[frame], pin.LOCAL_WORLD_ALIGNED)
                 derivatives[index, column] = moves.linear
-                if self.radii[frame]:
-                    derivatives[index, column] -= np.cross(moves.angular, [0.0, 0.0, self.radii[frame]])
-        return derivatives
+                spins[index, column] = moves.angular
+        above = np.array([[0.0, 0.0, self.radii[frame]] for frame in frames])
+        return np.asarray(derivatives - np.cross(spins, above))
 
     def close(self, motion: Array, places: dict[str, Array]) -> Array:
         """The motion with legs whose feet stand at places (3,), with the least changes of their joints.
@@ -254,7 +256,7 @@ class Mechanics:
             return closed
         coordinates = self.coordinates(closed)
         for _ in range(12):
-            now, jacobians = self._placed(coordinates[0], frames, rolls=False)
+            now, jacobians = self.placed(coordinates[0], frames, rolls=False)
             gaps = targets - now
             self._move(closed, coordinates, 0, self._inverses(frames, jacobians), gaps)
             if np.abs(gaps).max() < 1e-12:
@@ -277,7 +279,7 @@ class Mechanics:
         self, motion: Array, coordinates: tuple[Array, Array, Array], frames: Sequence[str], orders: Sequence[int]
     ) -> None:
         """As :meth:`hold`, with the motion's coordinates, which change with it."""
-        inverses = self._inverses(frames, self._placed(coordinates[0], frames, rolls=True)[1])
+        inverses = self._inverses(frames, self.placed(coordinates[0], frames, rolls=True)[1])
         for order in orders:
             self._move(motion, coordinates, order, inverses, -self._derivative(order, coordinates, frames))
 
