@@ -338,7 +338,7 @@ def test_feet_of_a_takeoff_that_are_not_level_are_named(roll):
 @pytest.mark.parametrize("end", ["takeoff", "landing"])
 def test_the_stances_of_its_flight_are_found_again(roll, end, monkeypatch):
     """Within tighter limits, which takes longer, that of the takeoff alone is searched for."""
-    jumps.plan_on_fewer_nodes(monkeypatch)
+    jumps.plan_on_fewer_nodes(monkeypatch, share=0.4)
     search = in_space.planned_stance
     results = []
 
