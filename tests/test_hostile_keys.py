@@ -38,6 +38,8 @@ MORE = {  # keys of tables that no one problem that is planned has together
         "objective": "torque",
         "clearance": 0.04,
         "pitch_error": 4,
+        "least_force": 0.05,
+        "leeway": 20,
         "landing": {"to": "standing", **STANCE},
         "takeoff": {
             "from": {"q1": 90},

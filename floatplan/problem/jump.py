@@ -1,5 +1,6 @@
 """The request of a whole jump around its flight: contacts, margins, friction, and what is fixed of the flight."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
@@ -18,6 +19,7 @@ Durations: TypeAlias = Sequence[Sequence[float]]
 
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 MOST_PHASES = 2  # [-] on each side of the flight
+MOST_LEAST_FORCE = 0.1  # [-] of the weight: on each of the six points of two soles there is no more than a sixth
 MOST_FLIGHTS = 20  # [-] of a sequence: its program grows with each
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
@@ -223,6 +225,14 @@ class JumpRequest(Keyed):
         nothing but its feet on the ground; 0.07 rad, 4 degrees, if left out.
     flights : sequence of JumpFlight, optional
         In a plane: all flights, in order of time, where there are several; the first is the problem's own.
+    least_force : float
+        Over the weight: vertical force on each contact that stands, at least, where the search looks. More of it keeps
+        the centre of pressure inside the feet, and a robot that lands from tipping over some of them. In a plane it is
+        0.05 at least.
+    leeway : float, rad, optional
+        In space: by how much, where the search looks, the first and the last of the base's angles may leave what lies
+        between those of start and goal. Legs that have little torque to spare twist the base where nothing keeps them
+        from it.
     edge : float, m, optional
         Where the higher ground ends, horizontally from where the frame that takes off is at takeoff; for grounds of
         different heights. In space that is along x or y of the world, along which ``landing.displacement`` is longer,
@@ -246,6 +256,8 @@ class JumpRequest(Keyed):
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, 0.5, "rad"))] = 0.07
     flights: Annotated[Sequence[JumpFlight] | None, Key()] = None
+    least_force: Annotated[float, Key(numbers=Range(0.0, MOST_LEAST_FORCE, ""))] = 0.0
+    leeway: Annotated[float | None, Key(unit=ANGLE, numbers=Range(0.0, math.pi, "rad"))] = None
     edge: Annotated[float | None, Key(unit="m")] = None
 
     @property
@@ -306,6 +318,9 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     if is_planar and jump.landing.displacement is not None:
         advice = "leave it out: where a jump in a plane lands is free"
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
+    if is_planar and jump.leeway is not None:
+        advice = "leave it out: in a plane the base has one angle"
+        yield InputError("is for jumps in space", element="jump.leeway", advice=advice)
     in_a_plane = {
         "takeoff.com_velocity": jump.takeoff.com_velocity,
         "takeoff.velocities": jump.takeoff.velocities,

@@ -127,6 +127,26 @@ def test_limits_are_those_of_the_program_s_request(quarter_turn: fp.Problem) -> 
         assert sentence == f"{label} (takeoff), with all of the {most:.3g}{unit}"
 
 
+def test_a_leeway_and_a_least_force_bind_as_they_were_asked_for(quarter_turn: fp.Problem) -> None:
+    assert quarter_turn.jump is not None
+    request = replace(quarter_turn.jump, leeway=0.125, least_force=0.0625)
+    tight = spatial_setup(replace(quarter_turn, jump=request), request).program(replace(MARGINS, refinement=0.4))
+    said = set()
+    for index in range(1, tight.nodes - 1, 6):
+        raw = guess(tight)
+        begin = int(tight.begins[index])
+        raw[begin + 3] = tight.box[1][begin + 3]
+        raw[begin + 3 * tight.model.size + 2 :: 3][: len(tight.kinds[index].bearing)] = request.least_force
+        raw[begin + 2 * tight.model.size + 2] = -20.0  # m/s^2, faster than it falls: forces would have to pull
+        limits = binding_limits(tight, raw)
+        said |= {binding_sentence(limit, quarter_turn, request).partition(" (")[0] for limit in limits}
+    assert "leeway of the base's first angle" in said
+    assert any(sentence.startswith("least force of ") for sentence in said)
+    limit = BindingLimit("least force of FL_foot (landing)", "least force", 0.0625, 1.0)
+    sentence = binding_sentence(limit, quarter_turn, request)
+    assert sentence == "least force of FL_foot (landing), which ends at 0.0625 of the weight"
+
+
 def test_how_fast_all_feet_let_it_come_down(root: Path) -> None:
     """As fast as a calf folds, by Pinocchio's Jacobians; a jump that is no deeper than that fall is not warned of."""
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_down.toml")

@@ -413,6 +413,21 @@ def test_forces_are_within_the_cone(coarse_program):
         assert rows(*(0.999 * friction * np.cos(np.pi / 8) * direction), 1.0)[of_foot].min() > 0
 
 
+def test_feet_bear_what_is_asked_and_the_base_s_angles_have_a_leeway(problem):
+    """Of a roll the first angle is between those of start and goal, or hardly beyond, and the last one near zero."""
+    request = replace(problem.jump, least_force=0.07, leeway=0.1)
+    program = spatial_setup(replace(problem, jump=request), request).program(jumps.COARSE)
+    low, high = program.box
+    turn = program.ends.y[1, 3]
+    assert abs(turn) > 6
+    for node in range(1, program.nodes - 1):
+        angles = slice(program.begins[node] + 3, program.begins[node] + 6)
+        np.testing.assert_allclose(low[angles][[0, 2]], [min(turn, 0.0) - 0.1, -0.1])
+        np.testing.assert_allclose(high[angles][[0, 2]], [max(turn, 0.0) + 0.1, 0.1])
+        forces = low[program.begins[node] + 3 * program.model.size : program.begins[node + 1]]
+        np.testing.assert_array_equal(forces[2::3], 0.07)
+
+
 def test_pressure_stays_inside_the_sole(coarse_program):
     """A heel may bear the least share of its sole's force, and no less; a sole that bears nothing does not tip."""
     program = coarse_program("g1_quarter_turn")
@@ -607,7 +622,12 @@ def test_the_toe_of_a_sole_alone_is_for_jumps_in_a_plane(root):
         replace(humanoid, jump=replace(humanoid.jump, **toe))
 
 
-def test_a_displacement_is_for_jumps_in_space(root):
+@pytest.mark.parametrize(
+    ("key", "change"),
+    [("landing.displacement", {"landing": fp.JumpLanding(displacement=(0.1, 0.0))}), ("leeway", {"leeway": 0.1})],
+)
+def test_what_is_for_jumps_in_space_is_refused_in_a_plane(root, key, change):
     planar = fp.load_problem(root / "problems" / "jumps" / "go2.toml")
-    with pytest.raises(fp.InputError, match="is for jumps in space"):
-        replace(planar, jump=replace(planar.jump, landing=fp.JumpLanding(displacement=(0.1, 0.0))))
+    with pytest.raises(fp.InputError, match="is for jumps in space") as error:
+        replace(planar, jump=replace(planar.jump, **change))
+    assert error.value.element == f"jump.{key}"

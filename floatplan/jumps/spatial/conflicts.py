@@ -20,6 +20,8 @@ from floatplan.jumps.spatial.setup import SpatialSetup
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
+ONLY_IN_SPACE = {"distance": "m", "pressure": "", "leeway": "rad", "least force": "of the weight"}  # kinds, and units
+
 
 class BindingLimit(NamedTuple):
     """A limit that binds.
@@ -28,7 +30,7 @@ class BindingLimit(NamedTuple):
     ----------
     label : of its row, for a person
     kind : of limit
-    bound : rad, s or m, of a range, a duration or a height; elsewhere over what the program is scaled by
+    bound : rad, s or m, of a range, an angle, a duration or a height; elsewhere over what the program is scaled by
     weight : by how much the violations become less where it is wider by its size, to first order
     """
 
@@ -66,7 +68,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     high = np.concatenate((assembly.high, box_high))
     labels = [*assembly.labels, *_variable_labels(program)]
     kinds = np.array([kind_of(label) for label in labels])
-    is_limit = np.isin(kinds, (*KINDS, "distance", "pressure")) & (low < high)
+    is_limit = np.isin(kinds, (*KINDS, *ONLY_IN_SPACE)) & (low < high)
     sizes = _sizes(low, high)
 
     # Where the violations of all else descend most steeply, in variables scaled as the proximal term has them.
@@ -118,6 +120,12 @@ def _variable_labels(program: SpatialProgram) -> list[str]:
         for index, joint in enumerate(program.model.robot.joints):
             labels[begin + BASE + index] = f"range of {joint} ({where})"
             labels[begin + n + BASE + index] = f"rate of {joint} ({where})"
+        if program.bounds.leeway < np.inf:
+            labels[begin + 3] = f"leeway of the base's first angle ({where})"
+            labels[begin + 5] = f"leeway of the base's last angle ({where})"
+        if program.bounds.pressed > 0.0:
+            for index, foot in enumerate(program.kinds[node].bearing):
+                labels[begin + 3 * n + 3 * index + 2] = f"least force of {foot.name} ({where})"
     first = program.size - len(program.phases)
     for index, phase in enumerate(program.phases):
         labels[first + index] = f"duration of ({phase.name})"
@@ -133,7 +141,7 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
         return f"{limit.label}, which is the least"
     if limit.kind == "pressure":
         return f"{limit.label}, whose sole would tip"
-    unit = {"range": "rad", "duration": "s"}.get(limit.kind, "m")
+    unit = (ONLY_IN_SPACE | {"range": "rad", "duration": "s"}).get(limit.kind, "m")
     return f"{limit.label}, which ends at {limit.bound:.3g} {unit}"
 
 

@@ -33,6 +33,7 @@ class SpatialBounds:
     dip : m, by which corners of feet may be below the ground, on which the feet's points stand
     shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
+    leeway : rad, by which the base's other angles leave what is between those of both ends
     pressed : least vertical force over the weight of what stands
     inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
@@ -49,6 +50,7 @@ class SpatialBounds:
     dip: float
     shank_height: float
     tilt: float
+    leeway: float
     pressed: float
     inside: float
     scales: Array

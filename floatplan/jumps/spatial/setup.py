@@ -113,7 +113,8 @@ class SpatialSetup:
             dip=margins.dip,
             shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
-            pressed=margins.pressed,
+            leeway=math.inf if request.leeway is None else request.leeway,
+            pressed=max(margins.pressed, request.least_force),
             inside=margins.inside,
             scales=np.where(np.isfinite(most), most, without_limit),
         )
