@@ -101,8 +101,9 @@ def test_it_is_the_same_after_saving(tmp_path):
 
 
 @pytest.mark.long
-def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root):
+def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root, monkeypatch):
     """A sole's are 10 mm thicker than it, while the legs that swing back may only just clear the ground."""
+    plan_on_fewer_nodes_in_a_plane(monkeypatch)
     found = jump(root / "problems" / "jumps" / "talos_hop.toml", starts=1)
     assert found.ok
     assert fp.certify(found.flight).proved
