@@ -26,6 +26,7 @@ from floatplan.jumps.spatial.jump import SpatialJump
 from floatplan.jumps.spatial.planner import Start, checked_jump, jump_of_solution, solved_start
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.file import as_problem, problem_text
+from floatplan.simulation import jump_replay
 
 SOLUTIONS = ROOT / "tests" / "jumps" / "cases"  # variables of programs in space, by the names of their problem files
 SEARCH_ANEW = "python tests/helpers/jumps.py searches anew"
@@ -124,8 +125,8 @@ def plan_on_fewer_nodes_in_a_plane(patch: pytest.MonkeyPatch) -> None:
 
 def try_few_gains(patch: pytest.MonkeyPatch, multiples: tuple[float, ...] = (1.1, 1.0)) -> None:
     """Let a search for gains try few of them, with bodies of one mass: each is flown four times, not eight."""
-    patch.setattr("floatplan.simulation.jump_replay.MULTIPLES", multiples)
-    patch.setattr("floatplan.simulation.jump_replay.MASSES", (1.05,))
+    patch.setattr(jump_replay, "MULTIPLES", multiples)
+    patch.setattr(jump_replay, "search_gains", partial(jump_replay.search_gains, masses_tried=(1.05,)))
 
 
 def stored_jump(name: str) -> SpatialJump:

@@ -290,7 +290,8 @@ class Mechanics:
             columns = [column for column, frame in enumerate(frames) if self.legs[frame] == leg]
             of_leg = jacobians[:, columns][:, :, :, list(leg)].reshape(len(jacobians), 3 * len(columns), len(leg))
             # Three points of a sole are nine rows of a pose's six: what is left of the others is rounding.
-            inverses.append((columns, list(leg), np.linalg.pinv(of_leg, rcond=1e-9)))
+            inverse = np.asarray(np.linalg.pinv(of_leg, rcond=1e-9), np.float64)
+            inverses.append((columns, list(leg), inverse))
         return inverses
 
     def _move(
