@@ -190,7 +190,7 @@ def gymnast() -> Robot:
     return Robot.from_urdf(URDF_FOLDER / "gymnast.urdf")
 
 
-@pytest.fixture(scope="session", params=cases([*CHAIN_NAMES, *TREES], {"acrobat", "high_jumper", "tree zy"}))
+@pytest.fixture(scope="session", params=cases([*CHAIN_NAMES, *TREES], {"acrobat", "high_jumper", "tree zy", "tree xy"}))
 def any_robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Robot:
     """Every chain of ``urdf/``, and random trees in several planes, one with a coupled joint."""
     from floatplan import Coupling, Robot

@@ -101,8 +101,8 @@ def authority(plan):
 
 @pytest.fixture
 def seldom(monkeypatch):
-    """Closed loops at 100 Hz: what comes of them matters little here."""
-    monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 1e-2)
+    """Closed loops at 50 Hz: what comes of them matters little here."""
+    monkeypatch.setattr("floatplan.simulation.closed_loop.PERIOD", 2e-2)
 
 
 def parts(problem):
@@ -176,7 +176,7 @@ def calls(problem, plan, authority, folder):
     asked = {"problem": problem, "angular_momentum": 3.0}
     replanner = fp.Replanner(plan)
     options = {"seed": 0, "starts": 1, "prove": False}
-    flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 50.0}
+    flown = {"rate": 50.0, "perturb": "h=1%", "flights": 1, "seed": 0, "engine": "pinocchio", "feedback": 10.0}
     return {
         "plan": Call(fp.plan, {"problem": problem, **options, "budget": None, "progress": None}),
         "plan_many": Call(fp.plan_many, {"problems": [problem], **options, "jobs": 1, "search": False, "attempts": 4}),
@@ -273,7 +273,9 @@ def test_what_people_call(problem, plan, authority, tmp_path, monkeypatch):
         assert names_of(call.function) == set(call.arguments), name
         call.then(call.function(**call.arguments))
         with monkeypatch.context() as patch:
-            patch.setattr("floatplan.view.report.report.report", lambda *_, **__: "")  # it was written once
+            # Each was written, or drawn, once.
+            patch.setattr("floatplan.view.report.report.report", lambda *_, **__: "")
+            patch.setattr("floatplan.view.figures.figures._named_figures", lambda *_: ())
             found += list(refusals(name, call))
     assert found == []
 
@@ -357,7 +359,7 @@ def test_a_path_stands_for_what_is_in_its_file(root, plan, authority, tmp_path):
     assert fp.plan_many([toml, plan.problem]).ok.all()
     assert fp.replay(file).position_error.tolist() == fp.replay(plan).position_error.tolist()
     assert fp.Replanner(str(file)).plan.coefficients.tolist() == plan.coefficients.tolist()
-    assert fp.closed_loop(file, 50.0, flights=1, feedback=50.0).flights == 1
+    assert fp.closed_loop(file, 50.0, flights=1, feedback=10.0).flights == 1
     assert fp.authority(file).momentum.shape == authority.momentum.shape
 
 
@@ -404,7 +406,7 @@ def test_representations_are_short_and_tell(problem, plan, authority):
     replanner = fp.Replanner(plan)
     first = plan.at(0.0)
     measured = (float(first.orientation), float(first.orientation_rate), first.positions, first.velocities)
-    flown = fp.closed_loop(plan, 50.0, flights=2, feedback=50.0)
+    flown = fp.closed_loop(plan, 50.0, flights=2, feedback=10.0)
     for shown, told in (
         (plans, "status: 1000 optimal"),
         (family, "varied: flight.duration (1000,) from 1.3 to 1.5"),

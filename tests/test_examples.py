@@ -42,7 +42,16 @@ PROMISED = {
 }
 LONG = {
     *("fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"),
-    "sweep",
+    *(
+        "sweep",
+        "pinocchio_interop",
+        "obstacle",
+        "space_arm",
+        "mujoco_playback",
+        "in_flight",
+        "falling_cat",
+        "bounds_by_hand",
+    ),
 }
 
 

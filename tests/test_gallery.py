@@ -28,7 +28,7 @@ def plans(planned):
     return lambda name: planned(f"gallery/{name}")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", cases(NAMES, {"g1", "talos", "solo12", "human"}))
 def test_plans_are_proved_and_hardly_leave_their_plane(plans, name):
     plan = plans(name)
     assert plan.certificate.proved
@@ -99,6 +99,7 @@ def test_the_script_makes_the_table(monkeypatch, capsys):
     assert row.startswith("| double pendulum | 2 | 0.701 | 0.6 |")
 
 
+@pytest.mark.long
 def test_the_page_has_the_table_of_these_plans(monkeypatch, plans):
     """Joints, mass and duration as the script prints them; what depends on the plan found within its limits."""
     monkeypatch.syspath_prepend(str(ROOT / "scripts"))

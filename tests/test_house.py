@@ -21,7 +21,7 @@ import floatplan
 PACKAGE = Path(floatplan.__file__).parent
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (45_978, 26_500),
+    "statements": (46_010, 26_500),
     "statements of the largest file": (404, 405),
     "packs `a, b = x, y` per 1000 lines": (0.95, 4),
     "comprehensions per 1000 lines": (24.4, 25),
@@ -41,15 +41,32 @@ WAYS = {  # problem: limits and goals of functions and files of the package that
 }
 
 # Participles and names of this project alone, where the field has a noun. "each" counts where it is a variable.
-PRIVATE_WORD = re.compile(
-    r"(?<![a-z])(alone|answer|asked|attempt|began|beside|drawn|draws|eased|ended|exchange|flown|followed|found|given|held"
-    r"|kept|known|law|missed|outcome|part|place|plain|pull|reached|ready|relief|rest|room|said|swing|together|told|turn"
-    r"|wanted|watched)(?![a-z])",
-    re.IGNORECASE,
+PRIVATE_WORDS = (
+    *(
+        "alone",
+        "answer",
+        "asked",
+        "attempt",
+        "began",
+        "beside",
+        "drawn",
+        "draws",
+        "eased",
+        "ended",
+        "exchange",
+        "flown",
+    ),
+    *("followed", "found", "given", "held", "kept", "known", "law", "missed", "outcome", "part", "place", "plain"),
+    *("pull", "reached", "ready", "relief", "rest", "room", "said", "swing", "together", "told", "turn", "wanted"),
+    "watched",
 )
+LETTERS = re.compile("[a-z]+")
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 ASKS_KIND = re.compile(r"\bin_(plane|space)\b")
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+COUNTED = (ast.stmt, ast.expr, ast.comprehension, ast.ExceptHandler, ast.arguments, ast.arg, ast.keyword, ast.alias)
+COUNTED += (ast.withitem, ast.match_case)
+WITHOUT_NODES = {ast.Name, ast.Constant, ast.alias, ast.Pass, ast.Break, ast.Continue}
 COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.DictComp, ast.GeneratorExp)
 
 
@@ -62,14 +79,17 @@ class Module:
 
     @cached_property
     def nodes(self):
-        """What ``ast.walk`` returns, in half of its time."""
+        """What ``ast.walk`` returns, in a quarter of its time: but for contexts and operators, which nobody counts."""
         found = [self.tree]
         for node in found:  # which becomes longer meanwhile
-            for value in vars(node).values():
-                if isinstance(value, ast.AST):
+            if type(node) in WITHOUT_NODES:
+                continue
+            for name in node._fields:
+                value = getattr(node, name)
+                if type(value) is list:
+                    found += [item for item in value if isinstance(item, COUNTED)]
+                elif isinstance(value, COUNTED):
                     found.append(value)
-                elif isinstance(value, list):
-                    found += [item for item in value if isinstance(item, ast.AST)]
         return found
 
     @cached_property
@@ -112,8 +132,9 @@ class Module:
     @property
     def private_words(self):
         """In names and in prose; of names with underscores, every part."""
-        variables = sum(isinstance(node, ast.Name) and node.id == "each" for node in self.nodes)
-        return variables + len(PRIVATE_WORD.findall(self.text))
+        variables = sum(type(node) is ast.Name and node.id == "each" for node in self.nodes)
+        words = Counter(LETTERS.findall(self.text.lower()))
+        return variables + sum(words[word] for word in PRIVATE_WORDS)
 
     @property
     def asks_kind(self):

@@ -23,7 +23,7 @@ PAGES = sorted(path.relative_to(ROOT).as_posix() for path in (*ROOT.glob("docs/*
 WITH_JUMP = "README.md with its jump"
 LONG = {  # README without its jump: always
     WITH_JUMP,
-    *(f"docs/{page}.md" for page in ("in_flight", "index", "jump", "tutorial")),
+    *(f"docs/{page}.md" for page in ("in_flight", "index", "jump", "studies", "tutorial")),
     *(f"docs/howto/{page}.md" for page in ("bench", "export", "flip_for_learning", "flip_in_mujoco")),
     *(f"docs/howto/{page}.md" for page in ("jump_to_controller", "jumps_in_space", "obstacles", "own_robot")),
     *(f"docs/howto/{page}.md" for page in ("reference_motions", "space")),

@@ -77,11 +77,6 @@ def test_a_study_executes_nothing_of_the_working_directory(here, study_file, eng
     run_there(here, PROGRAM, "study", study_file, "--jobs", "2", "--engine", engine)
 
 
-def test_nor_does_a_search(here):
-    problem = ROOT / "problems" / "obstacle.toml"
-    run_there(here, PROGRAM, "plan", problem, "--starts", "4", "--no-figures")
-
-
 @pytest.mark.long
 def test_processes_of_a_study_that_cannot_begin_are_begun_once(tmp_path, study_file):
     """Each process reads a script anew, and this one would start further processes there."""

@@ -15,7 +15,7 @@ from floatplan.arrays import Array
 from floatplan.errors import InputError, naming
 from floatplan.initial.feet import feet, named_foot, wheel_feet
 from floatplan.initial.legs import Leg
-from floatplan.initial.standing import Standing, posture_fault, standing
+from floatplan.initial.standing import Standing, has_legs, posture_fault, standing
 from floatplan.problem.parts import Limits
 from floatplan.problem.resolution import position_limits
 from floatplan.robot.leak import MEANINGLESS, out_of_plane_leak
@@ -189,8 +189,10 @@ def _standing(
     """The robot in a posture to jump from: its reference, another one of its file, or one that is searched for."""
     limits = position_limits(chosen.robot, Limits())
     fixed = _fixed_positions(chosen.robot, posture, limits)
-    stance = standing(chosen.robot, chosen.feet, limits, fixed)
-    for name in others[:MOST_POSTURES] if stance.fault and not fixed else ():
+    may_search = not fixed and has_legs(chosen.robot, chosen.feet)
+    if not (others and may_search and posture_fault(chosen.robot, chosen.feet, chosen.robot.resting, limits)):
+        others = ()
+    for name in others[:MOST_POSTURES]:  # before the search, which takes longer
         choices = {**chosen.choices, "reference": name}
         try:
             robot = Robot.from_file(source, **choices)
@@ -199,7 +201,7 @@ def _standing(
             continue
         if stands_on and not posture_fault(robot, stands_on, robot.resting, position_limits(robot, Limits())):
             return replace(chosen, robot=robot, choices=choices, feet=stands_on)
-    return replace(chosen, stance=stance)
+    return replace(chosen, stance=standing(chosen.robot, chosen.feet, limits, fixed))
 
 
 def _fixed_positions(robot: Robot, posture: Mapping[str, float], limits: Array) -> dict[int, float]:

@@ -95,7 +95,7 @@ def standing(robot: Robot, feet: Sequence[str], limits: Array, fixed: Mapping[in
     reference = robot.resting.copy()
     reference[list(fixed)] = _round_positions(np.array(list(fixed.values())))
     written = _round_positions(reference) if fixed else reference
-    if not feet or any(robot.frames[foot].body == 0 for foot in feet) or not robot.link_hulls:
+    if not has_legs(robot, feet):
         return Standing(written, own=bool(fixed))
     fault = posture_fault(robot, feet, reference, limits)
     posture = None
@@ -104,6 +104,11 @@ def standing(robot: Robot, feet: Sequence[str], limits: Array, fixed: Mapping[in
     if posture is None:
         return Standing(written, own=bool(fixed), fault=fault)
     return Standing(posture, own=True, fault=fault)
+
+
+def has_legs(robot: Robot, feet: Sequence[str]) -> bool:
+    """Return whether there are legs between a robot's base and its feet, and shapes that tell where these stand."""
+    return bool(feet) and all(robot.frames[foot].body != 0 for foot in feet) and bool(robot.link_hulls)
 
 
 def _round_positions(positions: Array) -> Array:

@@ -239,7 +239,8 @@ def _run_side_by_side(commands: Sequence[Sequence[str]], environment: dict[str, 
     """Run commands of the compiler at the same time; where one fails, the others end."""
     try:
         with contextlib.ExitStack() as stack:
-            processes = [stack.enter_context(_running(each, environment)) for each in commands]
+            with _without_interrupts():  # one whose start was interrupted would not be known yet, and go on
+                processes = [stack.enter_context(_running(each, environment)) for each in commands]
             for process in processes:
                 _, errors = process.communicate(timeout=LONGEST)
                 if process.returncode:
@@ -247,6 +248,16 @@ def _run_side_by_side(commands: Sequence[Sequence[str]], environment: dict[str, 
     except (OSError, subprocess.SubprocessError) as error:
         reason = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[:5]
         raise CompilerError("\n".join((f"{shlex.join(command())} cannot compile the kernel:", *reason))) from error
+
+
+@contextlib.contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Let signals that end this process come after this; what starts in it inherits that, and is ended by a kill."""
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
 
 
 @contextlib.contextmanager

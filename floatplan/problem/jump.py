@@ -19,7 +19,6 @@ Durations: TypeAlias = Sequence[Sequence[float]]
 
 MARGIN = {"torque": 0.85, "velocity": 0.88}  # [-] of the limits
 MOST_PHASES = 2  # [-] on each side of the flight
-MOST_LEAST_FORCE = 0.1  # [-] of the weight: on each of the six points of two soles there is no more than a sixth
 MOST_FLIGHTS = 20  # [-] of a sequence: its program grows with each
 ONLY_THE_FLIGHT = "Planned is the flight alone, not the jump around it."
 
@@ -256,7 +255,8 @@ class JumpRequest(Keyed):
     clearance: Annotated[float, Key(unit="m", numbers="margin")] = 0.04
     pitch_error: Annotated[float, Key(unit=ANGLE, numbers=Range(0.0, 0.5, "rad"))] = 0.07
     flights: Annotated[Sequence[JumpFlight] | None, Key()] = None
-    least_force: Annotated[float, Key(numbers=Range(0.0, MOST_LEAST_FORCE, ""))] = 0.0
+    # At most so that what stands on many points, two soles on six, may bear less on some than on others.
+    least_force: Annotated[float, Key(numbers=Range(0.0, 0.1, ""))] = 0.0
     leeway: Annotated[float | None, Key(unit=ANGLE, numbers=Range(0.0, math.pi, "rad"))] = None
     edge: Annotated[float | None, Key(unit="m")] = None
 

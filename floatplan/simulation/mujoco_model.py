@@ -165,13 +165,14 @@ class MujocoRobot:
 
     def reduced_state(self, own_q: Array, own_v: Array) -> tuple[Array, Array]:
         """Return the reduced model's configuration and velocity for MuJoCo's: the inverse of :meth:`own_state`."""
-        base_q = own_q[:3]
-        base_v = own_v[:3]
-        if self.free:
-            quaternion = pin.Quaternion(np.roll(own_q[3:7], -1)).normalized()
-            base_q = np.concatenate((base_q, quaternion.coeffs()))
-            base_v = np.concatenate((quaternion.matrix().T @ base_v, own_v[3:6]))
-        return np.append(base_q, own_q[self.positions]), np.append(base_v, own_v[self.velocities])
+        positions = own_q[self.positions]
+        velocities = own_v[self.velocities]
+        if not self.free:
+            return np.concatenate((own_q[:3], positions)), np.concatenate((own_v[:3], velocities))
+        quaternion = pin.Quaternion(*own_q[3:7]).normalized()  # w, x, y, z
+        base_velocity = quaternion.matrix().T @ own_v[:3]
+        q = np.concatenate((own_q[:3], quaternion.coeffs(), positions))
+        return q, np.concatenate((base_velocity, own_v[3:6], velocities))
 
 
 def free_base(configurations: Array) -> Array:

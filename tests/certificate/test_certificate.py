@@ -86,7 +86,7 @@ def test_sinking_into_the_ground_is_refuted(plan_b):
         ("gymnast", 1, 0.3),
         pytest.param("acrobat", 2, 0.4, marks=pytest.mark.long),
         pytest.param("high_jumper", 3, 0.2, marks=pytest.mark.long),
-        ("chain10", 4, 0.12),
+        pytest.param("chain10", 4, 0.12, marks=pytest.mark.long),
     ],
 )
 def test_bounds_are_true_and_sharp(name, seed, size):

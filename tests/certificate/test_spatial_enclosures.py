@@ -26,7 +26,7 @@ from floatplan.robot.urdf.tree import urdf_path
 
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 ROUNDED = arb(2) ** -150  # what 200 bits leave open
-INSTANTS = 20  # of each flight
+INSTANTS = 10  # of each flight
 MOST_SHAPES = 12  # of each robot whose ends are compared
 POINT = ([0.7, -1.1, 2.3], [0.4, 0.1, -0.3])  # [m], [m/s] one that moves, in the world
 

@@ -34,7 +34,7 @@ def results_of_a_run(plan_file, tmp_path_factory):
     folder = tmp_path_factory.mktemp("results")
     plan = fp.load_plan(plan_file)
     write_results(plan, folder, 1000.0)
-    save_figures(plan, folder / ResultFile.FIGURES)
+    save_figures(plan, folder / ResultFile.FIGURES, formats=("png",))
     plan.show(folder / ResultFile.REPORT, browse=False)
     return folder
 
@@ -205,7 +205,7 @@ class TestWrites:
     @pytest.mark.parametrize(
         ("shell", "code"),
         [
-            (">&- 2>&-", 0),
+            pytest.param(">&- 2>&-", 0, marks=pytest.mark.long),
             pytest.param(">/dev/full", 2, marks=pytest.mark.long),
             ("--json >/dev/full", 2),
             pytest.param("2>&- >/dev/null", 0, marks=pytest.mark.long),

@@ -38,7 +38,7 @@ def afloat(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
 
 
-UR5, SOLO12 = "ur_description/urdf/ur5_robot.urdf", "solo_description/robots/solo12.urdf"
+UR5 = "ur_description/urdf/ur5_robot.urdf"
 
 
 def test_the_file_of_a_jump(floatplan, monkeypatch):
@@ -110,14 +110,14 @@ def test_what_is_asked_plans_as_it_stands(floatplan, root, name):
 
 
 @pytest.mark.usefixtures("afloat")
-def test_without_casadi_it_is_afloat_and_says_so(floatplan):
-    run = floatplan("init", PREFIX + SOLO12)
+def test_without_casadi_it_is_afloat_and_says_so(floatplan, root):
+    run = floatplan("init", root / "urdf" / "gymnast.urdf")
     assert run.code == 0
-    assert "next: floatplan plan solo12.toml" in run.stderr
-    for said in (run.stderr, Path("solo12.toml").read_text().replace("\n# ", " ")):
+    assert "next: floatplan plan gymnast.toml" in run.stderr
+    for said in (run.stderr, Path("gymnast.toml").read_text().replace("\n# ", " ")):
         assert "CasADi is not installed" in said
         assert "floatplan[jump]" in said or "[jump]" in said
-    assert planned(floatplan, Path("solo12.toml")).problem.flight.gravity == 0
+    assert planned(floatplan, Path("gymnast.toml")).problem.flight.gravity == 0
 
 
 LINK = '<inertial><mass value="{0}"/><inertia ixx="{0}" iyy="{0}" izz="{0}" ixy="0" ixz="0" iyz="0"/></inertial>'

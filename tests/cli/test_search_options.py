@@ -84,6 +84,7 @@ class TestInterrupt:
         assert fp.load_plan(tmp_path / "out" / "plan.json").status == "interrupted"
         assert (tmp_path / "out" / "trajectory.csv").is_file()
 
+    @pytest.mark.long
     def test_the_best_plan_is_kept(self, tmp_path):
         words = (PROBLEMS / "obstacle_hard.toml", "--budget", "500", "--starts", "1000")
         code, told = interrupted("1 solved", tmp_path / "out", *words)

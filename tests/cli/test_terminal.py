@@ -68,6 +68,7 @@ class TestBar:
         assert "no plan found" in output
         assert BAR not in output
 
+    @pytest.mark.long
     def test_what_takes_no_time_has_none(self, tmp_path):
         output, seen = in_terminal("bounds", PROBLEMS / "handstand.toml", cwd=tmp_path)
         assert "midpoint" in output

@@ -83,7 +83,7 @@ def test_inverse_dynamics_of_the_file_give_its_torques(jump, tmp_path):
 
 def test_a_trajectory_goes_through_ros_and_back(jump, tmp_path):
     """By ROS 2's definitions, no field more or less, and the same from bytes again."""
-    content = yaml.safe_load(export(jump, "ros", tmp_path / "file.yaml", 125.0).read_text())
+    content = yaml.safe_load(export(jump, "ros", tmp_path / "file.yaml", 25.0).read_text())
     store, kind = get_typestore(Stores.ROS2_JAZZY), "trajectory_msgs/msg/JointTrajectory"
     point, duration, head, stamp = (
         store.types[name]
@@ -175,6 +175,7 @@ def test_the_command_takes_a_jump(floatplan, jump_file, tmp_path, form):
     assert sorted(path.name for path in told.parent.iterdir()) == ["file"]
 
 
+@pytest.mark.usefixtures("read_once")
 def test_the_command_s_gains(floatplan, jump_file, tmp_path):
     words = ["--kp", "FR_calf_joint=30,FL_calf_joint=20", "--kd", "1.5", "--rate", "20", "-o", tmp_path / "file.csv"]
     assert floatplan("export", jump_file, "-f", "unitree-sdk", *words).code == 0
@@ -241,9 +242,9 @@ def gains_of(jump):
 
 
 def test_gains_are_those_of_the_lightest_joint_unless_given(jump, tmp_path):
-    columns = rows_of(export(jump, "csv-full", tmp_path / "file.csv", RATE, kp=40, kd={"FL_calf_joint": 0.5}))
+    columns = rows_of(export(jump, "csv-full", tmp_path / "file.csv", 50.0, kp=40, kd={"FL_calf_joint": 0.5}))
     assert {columns[f"{name}_kp"][0] for name in UNITREE_JOINTS} == {40.0}
     assert (columns["FL_calf_joint_kd"] == 0.5).all()
     near(columns["FR_calf_joint_kd"], np.full(len(columns["time"]), gains_of(jump)[1]), 0.02)
-    content = read_archive(export(jump, "npz", tmp_path / "file.npz", RATE))
+    content = read_archive(export(jump, "npz", tmp_path / "file.npz", 50.0))
     near(content["kp"], np.full(12, gains_of(jump)[0]), 0.02)

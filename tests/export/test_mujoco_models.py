@@ -5,6 +5,7 @@ import re
 import mujoco
 import numpy as np
 import pytest
+from long_cases import cases
 from scipy.spatial.transform import Rotation
 
 import floatplan as fp
@@ -169,7 +170,7 @@ BASES = {
 }
 
 
-@pytest.mark.parametrize("case", BASES)
+@pytest.mark.parametrize("case", cases(BASES, {"the turn is the middle one", "hinges first"}))
 def test_a_base_that_floats_by_joints_is_read_and_written_in_its_own_coordinates(motion, tmp_path, case):
     path = model_file(tmp_path, ACTUATORS["two motors"], base=BASES[case])
     robot = fp.Robot.from_mjcf(path)

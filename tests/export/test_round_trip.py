@@ -173,7 +173,7 @@ def test_what_is_read_is_the_motion(request, tmp_path, form, kind):
             export(motion, form, tmp_path / "file")
         assert not list(tmp_path.iterdir())
         return
-    rate = {"unitree": 50.0, "mcap": 37.0}.get(form, 200.0)
+    rate = {"unitree": 50.0, "mcap": 37.0}.get(form, 60.0)
     path = export(motion, form, tmp_path / "file", rate)
     if form == "npz" and kind != "jump":  # the planned joints alone, as the plan's own states have them
         with np.load(path) as archive:

@@ -1,11 +1,11 @@
-"""Spoiled files through every command: 25 cases each time, 100 with the long tests, any number by ``scripts/fuzz``."""
+"""Spoiled files through every command: 10 cases each time, 100 with the long tests, any number by ``scripts/fuzz``."""
 
 import pytest
 from fuzz_runs import judge, run_clip, run_here, run_killed
 from long_cases import cases
 
-CASES, BATCH = 100, 25
-EVERY_TIME = 25  # of them
+CASES, BATCH = 100, 10
+EVERY_TIME = 10  # of them
 
 
 @pytest.fixture(scope="module", autouse=True)

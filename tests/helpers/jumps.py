@@ -18,7 +18,10 @@ from floatplan.arrays import Array
 from floatplan.jumps import planner as planner_in_a_plane
 from floatplan.jumps.jump import Jump
 from floatplan.jumps.launches import in_space
-from floatplan.jumps.planner import jump
+from floatplan.jumps.planner import MARGINS, jump
+from floatplan.jumps.planner import checked_jump as checked_jump_in_plane
+from floatplan.jumps.rounds import solve_in_rounds
+from floatplan.jumps.setup import Setup, jump_setup
 from floatplan.jumps.spatial import planner as planner_in_space
 from floatplan.jumps.spatial import stance_search
 from floatplan.jumps.spatial.guess import guess
@@ -28,7 +31,8 @@ from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.file import as_problem, problem_text
 from floatplan.simulation import jump_replay
 
-SOLUTIONS = ROOT / "tests" / "jumps" / "cases"  # variables of programs in space, by the names of their problem files
+SOLUTIONS = ROOT / "tests" / "jumps" / "cases"  # variables of programs, by the names of their problem files
+BACKFLIP = "go2_backflip"  # in a plane
 SEARCH_ANEW = "python tests/helpers/jumps.py searches anew"
 COARSE = replace(planner_in_space.MARGINS, refinement=0.6)  # fewer nodes than usual take less time
 # Programs of which there are solutions, with their margins: their checks hold at once. Between so few nodes joints of
@@ -65,9 +69,23 @@ def go2_problem(turns: int = -1) -> fp.Problem:
 
 
 def backflip() -> Jump:
-    """The Go2's backflip."""
-    found: Jump = made_once("backflip of a Go2", lambda: jump(go2_problem(), starts=1))
+    """The Go2's backflip: its program is solved from where a search ended, in a third of the time of that search."""
+
+    def made() -> Jump:
+        setup = setup_of_backflip()
+        solved = solve_in_rounds(setup.program(MARGINS).warm(), stored_solution(BACKFLIP))
+        assert solved[1].is_motion, f"the program has another solution now: {SEARCH_ANEW}"
+        return checked_jump_in_plane(setup, solved, lambda margins: setup.program(margins).warm(), 0, lambda _: None)
+
+    found: Jump = made_once("backflip of a Go2", made)
     return found
+
+
+def setup_of_backflip() -> Setup:
+    """The setup of the Go2's backflip."""
+    problem = go2_problem()
+    assert problem.jump is not None
+    return jump_setup(problem, problem.jump)
 
 
 def backflip_on_points() -> Jump:
@@ -200,3 +218,7 @@ if __name__ == "__main__":
         start = search(name)
         assert start.solution.converged, name
         np.save(SOLUTIONS / f"{name}.npy", start.solution.raw)
+    first = setup_of_backflip().program(MARGINS)
+    program, solution = solve_in_rounds(first, first.guess())
+    assert solution.is_motion, BACKFLIP
+    np.save(SOLUTIONS / f"{BACKFLIP}.npy", program.resampled(solution, program.phases))

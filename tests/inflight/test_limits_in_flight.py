@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from flown_plans import Drifting
+from long_cases import cases
 from places import PROBLEMS
 
 import floatplan as fp
@@ -28,7 +29,7 @@ def distance_to_circle(plan, times, orientations, positions):
     return least
 
 
-@pytest.mark.parametrize("error", [-0.1, 0.1])
+@pytest.mark.parametrize("error", cases([-0.1, 0.1], {0.1}))
 def test_an_obstacle_is_passed(error):
     plan = fp.plan(fp.load_problem(PROBLEMS / "obstacle.toml"))
     replanner = fp.Replanner(plan)
@@ -96,7 +97,7 @@ def through_the_hand(plan, when, error, velocity):
 
 
 @pytest.mark.parametrize("velocity", [(0.0, 0.0), (4.0, -2.0)])
-@pytest.mark.parametrize("when", [0.45, 0.62, 0.8])
+@pytest.mark.parametrize("when", cases([0.45, 0.62, 0.8], {0.62}))
 def test_an_obstacle_that_is_there_for_a_moment_is_not_flown_through(plan, when, velocity):
     """Whatever is called applied passes it, as it is foreseen."""
     plan = through_the_hand(plan, when, 0.1, velocity)

@@ -29,6 +29,7 @@ def asked_to_land_turned(error):
     return replace(backflip(), request=request, problem=replace(backflip().problem, jump=request))
 
 
+@pytest.mark.long
 def test_a_jump_that_is_not_clear_where_it_lands_turned_is_asked_for_what_it_keeps(monkeypatch, tmp_path):
     """It is written with the largest error at which it is clear, and a warning where that is less than usual."""
     not_clear = asked_to_land_turned(0.5)

@@ -53,6 +53,7 @@ def test_the_file_is_that_of_the_example(root: Path, tmp_path: Path, written_as:
     assert [phase.frames for phase in setups[0].phases] == [phase.frames for phase in setups[1].phases]
 
 
+@pytest.mark.long
 def test_soles_are_named_by_their_frames(tmp_path: Path) -> None:
     """A humanoid's roll: off its right sole, onto its left one."""
     source = "example-robot-data:g1_description/urdf/g1_29dof_rev_1_0.urdf"
@@ -81,8 +82,9 @@ def test_it_leaves_from_the_feet_over_which_it_turns(
     assert set(phases[3].frames) == lands
 
 
-def test_every_stunt_is_written(tmp_path: Path) -> None:
-    for name in STUNTS:
+def test_every_other_stunt_is_written(tmp_path: Path) -> None:
+    written = {"roll", "side", "backflip", "roll-left"}  # which those above read too
+    for name in STUNTS.keys() - written:
         path = tmp_path / f"{name}.toml"
         path.write_text(stunt_file_text(A1, name, {}, path))
         assert fp.load_problem(path).jump is not None

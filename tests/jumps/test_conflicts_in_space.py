@@ -102,7 +102,7 @@ def test_the_explanation_names_limits(quarter_turn: fp.Problem, monkeypatch: pyt
 
     monkeypatch.setattr("floatplan.jumps.spatial.planner.solved_start", solved_once)
     monkeypatch.setattr(SpatialProgram, "solve", end_at_once)
-    monkeypatch.setattr("floatplan.jumps.spatial.planner.MARGINS", replace(MARGINS, refinement=0.4))
+    monkeypatch.setattr("floatplan.jumps.spatial.planner.MARGINS", replace(MARGINS, refinement=0.25))
     result = fp.jump(problem, starts=1)
     assert not result.ok
     assert "No jump was found in 1 start. In the nearest this is farthest from what is required: " in result.explanation

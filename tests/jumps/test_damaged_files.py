@@ -6,7 +6,7 @@ import random
 
 import pytest
 from fuzz_mutations import NUMBERS, TEXTS
-from jumps import planned_jump
+from jumps import backflip, planned_jump
 
 import floatplan as fp
 from floatplan.errors import InputError
@@ -64,7 +64,7 @@ def test_any_value_of_a_jumps_file_may_be_anything(tmp_path):
     ("place", "value", "said"),
     [
         (("stances", 1, "v"), [["0.5"]], r"stances\[1\]\.v"),
-        (("stances", 0, "contacts", 0, "frames"), ["no_such_frame"], r"stances\[0\]\.contacts\[0\]\.frames"),
+        (("stances", 0, "contacts", 0, "frames"), ["no_such_frame"] * 2, r"stances\[0\]\.contacts\[0\]\.frames"),
         (("stances", 0, "contacts"), 3.5, r"stances\[0\]\.contacts: 3\.5"),
         (("stances", 1, "side"), "below", r"stances\[1\]\.side"),
         (("problem", "jump", "friction"), "much", r"problem\.jump\.friction"),
@@ -73,7 +73,7 @@ def test_any_value_of_a_jumps_file_may_be_anything(tmp_path):
 )
 def test_what_is_wrong_has_a_place_and_advice(place, value, said, tmp_path):
     path = tmp_path / "some.json"
-    path.write_text(json.dumps(spoiled(json.loads(planned_jump("high_jumper").to_json()), place, value)))
+    path.write_text(json.dumps(spoiled(json.loads(backflip().to_json()), place, value)))
     with pytest.raises(InputError, match=said) as caught:
         fp.load_jump(path)
     assert str(path) in str(caught.value)

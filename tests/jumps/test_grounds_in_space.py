@@ -45,6 +45,12 @@ def setup_of(**values):
     return spatial_setup(replace(problem(), jump=changed), changed)
 
 
+@cache
+def coarse_program():
+    """The program of that jump, on few nodes."""
+    return setup_of().program(jumps.COARSE)
+
+
 @pytest.mark.parametrize("side", ["box", "floor"])
 @pytest.mark.parametrize(
     ("edge", "displacement", "axis"), [(0.1, (0.7, 0.2), 0), (-0.1, (0.1, -0.6), 1), (0.1, (0.5, 0.5), 0)]
@@ -168,7 +174,7 @@ def test_the_ground_of_a_landing_without_its_takeoff_is_the_one_that_it_lands_on
 
 def test_labels_name_the_phase_in_which_a_foot_stands():
     """On the border of takeoff and flight feet still stand, with those that leave on the border of two phases."""
-    program = setup_of().program(jumps.COARSE)
+    program = coarse_program()
     by_phase = {phase.name: {foot.name for foot in phase.feet} for phase in program.phases}
     positions = {label for label in program.assembly.labels if label.startswith("position of ")}
     assert positions
@@ -180,7 +186,7 @@ def test_labels_name_the_phase_in_which_a_foot_stands():
 def test_rows_keep_capsules_out_of_the_box():
     """They are within the smoothing of what the box's faces leave of capsules that are placed by Pinocchio."""
     setup = setup_of()
-    program = setup.program(jumps.COARSE)
+    program = coarse_program()
     raw = guess(program, np.random.default_rng(0))
     assembly = program.assembly
     labels = np.array(assembly.labels)

@@ -61,7 +61,7 @@ def test_the_program_s_rows_hold_at_its_solution(name):
     assert violation < 1e-6, f"{row}: {jumps.SEARCH_ANEW}"
 
 
-@pytest.mark.parametrize("name", ["go2_roll", "g1_side_flip"])  # which turn in it
+@pytest.mark.parametrize("name", cases(["go2_roll", "g1_side_flip"], {"g1_side_flip"}))  # which turn in it
 def test_the_program_s_flight_keeps_its_angular_momentum(name):
     """At its nodes, by Pinocchio; and where it lands the attitude is that of an integral over its joints' motion."""
     setup = jumps.setup_in_space(name)
@@ -168,7 +168,7 @@ def test_the_lift_of_feet_grows_from_both_ends_of_the_flight():
 
 def test_momentum_changes_by_what_the_feet_exert(roll):
     """The moment about the centre of mass, integrated, by an independent sum over contact forces."""
-    times = np.linspace(0.0, roll.takeoff_time, 4001)
+    times = np.linspace(0.0, roll.takeoff_time, 2001)
     state = roll.state(times)
     forces = roll.forces(times)
     points = roll.contact_points(times)
@@ -187,16 +187,19 @@ def test_its_file_holds_it(roll, tmp_path):
     assert content["flight"]["format"] == "floatplan.plan/2"
     again = fp.load_jump(path)
     assert again.check.figures == roll.check.figures
+
+
+@pytest.mark.long
+def test_its_file_is_checked(roll, tmp_path):
+    """As those of jumps in a plane, see ``test_tampering.py``."""
+    path = roll.save(tmp_path / "jump.json")
+    content = json.loads(path.read_text())
     content["stances"][0]["y"][8][40] += 0.02
     path.write_text(json.dumps(content))
     bent = fp.load_jump(path)
     assert not bent.ok
     assert bent.check.figures["drift"] > 1e-3  # of feet that stood still
     assert bent.check.figures["foot_speed"] > 0.02
-    content["stances"][0]["contacts"][0]["frame"] = "paw"
-    path.write_text(json.dumps(content))
-    with pytest.raises(fp.InputError, match="no frame 'paw'"):
-        fp.load_jump(path)
 
 
 def test_it_is_handed_on(roll, tmp_path):
@@ -387,7 +390,7 @@ def coarse_program(root):
     @cache
     def program_of(name):
         problem = fp.load_problem(root / "problems" / "jumps" / "space" / f"{name}.toml")
-        return spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.4))
+        return spatial_setup(problem, problem.jump).program(replace(planner.MARGINS, refinement=0.25))
 
     return program_of
 

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from long_cases import cases
 from scipy.optimize import least_squares, linprog
 
 import floatplan as fp
@@ -97,6 +98,7 @@ def takeoff_height(setup):
     return guess(program)[program.begins[program.borders[program.flight]] + 2]
 
 
+@pytest.mark.long
 def test_a_guess_leaves_the_ground_where_slow_legs_reach(setup_of):
     """A Talos that stands with its knees hardly bent leaves it lower than the 1.15 of its height of others."""
     problem = setup_of("talos_side").problem
@@ -134,7 +136,7 @@ def test_a_fixed_duration_stays(setup_of):
     assert setup.phases[1].bounds == (0.26, 0.26)
 
 
-@pytest.mark.parametrize("name", [*HUMANOIDS, "go2_side"])
+@pytest.mark.parametrize("name", cases([*HUMANOIDS, "go2_side"], {"g1_side"}))
 def test_nothing_is_in_the_ground_where_a_robot_stands(setup_of, name):
     """A Talos' shank, in a capsule as thick as its knee, would be: no motion keeps that above the ground."""
     setup = setup_of(name)

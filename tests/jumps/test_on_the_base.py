@@ -31,6 +31,7 @@ def assert_balanced(jump):
         assert np.abs(pin.rnea(model, data, q, v, a) - tau - pushed).max() < 1e-3 * 9.81 * robot.mass
 
 
+@pytest.mark.long
 def test_it_hops_with_rotors_in_its_motors(root):
     problem = of_file(root, "high_jumper", armature=0.5)
     found = fp.jump(problem, starts=1)

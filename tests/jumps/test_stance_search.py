@@ -65,7 +65,7 @@ def test_a_stance_ends_as_the_flight_begins(case):
     velocity = [0.2, 0.1, 1.0]
     momentum = [0.1, 0.2, -0.1]
     end = case.met(velocity, momentum)
-    result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 10)
+    result = case.stance("takeoff", StanceEnd(case.standing), StanceEnd(end, flies=True), 0.4, 6)
     assert result.ok, result.broken
     (stance,) = result.stances
     reached, turning, force = case.flies_with(stance, stance.span[1])
@@ -80,6 +80,7 @@ def test_a_stance_ends_as_the_flight_begins(case):
     assert result.figures["friction"] <= 0.6
 
 
+@pytest.mark.long
 def test_a_robot_settles_where_its_landing_brings_it(case):
     """Feet stand where they are to; base and joints come to rest elsewhere, where the ground bears them."""
     first = case.met([0.7, 0.2, -0.9], [0.1, 0.3, 0.0])

@@ -76,7 +76,7 @@ def built(folder, **environment):
     ("compiler", "message"),
     [
         ("no-such-compiler", "CXX names no C++ compiler: there is no command no-such-compiler"),
-        ("false", "false cannot"),
+        pytest.param("false", "false cannot", marks=pytest.mark.long),
     ],
 )
 def test_an_installation_that_cannot_compile_fails_and_says_so(checkout, compiler, message):
@@ -87,6 +87,7 @@ def test_an_installation_that_cannot_compile_fails_and_says_so(checkout, compile
     assert not list(checkout.glob("dist/*"))
 
 
+@pytest.mark.long
 def test_an_editable_installation_leaves_the_kernel_to_who_compiles_it_elsewhere(checkout):
     """A wheel has it in any case."""
     code = (
@@ -136,7 +137,7 @@ def test_an_installation_that_is_not_complete_says_so(checkout, content, reason)
     library_file = checkout / "floatplan" / "kernel" / build.LIBRARY
     if content:
         library_file.write_bytes(content)
-    code = "import floatplan as fp; fp.plan(fp.load_problem('problems/handstand.toml'))"
+    code = "from floatplan.kernel.library import kernel; kernel()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=checkout)
     assert done.returncode == 1
     assert f"InstallationError: the kernel cannot be used: {reason}" in done.stderr

@@ -22,9 +22,9 @@ class TestVerdicts:
         ("name", "end", "ratio"),
         [
             ("high_jump", fp.takeoff, 2.83),
-            ("gallery/g1", fp.takeoff, 2.51),
+            pytest.param("gallery/g1", fp.takeoff, 2.51, marks=pytest.mark.long),
             ("gallery/human", fp.takeoff, 3.56),
-            ("gallery/g1", fp.landing, 1.27),
+            pytest.param("gallery/g1", fp.landing, 1.27, marks=pytest.mark.long),
         ],
     )
     def test_ratios(self, load, name, end, ratio):

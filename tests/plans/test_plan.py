@@ -8,6 +8,7 @@ import proof_reference
 import pytest
 from flight_reference import drawn_plan, random_coefficients
 from independent import Look
+from long_cases import cases
 from proof_plans import example_b
 from robot_free_flyer import relative_error
 from robot_samples import CHAIN_NAMES, URDF_FOLDER
@@ -149,7 +150,7 @@ OBSTACLES = {
 
 
 class TestClearance:
-    @pytest.mark.parametrize("name", OBSTACLES)
+    @pytest.mark.parametrize("name", cases(OBSTACLES, {"moving", "bar", "a point"}))
     def test_is_that_of_a_dense_evaluation(self, name):
         record = example_b(obstacles=OBSTACLES[name])
         plan = rebuild(record)

@@ -78,7 +78,7 @@ def test_certificate(planned):
     assert flint.ctx.prec == precision
 
 
-@pytest.mark.parametrize("engine", [pytest.param("pinocchio", marks=pytest.mark.long), "mujoco"])
+@pytest.mark.parametrize("engine", ["pinocchio", pytest.param("mujoco", marks=pytest.mark.long)])
 def test_replay(planned, engine):
     """MuJoCo has one callback for all threads."""
     plans = [planned("somersault"), planned("new_configuration")]

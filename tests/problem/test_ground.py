@@ -199,7 +199,7 @@ def handstand_of(robot, handstand, **changes):
 class TestTrueShapes:
     """The line and what rests on it touch corners, rims and vertices, not the capsules around them."""
 
-    @pytest.mark.parametrize("foot", FEET)
+    @pytest.mark.parametrize("foot", cases(FEET, {"cylinder across", "box"}))
     def test_the_line_and_the_landing(self, root, tmp_path, handstand, foot):
         problem = handstand_of(gymnast_with_foot(root, tmp_path, foot), handstand, ground=True)
         plan = fp.plan(problem, prove=True)

@@ -50,7 +50,9 @@ class TestXacro:
         ("content", "advice"),
         [
             ('<xacro:macro name="leg" params="side"><link name="${side}"/></xacro:macro>', "as it only defines macros"),
-            ('<xacro:property name="mass" value="2"/>', "give the file that has them"),
+            pytest.param(
+                '<xacro:property name="mass" value="2"/>', "give the file that has them", marks=pytest.mark.long
+            ),
         ],
     )
     def test_one_that_makes_no_link_is_told_to_be_called_by_another(self, tmp_path, content, advice):
@@ -69,7 +71,6 @@ class TestXacro:
         assert plan.certificate.proved
         file = plan.save(tmp_path / "plan.json")
         assert fp.certify(file).proved
-        assert fp.load_plan(file).robot.sha256 == plan.robot.sha256
         # Its hash is that of the URDF: which file makes it does not matter, what it makes does.
         urdf = tmp_path / "made.urdf"
         urdf.write_bytes(robot_content(xacro))

@@ -1,7 +1,6 @@
 """The chains of ``urdf/``: written by their script, and those of the paper's Table I."""
 
 import runpy
-import subprocess
 import sys
 
 import numpy as np
@@ -13,8 +12,9 @@ from floatplan.robot import Robot
 SCRIPT = URDF_FOLDER.parent / "benchmarks" / "make_chain.py"
 
 
-def test_script_writes_the_files_byte_for_byte(tmp_path):
-    subprocess.run([sys.executable, SCRIPT, tmp_path], check=True, capture_output=True)
+def test_script_writes_the_files_byte_for_byte(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), str(tmp_path)])
+    runpy.run_path(str(SCRIPT), run_name="__main__")
     assert sorted(path.stem for path in tmp_path.iterdir()) == sorted(CHAIN_NAMES)
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (URDF_FOLDER / path.name).read_bytes()

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,18 @@ from flown_plans import Drifting
 
 import floatplan as fp
 from floatplan.inflight import authority as authority_module
+from floatplan.simulation import closed_loop
 
 PROBLEMS = Path(__file__).resolve().parents[2] / "problems"
 PERTURBED = "h=10%,inertia=5%,noise=0.11deg,rate_noise=1.15deg/s,delay=5ms"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
+    """Controllers at 500 Hz: what they do between is half of the work, and changes little."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(closed_loop, "PERIOD", 2e-3)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +62,10 @@ def test_a_higher_jump_lands_later(plan: fp.Plan) -> None:
 
 
 def test_between_whole_periods_corrections_are_as_many_as_replanners_make(plan: fp.Plan) -> None:
-    """At 1 kHz every third period of 400 Hz; after every second one a replanner only learns."""
-    result = fp.closed_loop(plan, 400.0, perturb="h=5%", flights=1, seed=1)
+    """At 500 Hz every third period of 200 Hz; after every second one a replanner only learns."""
+    result = fp.closed_loop(plan, 200.0, perturb="h=5%", flights=1, seed=1)
     times = result.paths[0].corrections[:, 0]
-    np.testing.assert_allclose(np.diff(times), 3e-3)
+    np.testing.assert_allclose(np.diff(times), 6e-3)
     assert len(times) == sum(result.statuses.values()) == len(result.update_seconds)
 
 

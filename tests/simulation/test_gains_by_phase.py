@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -100,18 +102,19 @@ def test_faster_feedback_than_the_delay_allows_rings() -> None:
         assert (max(swing[-100:]) > max(swing[:100])) is rings
 
 
-def test_a_robot_lands_with_gains_by_phase() -> None:
+@pytest.mark.parametrize(("jump", "feedback"), [pytest.param(roll, 100.0, marks=pytest.mark.long), (backflip, 50.0)])
+def test_a_robot_lands_with_gains_by_phase(jump: Callable[[], fp.Jump], feedback: float) -> None:
     """Late and noisy, with rotors that nobody knows and without; the gains are told."""
-    flown = fp.replay_jump(roll(), 250.0, perturb="noise=0.1deg,delay=4ms", friction=0.85, gains=100.0)
+    flown = fp.replay_jump(jump(), 250.0, perturb="noise=0.1deg,delay=4ms", friction=0.85, gains=feedback)
     assert flown.landed
     assert flown.corrected is not None
     assert flown.corrected.clean.all()
     assert flown.corrected.torque.max() < 1  # nothing rings
     assert "in flight" in flown.control
-    assert "feedback of 100 rad/s" in flown.control
+    assert f"feedback of {feedback:g} rad/s" in flown.control
     control = flown.to_dict()["control"]
-    assert control["feedback"] == 100.0
-    assert np.shape(control["phase_gains"]) == (len(roll().phases), 2, 12)
+    assert control["feedback"] == feedback
+    assert np.shape(control["phase_gains"]) == (len(jump().phases), 2, 12)
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,7 @@ def test_closed_form_kernel_and_certificate_agree(plan: fp.Plan):
     assert certificate.proved
 
 
+@pytest.mark.long
 def test_both_engines_land(tmp_path):
     """Forward dynamics with rotors, and with what joints lose, which motors make up for."""
     robot = loaded(tmp_path, tree(of_c=ROTOR), plane="xz", armature={"a": 0.1})

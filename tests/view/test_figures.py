@@ -112,7 +112,7 @@ def test_curves_hold_the_plan_s_numbers(handstand: fp.Plan, drawn: dict[str, Fig
             np.testing.assert_array_equal(line, np.column_stack((state.times, column)))
 
 
-@pytest.mark.parametrize("robot", ["acrobat", "chain10"])
+@pytest.mark.parametrize("robot", ["acrobat", pytest.param("chain10", marks=pytest.mark.long)])
 def test_momentum_is_what_its_curves_add_up_to(root: Path, robot: str) -> None:
     """D times the rates are the momenta of base and joints, whose sum is h; the interval (9) is the plan's own."""
     plan = flight(root, robot)

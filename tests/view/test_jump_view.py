@@ -17,7 +17,6 @@ from floatplan.jumps.check import JumpCheck
 from floatplan.jumps.jump import Jump
 from floatplan.motion.planar.full_model import free_flyer
 from floatplan.view.figures import animation, snapshots
-from floatplan.view.figures.figures import figures
 from floatplan.view.jumps import footing, moments
 from floatplan.view.report.data import sample_grid
 from floatplan.view.report.report import report, report_data, write_report
@@ -113,7 +112,9 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
     jump = backflip()
     assert jump.show(tmp_path / "page.html", browse=False).read_text() == report(jump, tmp_path / "page.html")
     assert "<iframe" in jump._repr_html_()
-    assert [*jump.figures()] == [*figures(jump)]
+    names = [*jump.figures()]
+    assert names[0] == "moments"
+    assert {"forces", "friction", "torque_use", "held_use", "rate_use", "com_height"} <= {*names}
     drawn: list[int] = []
     film = jump.animate(tmp_path / "jump.gif", speed=4.0, progress=lambda done, _: drawn.append(done))
     assert film.read_bytes()[:4] == b"GIF8"
@@ -127,14 +128,14 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
             asked()
 
 
-def test_the_edge_of_higher_ground_is_shown_as_ground(view: Jump) -> None:
+def test_the_edge_of_higher_ground_is_shown_as_ground(view: Jump, data: Any) -> None:
     """Its bars, three metres long, are no obstacles of the picture, and the picture is no larger for them."""
     landing = replace(view.request.landing, height=0.2)
     raised = replace(view, request=replace(view.request, edge=0.6, landing=landing))
     assert len(raised.whole_problem.obstacles) == 2
     motion = report_data(raised)["motion"]
     assert not motion["obstacles"]
-    assert motion["box"] == report_data(view)["motion"]["box"]
+    assert motion["box"] == data["motion"]["box"]
     assert [line[0] for line in motion["ground"]] == [pytest.approx(view.ground)]
     assert motion["step"][1] == pytest.approx(view.ground)
 
@@ -168,7 +169,7 @@ SIZES = {"desktop": (1280, 800), "phone": (390, 844)}
 
 @pytest.mark.parametrize("size", cases(SIZES, {"desktop"}))
 def test_the_page_plays_in_a_browser(
-    browser: Browser, view: Jump, tmp_path: Path, size: str, request: pytest.FixtureRequest
+    browser: Browser, view: Jump, data: Any, tmp_path: Path, size: str, request: pytest.FixtureRequest
 ) -> None:
     """No complaint, no network, no sideways scrolling; arrows, bands and names are those of the jump."""
     width, height = SIZES[size]
@@ -199,7 +200,7 @@ def test_the_page_plays_in_a_browser(
     assert all(each in " ".join(told.split()) for each in words)
     graphics = "return [...document.querySelectorAll('[role=img]')].map(e => e.getAttribute('aria-label') || '')"
     assert all(browser.run(graphics))
-    assert len(browser.run(graphics)) == 1 + len(report_data(view)["charts"])
+    assert len(browser.run(graphics)) == 1 + len(data["charts"])
     assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
     assert browser.run("return window.broken") is None
     assert browser.complaints() == []

@@ -16,11 +16,11 @@ from floatplan.view.scene.scene import write_scene
 
 ROOT = Path(__file__).parents[2]
 DAILY = (  # each kind of obstacle, limit and robot; and one in space, in test_space_view.py
-    *("falling_cat_apart", "high_jump", "moving_hoop", "somersault_motors", "gallery/go2", "jumps/solo12"),
+    *("falling_cat_apart", "high_jump", "moving_hoop", "somersault_motors", "gallery/go2"),
 )
 LONG = (  # each objective and kind of end, robots of few and of many joints, and all kinds in space
     *("backflip", "handstand_ground", "new_configuration_moving", "obstacle_hard", "torque_limited"),
-    *("gallery/double_pendulum", "gallery/talos", "jumps/gymnast", "jumps/boxes/go2_box"),
+    *("gallery/double_pendulum", "gallery/talos", "jumps/gymnast", "jumps/solo12", "jumps/boxes/go2_box"),
     *("jumps/space/g1_side", "jumps/space/go2_roll", "space/cat", "space/free_panda", "space/go2_half_twist_clear"),
 )
 PATIENCE = 60.0  # s for what takes a fraction of one

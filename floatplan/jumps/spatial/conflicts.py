@@ -20,8 +20,6 @@ from floatplan.jumps.spatial.setup import SpatialSetup
 from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
-ONLY_IN_SPACE = {"distance": "m", "pressure": "", "leeway": "rad", "least force": "of the weight"}  # kinds, and units
-
 
 class BindingLimit(NamedTuple):
     """A limit that binds.
@@ -68,7 +66,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     high = np.concatenate((assembly.high, box_high))
     labels = [*assembly.labels, *_variable_labels(program)]
     kinds = np.array([kind_of(label) for label in labels])
-    is_limit = np.isin(kinds, (*KINDS, *ONLY_IN_SPACE)) & (low < high)
+    is_limit = np.isin(kinds, (*KINDS, "distance", "pressure", "leeway", "least force")) & (low < high)
     sizes = _sizes(low, high)
 
     # Where the violations of all else descend most steeply, in variables scaled as the proximal term has them.
@@ -141,7 +139,7 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
         return f"{limit.label}, which is the least"
     if limit.kind == "pressure":
         return f"{limit.label}, whose sole would tip"
-    unit = (ONLY_IN_SPACE | {"range": "rad", "duration": "s"}).get(limit.kind, "m")
+    unit = {"range": "rad", "leeway": "rad", "duration": "s", "least force": "of the weight"}.get(limit.kind, "m")
     return f"{limit.label}, which ends at {limit.bound:.3g} {unit}"
 
 

@@ -230,7 +230,7 @@ class Mechanics:
         return places, jacobians
 
     def _derivative(self, order: int, coordinates: tuple[Array, ...], frames: Sequence[str]) -> Array:
-        """What of feet's first or second derivative (N, F, 3) is no rolling, of Pinocchio's q, v and a."""
+        """First or second derivatives (N, F, 3) of feet by Pinocchio's q, v and a, less what is rolling."""
         rows = coordinates[: order + 1]
         of_frame = pin.getFrameVelocity if order == 1 else pin.getFrameClassicalAcceleration
         derivatives = np.empty((len(rows[0]), len(frames), 3))
@@ -284,7 +284,7 @@ class Mechanics:
             self._move(motion, coordinates, order, inverses, -self._derivative(order, coordinates, frames))
 
     def _inverses(self, frames: Sequence[str], jacobians: Array) -> list[tuple[list[int], list[int], Array]]:
-        """Of each leg its feet, its joints, and what moves these for all its points at once (N, joints, 3 points)."""
+        """Feet and joints of legs, with the inverses (N, joints, 3 feet) that move all points of a leg at once."""
         inverses = []
         for leg in {self.legs[frame] for frame in frames}:
             columns = [column for column, frame in enumerate(frames) if self.legs[frame] == leg]

@@ -6,7 +6,7 @@ the time of its few kinds.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -103,6 +103,15 @@ class Piece:
     high: Array
     labels: tuple[str, ...]
 
+    def variables(self, x: Any) -> Any:
+        """Its variables (w, N) among the program's x."""
+        width, count = self.indices.shape
+        return casadi().reshape(x[self.indices.ravel(order="F").tolist()], width, count)
+
+    def mapped(self, function: Any, x: Any) -> Any:
+        """Values, at all N instants, of a function of an instant's variables and parameters."""
+        return function.map(self.indices.shape[1])(self.variables(x), casadi().DM(self.values))
+
 
 class Assembly:
     """Rows and cost of all pieces, with derivatives, as functions of the program's variables x (size,).
@@ -115,7 +124,8 @@ class Assembly:
     low, high : bounds (rows,)
     labels : (rows,) for a person
     weights : (size,) of the proximal term
-    first_derivatives : functions of IPOPT's problem, by CasADi's option names
+    problem : symbols of IPOPT's problem, by CasADi's names
+    evaluate : function of x and the parameters to the rows
     """
 
     def __init__(self, pieces: Sequence[Piece], weights: Array) -> None:
@@ -129,30 +139,60 @@ class Assembly:
         self.labels = [label for piece in pieces for label in piece.labels * piece.indices.shape[1]]
         x = ca.MX.sym("x", size)
         parameters = ca.MX.sym("p", size + 1)
-        parts = _Parts()
-        begin = 0
+        cost = 0.0
+        of_pieces = []
         for piece in pieces:
-            parts.add(piece, x, begin)
-            begin += piece.low.size
+            rows, costs = piece.mapped(piece.expression.values, x)
+            of_pieces.append(ca.vec(rows))
+            cost += ca.sum2(costs)
         rho = parameters[size]
         offset = x - parameters[:size]
-        scaled = ca.DM(weights) * offset
-        cost = parts.cost + rho / 2 * ca.dot(offset, scaled)
-        gradient = parts.gradient(size) + rho * scaled
-        rows = ca.vertcat(*parts.rows)
-        jacobian = _assembled(parts.jacobian_values, parts.jacobian, (begin, size))
+        cost += rho / 2 * ca.dot(offset, ca.DM(weights) * offset)
+        rows = ca.vertcat(*of_pieces)
+        self.problem = {"x": x, "p": parameters, "f": cost, "g": rows}
+        self.evaluate = ca.Function("rows", [x, parameters], [rows])
+
+    @cached_property
+    def first_derivatives(self) -> dict[str, Any]:
+        """Functions of IPOPT's problem, by CasADi's option names; made where a search needs them."""
+        ca = casadi()
+        x = self.problem["x"]
+        parameters = self.problem["p"]
+        offset = x - parameters[: self.size]
+        gradient = self._gradient_of_pieces() + parameters[self.size] * (ca.DM(self.weights) * offset)
+        values = []
+        positions = []
+        begin = 0
+        for piece in self.pieces:
+            height, count = piece.low.shape
+            jacobian = piece.expression.jacobian
+            places = np.arange(count)[:, None] * height + jacobian.row + begin
+            values.append(ca.vec(piece.mapped(jacobian.function, x)))
+            positions.append((places.ravel(), piece.indices[jacobian.column].T.ravel()))
+            begin += piece.low.size
+        jacobian_of_rows = _assembled(values, positions, (begin, self.size))
         names = ["x", "p"]
         symbols = [x, parameters]
-        self.problem = {"x": x, "p": parameters, "f": cost, "g": rows}
-        self.first_derivatives = {
-            "grad_f": ca.Function("nlp_grad_f", symbols, [cost, gradient], names, ["f", "grad_f_x"]),
-            "jac_g": ca.Function("nlp_jac_g", symbols, [rows, jacobian], names, ["g", "jac_g_x"]),
+        of_cost = [self.problem["f"], gradient]
+        of_rows = [self.problem["g"], jacobian_of_rows]
+        return {
+            "grad_f": ca.Function("nlp_grad_f", symbols, of_cost, names, ["f", "grad_f_x"]),
+            "jac_g": ca.Function("nlp_jac_g", symbols, of_rows, names, ["g", "jac_g_x"]),
         }
-        self.evaluate = ca.Function("rows", symbols, [rows])
+
+    def _gradient_of_pieces(self) -> Any:
+        """Gradient (size,) of what all pieces cost."""
+        ca = casadi()
+        x = self.problem["x"]
+        gradients = [ca.vec(piece.mapped(piece.expression.gradient, x)) for piece in self.pieces]
+        indices = np.concatenate([piece.indices.ravel(order="F") for piece in self.pieces])
+        shape = (self.size, len(indices))
+        gather = sp.csc_matrix((np.ones(len(indices)), (indices, np.arange(len(indices)))), shape)
+        return ca.densify(ca.mtimes(ca.DM(gather), ca.vertcat(*gradients)))
 
     @cached_property
     def functions(self) -> dict[str, Any]:
-        """First and second derivatives; the latter take most of the time, and are made where a search needs them."""
+        """First and second derivatives; the latter take most of the time."""
         ca = casadi()
         x = self.problem["x"]
         parameters = self.problem["p"]
@@ -180,49 +220,6 @@ class Assembly:
         return {**self.first_derivatives, "hess_lag": hessian}
 
 
-@dataclass
-class _Parts:
-    """What pieces give so far: rows, cost, and the non-zero entries of derivatives with their positions."""
-
-    cost: Any = 0.0
-    rows: list[Any] = field(default_factory=list)
-    gradients: list[tuple[IntArray, Any]] = field(default_factory=list)
-    jacobian_values: list[Any] = field(default_factory=list)
-    jacobian: list[tuple[IntArray, IntArray]] = field(default_factory=list)
-
-    def add(self, piece: Piece, x: Any, begin: int) -> None:
-        """Add a piece whose first row is the program's row ``begin``."""
-        ca = casadi()
-        count = piece.indices.shape[1]
-        height = piece.low.shape[0]
-        expression = piece.expression
-        columns = _columns(piece, x)
-        numbers = ca.DM(piece.values)
-        rows, costs = expression.values.map(count)(columns, numbers)
-        gradients = expression.gradient.map(count)(columns, numbers)
-        jacobian = expression.jacobian
-        self.cost += ca.sum2(costs)
-        self.rows.append(ca.vec(rows))
-        self.gradients.append((piece.indices.ravel(order="F"), ca.vec(gradients)))
-        places = np.arange(count)[:, None] * height + jacobian.row + begin
-        self.jacobian.append((places.ravel(), piece.indices[jacobian.column].T.ravel()))
-        self.jacobian_values.append(ca.vec(jacobian.function.map(count)(columns, numbers)))
-
-    def gradient(self, size: int) -> Any:
-        """Gradient (size,) of the cost."""
-        ca = casadi()
-        indices = np.concatenate([index for index, _ in self.gradients])
-        values = ca.vertcat(*(value for _, value in self.gradients))
-        gather = sp.csc_matrix((np.ones(len(indices)), (indices, np.arange(len(indices)))), (size, len(indices)))
-        return ca.densify(ca.mtimes(ca.DM(gather), values))
-
-
-def _columns(piece: Piece, x: Any) -> Any:
-    """The piece's variables (w, N) among the program's."""
-    width, count = piece.indices.shape
-    return casadi().reshape(x[piece.indices.ravel(order="F").tolist()], width, count)
-
-
 def _curvature(piece: Piece, x: Any, of_cost: Any, of_rows: Any) -> tuple[Any, tuple[IntArray, IntArray]]:
     """Entries of the Lagrangian's Hessian from a piece, and their positions in the upper triangle."""
     ca = casadi()
@@ -230,7 +227,7 @@ def _curvature(piece: Piece, x: Any, of_cost: Any, of_rows: Any) -> tuple[Any, t
     height = piece.low.shape[0]
     curvature = piece.expression.curvature
     entries = curvature.function.map(count)(
-        _columns(piece, x), ca.DM(piece.values), ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count)
+        piece.variables(x), ca.DM(piece.values), ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count)
     )
     first = piece.indices[curvature.row].T.ravel()
     other = piece.indices[curvature.column].T.ravel()

@@ -403,7 +403,6 @@ class SpatialProgram:
         low = np.full(self.size, -np.inf)
         high = np.full(self.size, np.inf)
         angles = self.ends.y[:, 3:BASE]
-        leeway = bounds.leeway
         for node, kind in enumerate(self.kinds):
             begin = self.begins[node]
             if kind.fixed:
@@ -417,8 +416,8 @@ class SpatialProgram:
                     low[begin : begin + 2] = -np.inf
                     high[begin : begin + 2] = np.inf
             else:
-                low[begin + 3 : begin + BASE] = np.minimum(*angles) - leeway
-                high[begin + 3 : begin + BASE] = np.maximum(*angles) + leeway
+                low[begin + 3 : begin + BASE] = np.minimum(*angles) - bounds.leeway
+                high[begin + 3 : begin + BASE] = np.maximum(*angles) + bounds.leeway
                 low[begin + 4] = -bounds.tilt
                 high[begin + 4] = bounds.tilt
                 low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T
