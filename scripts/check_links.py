@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
@@ -26,6 +27,12 @@ class Page(HTMLParser):
                 self.places.add(value)
 
 
+@cache
+def target_of(folder: Path, link: str) -> Path:
+    """Return where a link from a page in a folder leads: pages of one folder have hundreds of links in common."""
+    return (folder / unquote(link)).resolve()
+
+
 def broken_links(folder: Path) -> list[str]:
     """Return sentences, one for each link within the folder that leads nowhere."""
     pages = {path.resolve(): Page(path) for path in sorted(folder.rglob("*.html"))}
@@ -35,7 +42,7 @@ def broken_links(folder: Path) -> list[str]:
             parts = urlsplit(link)
             if parts.scheme or parts.netloc:
                 continue
-            target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
+            target = target_of(path.parent, parts.path) if parts.path else path
             if not target.is_file():
                 broken.append(f"{path.relative_to(folder.resolve())}: {link} leads nowhere")
             elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].places:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from jumps import backflip, backflip_on_points, go2_problem
+from jumps import backflip, backflip_on_points, go2_problem, plan_on_fewer_nodes_in_a_plane
 from long_cases import cases
 
 import floatplan as fp
@@ -101,8 +101,9 @@ def test_it_is_the_same_after_saving(tmp_path):
 
 
 @pytest.mark.long
-def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root):
+def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(root, monkeypatch):
     """A sole's are 10 mm thicker than it, while the legs that swing back may only just clear the ground."""
+    plan_on_fewer_nodes_in_a_plane(monkeypatch)
     found = jump(root / "problems" / "jumps" / "talos_hop.toml", starts=1)
     assert found.ok
     assert fp.certify(found.flight).proved
@@ -116,6 +117,8 @@ def test_feet_stay_above_the_ground_where_capsules_around_them_begin_below_it(ro
 def test_what_cannot_be_is_not_found_and_says_why(monkeypatch):
     """With a tenth of its torque the robot does not even lift itself; ``test_conflicts.py`` has what would help."""
     monkeypatch.setattr(planner, "_try_relaxed", lambda *_: "")
+    monkeypatch.setattr("floatplan.jumps.program.ITERATIONS", 30)  # with more it ends no nearer
+    plan_on_fewer_nodes_in_a_plane(monkeypatch)
     problem = go2_problem()
     weak = replace(problem, limits=fp.Limits(velocity="urdf", torque=2.0))
     found = jump(weak, starts=1)

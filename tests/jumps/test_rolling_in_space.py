@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from jumps import plan_on_fewer_nodes
 from places import ROOT
 
 import floatplan as fp
@@ -207,7 +208,8 @@ def test_what_cannot_roll_is_refused(quarter_turn):
 
 
 @pytest.mark.long
-def test_a_jump_on_balls_is_found_and_checked(quarter_turn, tmp_path):
+def test_a_jump_on_balls_is_found_and_checked(quarter_turn, tmp_path, monkeypatch):
+    plan_on_fewer_nodes(monkeypatch)
     found = fp.jump(quarter_turn, replace(quarter_turn.jump, feet="rolling"), starts=1)
     assert found.ok, found.explanation
     figures = found.check.figures

@@ -166,7 +166,7 @@ def test_a_jump_in_space_is_planned_changed_and_saved(tmp_path, monkeypatch):
     find = fp.jump
     monkeypatch.setattr(fp, "jump", lambda *given, **options: find(*given, **options) if "near" in options else roll())
     monkeypatch.setattr("floatplan.studio.planning.Worker", WorkerHere)
-    plan_on_fewer_nodes(monkeypatch)
+    plan_on_fewer_nodes(monkeypatch, share=0.45)
     with logged_errors() as errors, closing(Studio(roll().problem, folder=str(tmp_path), port=0)) as studio:
         session = studio.session
         said = set[str]()

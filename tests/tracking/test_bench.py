@@ -127,9 +127,9 @@ def test_a_spoiled_motion_scores_worse_than_its_repair() -> None:
     repaired, told = fp.repair_clip(spoiled, rate=50.0)
     assert told.ok
     assert told.changed
-    before, after = (fp.bench(motion, flights=10) for motion in (spoiled, repaired))
-    assert before.clean <= 1
-    assert after.clean >= 9
+    before, after = (fp.bench(motion, flights=5) for motion in (spoiled, repaired))
+    assert before.clean == 0
+    assert after.clean == 5
     assert after.landings.pitch_rms < 0.75 * before.landings.pitch_rms
 
 

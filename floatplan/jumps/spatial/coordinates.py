@@ -20,27 +20,31 @@ def rotations_about(axes: str, angles: Array) -> Array:
     """Rotations (N, 3, 3) by angles (3, N) about axes."""
     rotation = np.broadcast_to(np.eye(3), (angles.shape[1], 3, 3))
     for letter, angle in zip(axes, angles, strict=True):
-        cross = skew(np.eye(3)["xyz".index(letter)])
-        turned = np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
-        rotation = rotation @ turned
+        rotation = rotation @ _about(letter, angle)
     return np.asarray(rotation)
+
+
+def _about(letter: str, angles: Array) -> Array:
+    """Rotations (N, 3, 3) by angles (N,) about one axis."""
+    cross = skew(np.eye(3)["xyz".index(letter)])
+    sines = np.sin(angles)[:, None, None]
+    cosines = np.cos(angles)[:, None, None]
+    return np.asarray(np.eye(3) + sines * cross + (1 - cosines) * (cross @ cross))
 
 
 def turned(axes: str, motion: Array) -> tuple[Array, Array, Array]:
     """Rotations (N, 3, 3), angular velocities and accelerations (N, 3), in the world, of angles (3, 3, N)."""
-    count = motion.shape[2]
-    rotation = np.broadcast_to(np.eye(3), (count, 3, 3))
-    rate = np.zeros((count, 3))
-    rate_change = np.zeros((count, 3))
-    for letter, angle, angle_rate, acceleration in zip(axes, *motion, strict=True):
+    rotation = np.broadcast_to(np.eye(3), (motion.shape[2], 3, 3))
+    directions = np.empty((3, motion.shape[2], 3))  # of the axes, in the world
+    for index, letter in enumerate(axes):
         local = np.eye(3)["xyz".index(letter)]
-        axis = rotation @ local
-        rate_change = rate_change + axis * acceleration[:, None] + np.cross(rate, axis) * angle_rate[:, None]
-        rate = rate + axis * angle_rate[:, None]
-        cross = skew(local)
-        own = np.eye(3) + np.sin(angle)[:, None, None] * cross + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
-        rotation = rotation @ own
-    return np.asarray(rotation), rate, rate_change
+        directions[index] = rotation @ local
+        rotation = rotation @ _about(letter, motion[0, index])
+    shares = directions * motion[1][:, :, None]
+    rates = np.cumsum(shares, axis=0)
+    changes = directions * motion[2][:, :, None]
+    changes[1:] += np.cross(rates[:-1], shares[1:])  # an axis turns with all angles before it
+    return np.asarray(rotation), rates[-1], changes.sum(axis=0)
 
 
 def angles_of(axes: str, rotations: Array, rates: Array, rate_changes: Array, near: Array) -> Array:
@@ -161,13 +165,19 @@ class Mechanics:
 
     def wrench(self, motion: Array) -> Array:
         """Forces (N, nv) on all coordinates that a motion takes, by RNEA, gravity's included."""
-        rows = zip(*self.coordinates(motion), strict=True)
-        return np.array([pin.rnea(self.model, self.data, *row) for row in rows])
+        return self.wrench_of(self.coordinates(motion))
+
+    def wrench_of(self, coordinates: tuple[Array, Array, Array]) -> Array:
+        """As :meth:`wrench`, of Pinocchio's q, v and a."""
+        return np.array([pin.rnea(self.model, self.data, *row) for row in zip(*coordinates, strict=True)])
 
     def base_wrench(self, motion: Array) -> Array:
         """Force, N, and moment about the base's origin, N m, in the world's axes (N, 6), that a motion takes."""
+        return self._base_wrench(motion, self.coordinates(motion))
+
+    def _base_wrench(self, motion: Array, coordinates: tuple[Array, Array, Array]) -> Array:
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
-        wrench = self.wrench(motion)
+        wrench = self.wrench_of(coordinates)
         force = np.einsum("nij,nj->ni", rotation, wrench[:, :3])
         moment = np.einsum("nij,nj->ni", rotation, wrench[:, 3:BASE])
         return np.hstack((force, moment))
@@ -199,29 +209,40 @@ class Mechanics:
         ``C' - w x r e_z`` and ``C'' - w' x r e_z``. The Jacobians are of the derivative of this ``order``: of the
         position for 0; else of its velocity by rates, which of balls is that of their lowest points.
         """
-        count = motion.shape[2]
-        places = np.empty((3, count, len(frames), 3))
-        jacobians = np.empty((count, len(frames), 3, self.robot.selection.shape[1]))
-        aligned = pin.LOCAL_WORLD_ALIGNED
-        for index, (q, v, a) in enumerate(zip(*self.coordinates(motion), strict=True)):
-            pin.forwardKinematics(self.model, self.data, q, v, a)
-            pin.computeJointJacobians(self.model, self.data, q)
+        coordinates = self.coordinates(motion)
+        of_position, jacobians = self.placed(coordinates[0], frames, rolls=order > 0)
+        places = [of_position, *(self._derivative(of_time, coordinates, frames) for of_time in (1, 2))]
+        return np.stack(places), jacobians
+
+    def placed(self, q: Array, frames: Sequence[str], rolls: bool) -> tuple[Array, Array]:
+        """Places of feet (N, F, 3), and Jacobians (N, F, 3, n), where they roll those of balls' lowest points."""
+        places = np.empty((len(q), len(frames), 3))
+        jacobians = np.empty((*places.shape, self.robot.selection.shape[1]))
+        for index, configuration in enumerate(q):
+            pin.computeJointJacobians(self.model, self.data, configuration)
             pin.updateFramePlacements(self.model, self.data)
             for column, frame in enumerate(frames):
                 number = self.frames[frame]
-                places[0, index, column] = self.data.oMf[number].translation
-                places[1, index, column] = pin.getFrameVelocity(self.model, self.data, number, aligned).linear
-                acceleration = pin.getFrameClassicalAcceleration(self.model, self.data, number, aligned)
-                places[2, index, column] = acceleration.linear
-                jacobian = pin.getFrameJacobian(self.model, self.data, number, aligned)
-                radius = self.radii[frame]
-                if radius:
-                    above = np.array([0.0, 0.0, radius])
-                    places[1, index, column] -= np.cross(jacobian[3:] @ v, above)
-                    places[2, index, column] -= np.cross(acceleration.angular, above)
-                of_order = of_contact(jacobian, radius) if order else jacobian[:3]
-                jacobians[index, column] = of_order @ self.robot.selection
+                places[index, column] = self.data.oMf[number].translation
+                jacobian = pin.getFrameJacobian(self.model, self.data, number, pin.LOCAL_WORLD_ALIGNED)
+                radius = self.radii[frame] if rolls else 0.0
+                jacobians[index, column] = of_contact(jacobian, radius) @ self.robot.selection
         return places, jacobians
+
+    def _derivative(self, order: int, coordinates: tuple[Array, ...], frames: Sequence[str]) -> Array:
+        """First or second derivatives (N, F, 3) of feet by Pinocchio's q, v and a, less what is rolling."""
+        rows = coordinates[: order + 1]
+        of_frame = pin.getFrameVelocity if order == 1 else pin.getFrameClassicalAcceleration
+        derivatives = np.empty((len(rows[0]), len(frames), 3))
+        spins = np.empty_like(derivatives)
+        for index, of_time in enumerate(zip(*rows, strict=True)):
+            pin.forwardKinematics(self.model, self.data, *of_time)
+            for column, frame in enumerate(frames):
+                moves = of_frame(self.model, self.data, self.frames[frame], pin.LOCAL_WORLD_ALIGNED)
+                derivatives[index, column] = moves.linear
+                spins[index, column] = moves.angular
+        above = np.array([[0.0, 0.0, self.radii[frame]] for frame in frames])
+        return np.asarray(derivatives - np.cross(spins, above))
 
     def close(self, motion: Array, places: dict[str, Array]) -> Array:
         """The motion with legs whose feet stand at places (3,), with the least changes of their joints.
@@ -233,34 +254,57 @@ class Mechanics:
         closed = motion.copy()
         if not frames:
             return closed
+        coordinates = self.coordinates(closed)
         for _ in range(12):
-            now, jacobians = self.feet(closed, frames)
-            gaps = targets - now[0]
-            self._step(closed[0], frames, jacobians, gaps)
+            now, jacobians = self.placed(coordinates[0], frames, rolls=False)
+            gaps = targets - now
+            self._move(closed, coordinates, 0, self._inverses(frames, jacobians), gaps)
             if np.abs(gaps).max() < 1e-12:
                 break
-        self.hold(closed, frames, 1)
-        self.hold(closed, frames, 2)
+        self._hold(closed, coordinates, frames, (1, 2))
         return closed
 
-    def unaccelerated(self, motion: Array, frames: Sequence[str]) -> Array:
-        """The motion with legs whose feet, which do not move, have no acceleration."""
+    def unaccelerated(self, motion: Array, frames: Sequence[str]) -> tuple[Array, Array]:
+        """The motion with legs whose feet, which do not move, have no acceleration; its :meth:`base_wrench`."""
         still = motion.copy()
-        self.hold(still, frames, 2)
-        return still
+        coordinates = self.coordinates(still)
+        self._hold(still, coordinates, frames, (2,))
+        return still, self._base_wrench(still, coordinates)
 
-    def hold(self, motion: Array, frames: Sequence[str], order: int) -> None:
-        """Change the derivative of an order of a motion's joints, 1 or 2, so that its feet do not have it, but roll."""
-        now, jacobians = self.feet(motion, frames, order)
-        self._step(motion[order], frames, jacobians, -now[order])
+    def hold(self, motion: Array, frames: Sequence[str], *orders: int) -> None:
+        """Change derivatives of these orders, 1 or 2, of a motion's joints, so that its feet have none, but roll."""
+        self._hold(motion, self.coordinates(motion), frames, orders)
 
-    def _step(self, rows: Array, frames: Sequence[str], jacobians: Array, gaps: Array) -> None:
-        """Add to rows (6+n, N) of a motion what moves feet by gaps (N, F, 3), all points of a leg at once."""
-        count = len(gaps)
+    def _hold(
+        self, motion: Array, coordinates: tuple[Array, Array, Array], frames: Sequence[str], orders: Sequence[int]
+    ) -> None:
+        """As :meth:`hold`, with the motion's coordinates, which change with it."""
+        inverses = self._inverses(frames, self.placed(coordinates[0], frames, rolls=True)[1])
+        for order in orders:
+            self._move(motion, coordinates, order, inverses, -self._derivative(order, coordinates, frames))
+
+    def _inverses(self, frames: Sequence[str], jacobians: Array) -> list[tuple[list[int], list[int], Array]]:
+        """Feet and joints of legs, with the inverses (N, joints, 3 feet) that move all points of a leg at once."""
+        inverses = []
         for leg in {self.legs[frame] for frame in frames}:
             columns = [column for column, frame in enumerate(frames) if self.legs[frame] == leg]
-            of_leg = jacobians[:, columns][:, :, :, list(leg)].reshape(count, 3 * len(columns), len(leg))
+            of_leg = jacobians[:, columns][:, :, :, list(leg)].reshape(len(jacobians), 3 * len(columns), len(leg))
             # Three points of a sole are nine rows of a pose's six: what is left of the others is rounding.
-            inverse = np.linalg.pinv(of_leg, rcond=1e-9)
-            changes = np.einsum("nij,nj->in", inverse, gaps[:, columns].reshape(count, -1))
-            rows[[BASE + joint for joint in leg]] += changes
+            inverse = np.asarray(np.linalg.pinv(of_leg, rcond=1e-9), np.float64)
+            inverses.append((columns, list(leg), inverse))
+        return inverses
+
+    def _move(
+        self,
+        motion: Array,
+        coordinates: tuple[Array, Array, Array],
+        order: int,
+        inverses: list[tuple[list[int], list[int], Array]],
+        gaps: Array,
+    ) -> None:
+        """Add to a derivative of a motion's joints, and of its coordinates, what moves feet by gaps (N, F, 3)."""
+        for columns, leg, inverse in inverses:
+            changes = np.einsum("nij,nj->ni", inverse, gaps[:, columns].reshape(len(gaps), -1))
+            motion[order, [BASE + joint for joint in leg]] += changes.T
+            joints = coordinates[order][:, -self.robot.selection[BASE:].shape[0] :]
+            joints += changes @ self.robot.selection[BASE:, leg].T

@@ -180,23 +180,29 @@ class PushedBase:
         at_instant[1, :BASE, 0] = rate
         return self.mechanics.close(at_instant, self.places)
 
-    def acceleration(self, index: int, pose: Array, rate: Array) -> Array:
-        """The second derivative (6,) of the pose with which the feet bear what the motion takes."""
+    def pushed(self, index: int, state: Array) -> Array:
+        """The motion (3, 6+n, 1) at an instant with pose and rate (12,), whose feet bear what it takes."""
+        pose, rate = np.split(state, 2)
         # The wrench is affine in the base's accelerations: one column without, and one for each of the six.
         varied = np.repeat(self.closed(index, pose, rate), 1 + BASE, axis=2)
         varied[2, :BASE, 1:] += np.eye(BASE)
-        varied = self.mechanics.unaccelerated(varied, list(self.places))
-        wrenches = self.mechanics.base_wrench(varied)
+        varied, wrenches = self.mechanics.unaccelerated(varied, list(self.places))
         forces = self.forces[index]
         arms = np.array(list(self.places.values())) - pose[:3]
         borne = np.concatenate((forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)))
         change = np.linalg.solve((wrenches[1:] - wrenches[0]).T, borne - wrenches[0])
-        return np.asarray(varied[2, :BASE, 0] + change)
+        pushed = varied[:, :, :1].copy()
+        pushed[2] += (varied[2, :, 1:] - varied[2, :, :1]) @ change[:, None]  # so are those of the legs
+        return pushed
 
     def slope(self, index: int, state: Array) -> Array:
         """Derivative (12,) of pose and rate at an instant."""
-        pose, rate = np.split(state, 2)
-        return np.concatenate((rate, self.acceleration(index, pose, rate)))
+        return self.slope_in(self.pushed(index, state))
+
+    @staticmethod
+    def slope_in(pushed: Array) -> Array:
+        """Derivative (12,) of pose and rate in a motion (3, 6+n, 1)."""
+        return np.asarray(pushed[1:, :BASE, 0].ravel())
 
 
 def pushed_from(
@@ -223,12 +229,10 @@ def pushed_from(
     columns = []
     for column in range(len(times)):
         at = 2 * column
-        slope = base.slope(at, state)
-        pushed = base.closed(at, *np.split(state, 2))
-        pushed[2, :BASE, 0] = slope[BASE:]
-        columns.append(mechanics.unaccelerated(pushed, list(places)))
+        pushed = base.pushed(at, state)
+        columns.append(pushed)
         if column < len(steps):
-            state = _runge_kutta(base.slope, at, state, slope, float(steps[column]))
+            state = _runge_kutta(base.slope, at, state, base.slope_in(pushed), float(steps[column]))
     return np.concatenate(columns[::direction], axis=2)
 
 
@@ -387,8 +391,7 @@ def rolled_from(
         if column < len(steps):
             state = _runge_kutta(robot.slope, 2 * column, state, slope, float(steps[column]))
     rolled = np.concatenate(columns[::onwards], axis=2)
-    mechanics.hold(rolled, frames, 1)
-    mechanics.hold(rolled, frames, 2)
+    mechanics.hold(rolled, frames, 1, 2)
     if not np.isfinite(rolled).all():
         raise NoExactStanceError("legs that roll do not reach the ground")
     return rolled

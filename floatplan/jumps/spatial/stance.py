@@ -89,8 +89,10 @@ class SpatialStance:
         motion = self.grid.at(times)
         mechanics = self.mechanics
         frames = [foot.name for foot in self.contacts]
-        places, _ = mechanics.feet(motion, frames)
-        wrench = mechanics.wrench(motion)
+        coordinates = mechanics.coordinates(motion)
+        q, v, a = coordinates
+        places, _ = mechanics.placed(q, frames, rolls=False)
+        wrench = mechanics.wrench_of(coordinates)
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
         base = np.hstack(
             (
@@ -99,7 +101,7 @@ class SpatialStance:
             )
         )
         shares = np.array([np.interp(times, self.grid.times, row) for row in self.grid.shares]).T
-        contacts = places[0] - [[0.0, 0.0, foot.radius] for foot in self.contacts]
+        contacts = places - [[0.0, 0.0, foot.radius] for foot in self.contacts]
         arms = contacts - motion[0, :3].T[:, None]
         weight = self.gravity * self.robot.mass
         forces = shared_forces(base, arms, shares.reshape(len(times), len(frames), 3), weight, self.friction)
@@ -108,8 +110,7 @@ class SpatialStance:
         torques = wrench.copy()
         torques[:, :3] = np.einsum("nji,nj->ni", rotation, left[:, :3])
         torques[:, 3:BASE] = np.einsum("nji,nj->ni", rotation, left[:, 3:])
-        torques[:, BASE:] -= self._carried(motion, forces)
-        q, v, a = mechanics.coordinates(motion)
+        torques[:, BASE:] -= self._carried(q, forces)
         return JumpState(
             times=read_only(times),
             positions=read_only(continuous(q)),
@@ -134,7 +135,7 @@ class SpatialStance:
         count = len(state.times)
         torques = np.empty_like(state.torques)
         feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frames}
-        rolling = {foot.name: np.empty((count, 3)) for foot in self.contacts if foot.radius}  # velocity of centres
+        rolling = {foot.name: np.empty((count, 3)) for foot in self.contacts if foot.radius}  # angular velocities
         radii = self.mechanics.radii
         rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
         for index, (q, v, a) in enumerate(rows):
@@ -151,18 +152,19 @@ class SpatialStance:
                 positions[index] = data.oMf[frames[name]].translation
                 speeds[index] = np.linalg.norm(jacobian[:3] @ v)
                 if name in rolling:
-                    rolling[name][index] = radii[name] * np.cross(jacobian[3:] @ v, [0.0, 0.0, 1.0])
+                    rolling[name][index] = jacobian[3:] @ v
         steps = np.diff(state.times)[:, None]
-        for name, velocities in rolling.items():
+        for name, spins in rolling.items():
+            velocities = np.cross(spins, [0.0, 0.0, radii[name]])
             feet[name][0][1:] -= np.cumsum(steps * (velocities[1:] + velocities[:-1]) / 2, axis=0)
         return torques, feet
 
-    def _carried(self, motion: Array, forces: Array) -> Array:
-        """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model."""
+    def _carried(self, q: Array, forces: Array) -> Array:
+        """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model at q (N, nq)."""
         mechanics = self.mechanics
-        carried = np.zeros((motion.shape[2], self.robot.model.nv - BASE))
-        for index, q in enumerate(mechanics.coordinates(motion)[0]):
-            pin.computeJointJacobians(mechanics.model, mechanics.data, q)
+        carried = np.zeros((len(q), self.robot.model.nv - BASE))
+        for index, configuration in enumerate(q):
+            pin.computeJointJacobians(mechanics.model, mechanics.data, configuration)
             pin.updateFramePlacements(mechanics.model, mechanics.data)
             for column, foot in enumerate(self.contacts):
                 number = mechanics.frames[foot.name]
