@@ -503,7 +503,7 @@ def test_feet_are_held_where_they_stand(coarse_program, name, stances):
     parameters = np.zeros(program.size + 1)
     of_feet = np.array([label.startswith("position of") for label in program.assembly.labels])
     stiffness = 625.0 / 9.81  # [1/m] over g
-    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 2, 2))[:stances]:
+    for node, count in ((3, 4), (program.nodes - 4, 4), (int(program.borders[2]) - 1, 2))[:stances]:
         moved = raw.copy()
         moved[program.begins[node]] += 0.01
         change = np.subtract(*(np.array(program.assembly.evaluate(x, parameters)).ravel() for x in (moved, raw)))

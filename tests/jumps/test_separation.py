@@ -23,7 +23,8 @@ def test_a_jump_is_found_that_keeps_away(case, monkeypatch):
     problem, known = replace(go2_problem(), **AROUND[case]), backflip()
     figure = "obstacles" if "obstacles" in AROUND[case] else "self_distance"
     assert replace(known, problem=problem).check.figures[figure] < 0
-    plan_on_fewer_nodes_in_a_plane(monkeypatch)
+    if case != "a ceiling":  # there the fewer nodes are, the more programs are needed
+        plan_on_fewer_nodes_in_a_plane(monkeypatch)
     found = fp.jump(problem, starts=1)
     assert found.ok
     assert found.check.figures[figure] >= 0
