@@ -264,7 +264,7 @@ def test_pictures_have_a_platform_with_shadows_on_it():
 
 @pytest.mark.long
 def test_down_from_a_box(tmp_path):
-    jump = jumps.stored_jump("a1_down")  # a Go2 forwards is found too, and falls where it lands
+    jump = jumps.stored_jump("a1_down")
     assert jump.ok, jump.explanation
     assert jump.before[-1].ground - jump.after[0].ground == pytest.approx(HEIGHT)
     again = fp.load_jump(jump.save(tmp_path / "jump.json"))
