@@ -231,7 +231,7 @@ class JumpRequest(Keyed):
     leeway : float, rad, optional
         In space: by how much, where the search looks, the first and the last of the base's angles may leave what lies
         between those of start and goal. Legs that have little torque to spare twist the base where nothing keeps them
-        from it.
+        from it. The flight is planned anew between its ends, and may leave it by more.
     edge : float, m, optional
         Where the higher ground ends, horizontally from where the frame that takes off is at takeoff; for grounds of
         different heights. In space that is along x or y of the world, along which ``landing.displacement`` is longer,
