@@ -42,16 +42,8 @@ PROMISED = {
 }
 LONG = {
     *("fly_a_go2", "from_mjcf", "jump", "library", "reference_motion", "repair_a_clip", "ros_trajectory", "study"),
-    *(
-        "sweep",
-        "pinocchio_interop",
-        "obstacle",
-        "space_arm",
-        "mujoco_playback",
-        "in_flight",
-        "falling_cat",
-        "bounds_by_hand",
-    ),
+    *("sweep", "pinocchio_interop", "obstacle", "space_arm", "mujoco_playback", "in_flight", "falling_cat"),
+    "bounds_by_hand",
 }
 
 

@@ -21,12 +21,12 @@ import floatplan
 PACKAGE = Path(floatplan.__file__).parent
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (46_026, 26_500),
+    "statements": (46_030, 26_500),
     "statements of the largest file": (404, 405),
     "packs `a, b = x, y` per 1000 lines": (0.95, 4),
     "comprehensions per 1000 lines": (24.4, 25),
-    "module constants": (583, 600),
-    "private words": (1_133, 2_514),
+    "module constants": (584, 600),
+    "private words": (1_132, 2_514),
     "lines that ask in_plane or in_space": (68, 70),
     "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords
@@ -41,25 +41,10 @@ WAYS = {  # problem: limits and goals of functions and files of the package that
 }
 
 # Participles and names of this project alone, where the field has a noun. "each" counts where it is a variable.
-PRIVATE_WORDS = (
-    *(
-        "alone",
-        "answer",
-        "asked",
-        "attempt",
-        "began",
-        "beside",
-        "drawn",
-        "draws",
-        "eased",
-        "ended",
-        "exchange",
-        "flown",
-    ),
-    *("followed", "found", "given", "held", "kept", "known", "law", "missed", "outcome", "part", "place", "plain"),
-    *("pull", "reached", "ready", "relief", "rest", "room", "said", "swing", "together", "told", "turn", "wanted"),
-    "watched",
-)
+PRIVATE_WORDS = """
+alone answer asked attempt began beside drawn draws eased ended exchange flown followed found given held kept known law
+missed outcome part place plain pull reached ready relief rest room said swing together told turn wanted watched
+"""
 LETTERS = re.compile("[a-z]+")
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*")
 ASKS_KIND = re.compile(r"\bin_(plane|space)\b")
@@ -134,7 +119,7 @@ class Module:
         """In names and in prose; of names with underscores, every part."""
         variables = sum(type(node) is ast.Name and node.id == "each" for node in self.nodes)
         words = Counter(LETTERS.findall(self.text.lower()))
-        return variables + sum(words[word] for word in PRIVATE_WORDS)
+        return variables + sum(words[word] for word in PRIVATE_WORDS.split())
 
     @property
     def asks_kind(self):

@@ -225,13 +225,13 @@ class JumpRequest(Keyed):
     flights : sequence of JumpFlight, optional
         In a plane: all flights, in order of time, where there are several; the first is the problem's own.
     least_force : float
-        Over the weight: vertical force on each contact that stands, at least, where the search looks. More of it keeps
-        the centre of pressure inside the feet, and a robot that lands from tipping over some of them. In a plane it is
-        0.05 at least.
+        Over the weight: vertical force on each contact that stands, at least, at the program's nodes; nothing checks it
+        between them. More of it keeps the centre of pressure inside the feet, and a robot that lands from tipping over
+        some of them. In a plane it holds where several contacts stand, and is 0.05 at least.
     leeway : float, rad, optional
-        In space: by how much, where the search looks, the first and the last of the base's angles may leave what lies
-        between those of start and goal. Legs that have little torque to spare twist the base where nothing keeps them
-        from it. The flight is planned anew between its ends, and may leave it by more.
+        In space: by how much, at the program's nodes, the first and the last of the angles of the goal's orientation
+        may leave what lies between those of start and goal. Legs that have little torque to spare twist the base where
+        nothing keeps them from it. The flight is planned anew between its ends, and may leave it by more.
     edge : float, m, optional
         Where the higher ground ends, horizontally from where the frame that takes off is at takeoff; for grounds of
         different heights. In space that is along x or y of the world, along which ``landing.displacement`` is longer,
@@ -257,7 +257,7 @@ class JumpRequest(Keyed):
     flights: Annotated[Sequence[JumpFlight] | None, Key()] = None
     # At most so that what stands on many points, two soles on six, may bear less on some than on others.
     least_force: Annotated[float, Key(numbers=Range(0.0, 0.1, ""))] = 0.0
-    leeway: Annotated[float | None, Key(unit=ANGLE, numbers=Range(0.0, math.pi, "rad"))] = None
+    leeway: Annotated[float | None, Key(unit=ANGLE, numbers=Range(1e-3, math.pi, "rad"))] = None
     edge: Annotated[float | None, Key(unit="m")] = None
 
     @property

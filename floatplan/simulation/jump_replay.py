@@ -26,13 +26,10 @@ from floatplan.simulation.simulated_jump import SimulatedJump
 from floatplan.tables import Range
 
 MULTIPLES = (1.1, 1.0, 0.9, 0.8, 0.7, 0.6, 0.5)  # [-] of gains
+MASSES = (0.95, 1.05)  # [-] of the plan's, as far off as with mass=5%, with which replays and the bench are documented
 
 
-def search_gains(
-    jump: Jump,
-    progress: Callable[[str, int, int], None] | None = None,
-    masses_tried: tuple[float, ...] = (0.95, 1.05),
-) -> tuple[Array, int]:
+def search_gains(jump: Jump, progress: Callable[[str, int, int], None] | None = None) -> tuple[Array, int]:
     """Return gains (2, J) with which robots land whose measurements are late, and how many gains were tried.
 
     Low gains lag behind heavy rotors and let the robot fall, high gains ring with light rotors. Gains with which every
@@ -41,8 +38,7 @@ def search_gains(
     and without. Of each two neighbouring multiples it is counted how many of these robots land with nothing but their
     feet on the ground. The result is the middle of the range of multiples whose pairs have the highest count; of
     several such ranges that of most multiples, and of equal ones that in which bases stay nearest to their planned
-    attitude from the landing on (mean square). Masses, over the plan's, are as far off as with mass=5%, the size with
-    which replays and the bench are documented.
+    attitude from the landing on (mean square).
     """
     first = gains_of_jump(jump)
     control = JumpControl(jump, first, rate=250.0)  # Hz of corrections, as in the replays of the documentation
@@ -57,7 +53,7 @@ def search_gains(
     for trial, multiple in enumerate(MULTIPLES, start=1):
         control.gains = multiple * first
         of_multiple = []
-        for rotors, mass, correct in itertools.product((0.0, heaviest), masses_tried, (False, True)):
+        for rotors, mass, correct in itertools.product((0.0, heaviest), MASSES, (False, True)):
             masses = mass * bodies
             run = control.run_jump(late, friction, seed, 0, correct, armature=rotors, mass=masses, inertia=masses)
             on_feet = run.landing["stands"] and not run.landing["touched"]

@@ -55,7 +55,7 @@ def test_feet_stand_on_the_ground_where_the_clip_has_them(clip: fp.Clip) -> None
             assert place[2] == pytest.approx(0.022, abs=1e-3)  # m, the radius of its ball
             assert np.abs(place - ends.places[end][points[0].name]).max() < 1e-12
     for still in (ends, lowered):
-        feet, _ = still.mechanics.feet(still.motion[:, :, :1], list(still.places[0]))
+        feet = still.mechanics.feet(still.motion[:, :, :1], list(still.places[0]))
         assert np.abs(feet[0, 0] - np.array(list(still.places[0].values()))).max() < 1e-9
     assert ends.motion[0, 2, 0] - lowered.motion[0, 2, 0] == pytest.approx(0.02, abs=1e-12)
 

@@ -144,7 +144,7 @@ def plan_on_fewer_nodes_in_a_plane(patch: pytest.MonkeyPatch) -> None:
 def try_few_gains(patch: pytest.MonkeyPatch, multiples: tuple[float, ...] = (1.1, 1.0)) -> None:
     """Let a search for gains try few of them, with bodies of one mass: each is flown four times, not eight."""
     patch.setattr(jump_replay, "MULTIPLES", multiples)
-    patch.setattr(jump_replay, "search_gains", partial(jump_replay.search_gains, masses_tried=(1.05,)))
+    patch.setattr(jump_replay, "MASSES", (1.05,))
 
 
 def stored_jump(name: str) -> SpatialJump:

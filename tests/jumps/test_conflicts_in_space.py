@@ -142,6 +142,9 @@ def test_a_leeway_and_a_least_force_bind_as_they_were_asked_for(quarter_turn: fp
         said |= {binding_sentence(limit, quarter_turn, request).partition(" (")[0] for limit in limits}
     assert "leeway of the base's first angle" in said
     assert any(sentence.startswith("least force of ") for sentence in said)
+    limit = BindingLimit("leeway of the base's last angle (flight)", "leeway", 6.4, 1.0)  # of a roll, near its goal
+    sentence = binding_sentence(limit, quarter_turn, request)
+    assert sentence == "leeway of the base's last angle (flight), with all of the 0.125 rad that are allowed"
     limit = BindingLimit("least force of FL_foot (landing)", "least force", 0.0625, 1.0)
     sentence = binding_sentence(limit, quarter_turn, request)
     assert sentence == "least force of FL_foot (landing), which ends at 0.0625 of the weight"

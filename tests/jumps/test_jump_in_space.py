@@ -337,6 +337,20 @@ def test_feet_of_a_takeoff_that_are_not_level_are_named(roll):
     assert "mm higher than" in result.sentences[0]
 
 
+def test_a_launch_asks_for_no_margins(roll, monkeypatch):
+    """Nor for a leeway, which is of other angles than those from a level base."""
+    asked = []
+
+    def note(setup, *_, **__):
+        asked.append(setup.request)
+        return StanceResult((), {}, ("not searched for",))
+
+    monkeypatch.setattr(in_space, "planned_stance", note)
+    fp.launch(roll.flight, replace(roll.request, least_force=0.1, leeway=0.1, pitch_error=0.2), starts=1)
+    assert asked
+    assert {(request.least_force, request.leeway, request.pitch_error) for request in asked} == {(0.0, None, 0.0)}
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("end", ["takeoff", "landing"])
 def test_the_stances_of_its_flight_are_found_again(roll, end, monkeypatch):

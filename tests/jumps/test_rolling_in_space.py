@@ -84,7 +84,8 @@ def test_rows_are_what_the_lowest_point_of_a_ball_moves_by(go2, feet, mechanics)
     rows = ca.Function("rows", [model.y, model.v, model.a], [ca.horzcat(*model.foot(foot.name)[1]) for foot in feet])
     of_centre = motion.copy()
     of_centre[:, :3] = mechanics.centre(motion)[0]
-    places, jacobians = mechanics.feet(motion, FEET, order=1)
+    places = mechanics.feet(motion, FEET)
+    _, jacobians = mechanics.placed(mechanics.coordinates(motion)[0], FEET, rolls=True)
     for column, foot in enumerate(feet):
         point = lowest_then(go2, foot, motion, 2)
         slip = (point[3] - point[1]) / (2 * step)
@@ -96,7 +97,7 @@ def test_rows_are_what_the_lowest_point_of_a_ball_moves_by(go2, feet, mechanics)
         joint = 2 + mechanics.legs[foot.name][0]
         moved = motion[:, :, [2, 2]].copy()
         moved[1, BASE + joint, 1] += 1.0
-        slips, _ = mechanics.feet(moved, FEET)
+        slips = mechanics.feet(moved, FEET)
         assert jacobians[2, column, :, joint] == pytest.approx((slips[1, 1] - slips[1, 0])[column], abs=1e-12)
 
 
@@ -114,7 +115,7 @@ def test_forces_act_where_a_ball_touches_the_ground(go2, feet, mechanics):
     forces = np.random.default_rng(1).uniform(-100.0, 100.0, (2, 3))
     free, free_balance = function(*of_centre, *np.zeros((2, 3)))
     loaded, balance = function(*of_centre, *forces)
-    _, jacobians = mechanics.feet(motion, FEET, order=1)
+    _, jacobians = mechanics.placed(mechanics.coordinates(motion)[0], FEET, rolls=True)
     carried = np.einsum("fin,fi->n", jacobians[0], forces)
     change = np.array(free - loaded).ravel() @ go2.selection[BASE:]
     assert change == pytest.approx(carried, abs=1e-11)
@@ -130,14 +131,14 @@ def test_legs_roll_and_a_robot_on_two_balls_is_in_balance(go2, feet, mechanics):
     motion = rocking(go2, times, size=0.3)
     still = motion[:, :, [6]].copy()
     still[1:] = 0.0
-    places, _ = mechanics.feet(still, FEET)
+    places = mechanics.feet(still, FEET)
     line = Line.through(dict(zip(FEET, places[0, 0], strict=True)))
     direction = line.turned(AXES, still, np.array([[0.0], [1.0], [0.0]]))[1, :BASE, 0]
     for near in (0, -1):
         rolled = rolled_from(mechanics, FEET, times, motion, near, direction)
         assert np.abs(rolled[:2, :BASE, near] - motion[:2, :BASE, near]).max() < 1e-12
         assert np.ptp(rolled[0, :BASE] - motion[0, :BASE], axis=1).max() > 1e-4
-        places, _ = mechanics.feet(rolled, FEET)
+        places = mechanics.feet(rolled, FEET)
         assert np.abs(places[1:]).max() < 1e-9
         assert np.ptp(places[0, :, :, 2], axis=0).max() < 1e-8
         assert np.ptp(places[0, :, :, :2], axis=0).max() > 1e-4  # [m] it has rolled

@@ -56,7 +56,8 @@ def test_torques_and_balance_are_pinocchios(go2, mechanics):
     centres, _ = mechanics.centre(motion)
     wrenches = mechanics.wrench(motion)
     rotations = turned("yxz", motion[:, 3:BASE])[0]
-    places, jacobians = mechanics.feet(motion, FEET)
+    places = mechanics.feet(motion, FEET)
+    _, jacobians = mechanics.placed(mechanics.coordinates(motion)[0], FEET, rolls=False)
     forces = np.random.default_rng(1).uniform(-100.0, 100.0, (2, 3))
     for index in range(motion.shape[2]):
         of_centre = motion[:, :, index].copy()
@@ -85,7 +86,7 @@ def test_angles_are_the_inverse_of_turning(go2):
 
 def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
     motion = sampled_motion(go2, 3)
-    places, _ = mechanics.feet(motion[:, :, :1], FEET)
+    places = mechanics.feet(motion[:, :, :1], FEET)
     line = Line.through(dict(zip(FEET, places[0, 0], strict=True)))
     pendulum = Pendulum(mechanics, line, motion)
     state = np.array([0.3, -1.2])
@@ -133,13 +134,13 @@ def test_a_sole_stands_on_three_points(g1, feet):
     motion = np.zeros((3, BASE + 6, 1))
     motion[0, BASE:, 0] = BENT
     names = [foot.name for foot in feet]
-    places = mechanics.feet(motion, names)[0][0, 0]
+    places = mechanics.feet(motion, names)[0, 0]
     assert np.ptp(places[:, 2]) < 1e-12
     assert np.allclose(places[1] - places[2], [0.0, 0.06, 0.0], atol=1e-9)  # the width of its toes
     moved = motion.copy()
     moved[0, :BASE, 0] = [0.01, 0.02, -0.02, 0.1, 0.05, -0.05]
     moved[1:, :BASE, 0] = [[0.1, -0.2, 0.3, 1.0, -1.0, 0.5], [1.0, 2.0, -3.0, 4.0, 5.0, -6.0]]
-    closed = mechanics.feet(mechanics.close(moved, dict(zip(names, places, strict=True))), names)[0][:, 0]
+    closed = mechanics.feet(mechanics.close(moved, dict(zip(names, places, strict=True))), names)[:, 0]
     assert np.abs(closed[0] - places).max() < 1e-11
     assert np.abs(closed[1:]).max() < 1e-8
 
@@ -158,12 +159,12 @@ def test_on_a_sole_the_base_moves_as_forces_push_it(g1, feet, near):
         times = np.linspace(0.0, 0.03, count)
         motion = np.zeros((3, BASE + 6, count))
         motion[0, BASE:] = BENT[:, None]
-        places = dict(zip(names, mechanics.feet(motion, names)[0][0, 0], strict=True))
+        places = dict(zip(names, mechanics.feet(motion, names)[0, 0], strict=True))
         shares = weight * np.array([np.interp(times, times[[0, -1]], of_ends) for of_ends in ends.reshape(2, -1).T])
         return pushed_from(mechanics, times, motion, shares, places, near), shares, places
 
     motion, shares, places = pushed(3)
-    positions, _ = mechanics.feet(motion, names)
+    positions = mechanics.feet(motion, names)
     assert np.abs(positions[0] - np.array(list(places.values()))).max() < 1e-11
     forces = shares.T.reshape(3, 3, 3)
     arms = np.array(list(places.values())) - motion[0, :3].T[:, None]

@@ -31,7 +31,7 @@ class Case:
         self.standing = np.zeros((3, 6 + len(robot.joints)))
         self.standing[0, 2] = height
         self.standing[0, 6:] = robot.resting
-        places, _ = self.mechanics.feet(self.standing[:, :, None], FEET)
+        places = self.mechanics.feet(self.standing[:, :, None], FEET)
         self.places = dict(zip(FEET, places[0, 0], strict=True))
 
     def met(self, velocity, momentum):
@@ -91,7 +91,7 @@ def test_a_robot_settles_where_its_landing_brings_it(case):
     end = stance.grid.at(np.array([stance.span[1]]))
     assert np.abs(end[1:]).max() < 1e-9
     assert np.abs(end[0, :3, 0] - case.standing[0, :3]).max() > 0.02  # m
-    feet, _ = case.mechanics.feet(end, FEET)
+    feet = case.mechanics.feet(end, FEET)
     assert np.abs(feet[0, 0] - np.array(list(case.places.values()))).max() < 1e-9
     centres, _ = case.mechanics.centre(end)
     for column in (0, 1):

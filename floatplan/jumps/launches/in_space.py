@@ -157,7 +157,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
     )
     even = 1e-3  # [m] by which feet that stand where the flight is met may differ in height
     names = [foot.name for foot in feet]
-    points, _ = mechanics.feet(own, names)
+    points = mechanics.feet(own, names)
     grounds = points[0, 0, :, 2] - [foot.depth for foot in feet]
     side = getattr(request, end)
     if side.contacts:
@@ -205,7 +205,15 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
     for phase in side_phases(end, groups, unit, [None] * len(groups)):
         shortest = 0.3 * phase.duration  # since the flight is fixed, stances may have to be brief
         phases.append(replace(phase, bounds=(shortest, phase.bounds[1])))
-    calm = replace(request, margin=dict.fromkeys(request.margin, 1.0), clearance=0.0, pitch_error=0.0)
+    # The leeway is of other angles than those here.
+    calm = replace(
+        request,
+        margin=dict.fromkeys(request.margin, 1.0),
+        clearance=0.0,
+        pitch_error=0.0,
+        least_force=0.0,
+        leeway=None,
+    )
     return SpatialLaunch(plan, calm, end, mechanics, tuple(phases), places, standing, met)
 
 
@@ -239,7 +247,7 @@ def _standing_there(
     motion[0, 3:BASE, 0] = unwrapped_angles(mechanics.axes, level[None])[0]
     motion[0, BASE:, 0] = joints
     names = [foot.name for foot in feet]
-    points, _ = mechanics.feet(motion, names)
+    points = mechanics.feet(motion, names)
     own = dict(zip(names, points[0, 0], strict=True))
     # Turned about the vertical and moved so that the feet are nearest to where they have to be.
     here = points[0, 0, [names.index(name) for name in places]]
@@ -293,7 +301,7 @@ def _least_rates(mechanics: Mechanics, met: Array, frames: Sequence[str], limits
     varied = np.repeat(met[:, :, None], size + 1, axis=2)
     varied[1, :, 1:] = np.eye(size)
     centres, momenta = mechanics.centre(varied)
-    feet, _ = mechanics.feet(varied, list(frames))
+    feet = mechanics.feet(varied, list(frames))
     effects = np.vstack((centres[1], momenta, feet[1].reshape(size + 1, -1).T))
     # Variables: rates, then the share.
     equations = np.column_stack((effects[:, 1:], np.zeros(len(effects))))

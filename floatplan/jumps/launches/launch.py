@@ -92,6 +92,7 @@ def launch(
         objective="limits",
         clearance=0.0,
         pitch_error=0.0,
+        least_force=0.0,
     )
     state = plan.at(0.0 if end == "takeoff" else plan.duration)
     setup, met = _setup_and_fixed_end(plan, factor_request, end, np.append(state.orientation, state.positions))

@@ -139,7 +139,9 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
         return f"{limit.label}, which is the least"
     if limit.kind == "pressure":
         return f"{limit.label}, whose sole would tip"
-    unit = {"range": "rad", "leeway": "rad", "duration": "s", "least force": "of the weight"}.get(limit.kind, "m")
+    if limit.kind == "leeway":
+        return f"{limit.label}, with all of the {request.leeway:.3g} rad that are allowed"
+    unit = {"range": "rad", "duration": "s", "least force": "of the weight"}.get(limit.kind, "m")
     return f"{limit.label}, which ends at {limit.bound:.3g} {unit}"
 
 
@@ -159,7 +161,7 @@ def touchdown_sentence(setup: SpatialSetup) -> str:
     standing[0, :, 0] = setup.ends.y[1]
     standing[1, 2] = -1.0  # [m/s] of the trunk
     standing = mechanics.from_centre(standing)
-    places, _ = mechanics.feet(standing, [foot.name for foot in feet])
+    places = mechanics.feet(standing, [foot.name for foot in feet])
     folding = mechanics.close(standing, dict(zip((foot.name for foot in feet), places[0, 0], strict=True)))
     limits = request.margin["velocity"] * setup.problem.velocity_limits
     speeds = limits / np.maximum(np.abs(folding[1, BASE:, 0]), 1e-9)  # joints that do not move limit nothing

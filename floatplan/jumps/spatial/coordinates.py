@@ -202,20 +202,24 @@ class Mechanics:
         moved[:, :3] -= centres
         return moved
 
-    def feet(self, motion: Array, frames: Sequence[str], order: int = 0) -> tuple[Array, Array]:
-        """Places of feet with two derivatives (3, N, F, 3), and Jacobians by planned joints (N, F, 3, n).
+    def feet(self, motion: Array, frames: Sequence[str]) -> Array:
+        """Places of feet with two derivatives (3, N, F, 3), m.
 
         Of feet that roll, balls of radius r about C, they are C and what of its motion is no rolling,
-        ``C' - w x r e_z`` and ``C'' - w' x r e_z``. The Jacobians are of the derivative of this ``order``: of the
-        position for 0; else of its velocity by rates, which of balls is that of their lowest points.
+        ``C' - w x r e_z`` and ``C'' - w' x r e_z``.
         """
         coordinates = self.coordinates(motion)
-        of_position, jacobians = self.placed(coordinates[0], frames, rolls=order > 0)
-        places = [of_position, *(self._derivative(of_time, coordinates, frames) for of_time in (1, 2))]
-        return np.stack(places), jacobians
+        places, _ = self.placed(coordinates[0], frames, rolls=False)
+        velocities = self._derivative(1, coordinates, frames)
+        accelerations = self._derivative(2, coordinates, frames)
+        return np.stack((places, velocities, accelerations))
 
     def placed(self, q: Array, frames: Sequence[str], rolls: bool) -> tuple[Array, Array]:
-        """Places of feet (N, F, 3), and Jacobians (N, F, 3, n), where they roll those of balls' lowest points."""
+        """Places of feet (N, F, 3), m, at Pinocchio's q (N, nq), and Jacobians (N, F, 3, n) by planned joints.
+
+        The Jacobians are those of the places; with ``rolls`` those of what is no rolling in their velocities, which of
+        balls is the velocity of their lowest points.
+        """
         places = np.empty((len(q), len(frames), 3))
         jacobians = np.empty((*places.shape, self.robot.selection.shape[1]))
         for index, configuration in enumerate(q):
@@ -306,5 +310,5 @@ class Mechanics:
         for columns, leg, inverse in inverses:
             changes = np.einsum("nij,nj->ni", inverse, gaps[:, columns].reshape(len(gaps), -1))
             motion[order, [BASE + joint for joint in leg]] += changes.T
-            joints = coordinates[order][:, -self.robot.selection[BASE:].shape[0] :]
-            joints += changes @ self.robot.selection[BASE:, leg].T
+            of_model = self.robot.selection[BASE:, leg]  # all joints of the model by those of the leg
+            coordinates[order][:, -len(of_model) :] += changes @ of_model.T  # a view: each joint has one coordinate

@@ -207,7 +207,7 @@ def met_by_flight(
         moving[2, :, 0] = _gentle_fall(mechanics, moving, list(places))
     except np.linalg.LinAlgError:
         raise NoExactStanceError("its joints do not hold the feet still where the flight is met") from None
-    feet, _ = mechanics.feet(moving, list(places))
+    feet = mechanics.feet(moving, list(places))
     feet[0] -= np.array(list(places.values()))
     feet[2] /= mechanics.gravity
     if not np.abs(feet).max() < still:
@@ -226,7 +226,7 @@ def _gentle_fall(mechanics: Mechanics, motion: Array, frames: list[str]) -> Arra
         varied = np.repeat(motion, accelerations.shape[1], axis=2)
         varied[2] = accelerations
         wrench = mechanics.wrench(varied)
-        feet, _ = mechanics.feet(varied, frames)
+        feet = mechanics.feet(varied, frames)
         vanishing = np.hstack((wrench[:, :BASE] / robot.mass, feet[2].reshape(len(wrench), -1)))
         return vanishing.T, (wrench @ robot.transmission / limits).T
 
@@ -555,7 +555,7 @@ class _RollingSide:
 
     def _centres(self, motion: Array, names: list[str]) -> Array:
         """Centres (F, 3) of feet in a motion (3, 6+n), m."""
-        places, _ = self.mechanics.feet(motion[:, :, None], names)
+        places = self.mechanics.feet(motion[:, :, None], names)
         return np.asarray(places[0, 0])
 
     def _stances(self, motions: dict[int, Array]) -> tuple[SpatialStance, ...]:

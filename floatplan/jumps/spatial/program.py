@@ -402,7 +402,7 @@ class SpatialProgram:
         bounds = self.bounds
         low = np.full(self.size, -np.inf)
         high = np.full(self.size, np.inf)
-        angles = self.ends.y[:, 3:BASE]
+        least_angles, largest_angles = np.sort(self.ends.y[:, 3:BASE], axis=0)
         for node, kind in enumerate(self.kinds):
             begin = self.begins[node]
             if kind.fixed:
@@ -416,8 +416,8 @@ class SpatialProgram:
                     low[begin : begin + 2] = -np.inf
                     high[begin : begin + 2] = np.inf
             else:
-                low[begin + 3 : begin + BASE] = np.minimum(*angles) - bounds.leeway
-                high[begin + 3 : begin + BASE] = np.maximum(*angles) + bounds.leeway
+                low[begin + 3 : begin + BASE] = least_angles - bounds.leeway
+                high[begin + 3 : begin + BASE] = largest_angles + bounds.leeway
                 low[begin + 4] = -bounds.tilt
                 high[begin + 4] = bounds.tilt
                 low[begin + BASE : begin + n], high[begin + BASE : begin + n] = bounds.position.T

@@ -77,7 +77,7 @@ class SpatialStance:
     @property
     def ground(self) -> float:
         """Height of the ground below its feet, m."""
-        places, _ = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].name])
+        places = self.mechanics.feet(self.grid.at(self.grid.times[:1]), [self.contacts[0].name])
         return float(places[0, 0, 0, 2] - self.contacts[0].depth)
 
     def joints(self, times: Array) -> Array:

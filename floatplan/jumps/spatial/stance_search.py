@@ -223,7 +223,7 @@ def _guess(setup: SpatialSetup, program: SpatialProgram, curve: Curve) -> Array:
         raw[at : at + 3 * n] = of_centre[:, :, node].ravel()
         if kind.bearing:
             names = [foot.name for foot in kind.bearing]
-            points, _ = mechanics.feet(motion[:, :, [node]], names)
+            points = mechanics.feet(motion[:, :, [node]], names)
             arms = points[0] - motion[0, :3, node]
             even = np.zeros((1, len(names), 3))
             even[:, :, 2] = max(wrench[node, 2], 0.0) / len(names)
