@@ -22,7 +22,8 @@ FLOATING = """
 </robot>"""
 
 plan = fp.plan(fp.load_problem(HERE.parent / "problems" / "handstand.toml"))
-motion = np.load(plan.export("mujoco", OUT / "handstand.npz"))
+with np.load(plan.export("mujoco", OUT / "handstand.npz")) as file:
+    motion = dict(file)
 
 assert plan.robot.path is not None
 floating = FLOATING.format(root=plan.robot.layout.tree.root)

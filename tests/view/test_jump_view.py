@@ -119,9 +119,10 @@ def test_a_jump_is_shown_and_written_as_a_plan_is(tmp_path: Path, monkeypatch: p
     film = jump.animate(tmp_path / "jump.gif", speed=4.0, progress=lambda done, _: drawn.append(done))
     assert film.read_bytes()[:4] == b"GIF8"
     assert drawn
-    archive = np.load(jump.export("pinocchio", tmp_path / "jump.npz", rate=50.0, kp=40.0, kd={"RL_hip_joint": 2.0}))
-    assert set(archive["kp"]) == {40.0}
-    assert 2.0 in archive["kd"]
+    exported = jump.export("pinocchio", tmp_path / "jump.npz", rate=50.0, kp=40.0, kd={"RL_hip_joint": 2.0})
+    with np.load(exported) as archive:
+        assert set(archive["kp"]) == {40.0}
+        assert 2.0 in archive["kd"]
     nothing = Jump(jump.problem, fp.JumpRequest())
     for asked in (nothing.show, nothing.animate, nothing.figures, nothing._repr_html_, lambda: nothing.export("csv")):
         with pytest.raises(InputError, match="no jump"):
