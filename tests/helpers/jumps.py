@@ -106,11 +106,15 @@ def find_jumps_once(patch: pytest.MonkeyPatch) -> None:
 
 
 def jump_once(problem: fp.Problem | str | Path, request: fp.JumpRequest | None = None, **options: Any) -> Jump:
-    """What ``fp.jump`` returns; where any test has had the same problem, without a search and words about it."""
+    """What ``fp.jump`` returns; where any test has had the same problem, without a search and words about it.
+
+    That of a robot whose legs are coupled is searched for on fewer nodes than usual: tests of what a search on the
+    usual ones promises call ``fp.jump`` themselves.
+    """
     given = inspect.signature(jump).bind(problem, request, **options)
     given.apply_defaults()
     if given.arguments["near"] is not None:
-        return jump(problem, request, **options)
+        return _searched(problem, request, **options)
     problem = as_problem(problem)
     options_asked = [given.arguments[name] for name in ("request", "seed", "starts", "helps")]
     if problem.robot.base == "free-flyer":  # on as many nodes as a test sets
@@ -120,11 +124,11 @@ def jump_once(problem: fp.Problem | str | Path, request: fp.JumpRequest | None =
     return found
 
 
-def _searched(problem: fp.Problem, request: fp.JumpRequest | None, **options: Any) -> Jump:
-    """What ``fp.jump`` returns; where flights meet, on fewer nodes than usual."""
-    asked = request or problem.jump
+def _searched(problem: fp.Problem | str | Path, request: fp.JumpRequest | None, **options: Any) -> Jump:
+    """What ``fp.jump`` returns; of legs in pairs, on fewer nodes than usual, by which chains gain nothing."""
+    problem = as_problem(problem)
     with pytest.MonkeyPatch.context() as patch:
-        if asked is not None and (asked.flights or asked.landing.to == "periodic"):
+        if problem.robot.coupled:
             plan_on_fewer_nodes_in_a_plane(patch)
         return jump(problem, request, **options)
 
