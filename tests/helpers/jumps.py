@@ -206,12 +206,13 @@ def search(name: str) -> Start:
 def coarse_quarter_turn() -> Array:
     """Where the first stage of a search on hardly any nodes ends, as its program's variables (size,)."""
     setup = setup_in_space("go2_quarter_turn")
-    program = setup.program(replace(COARSE, refinement=0.25))
+    program = setup.program(replace(COARSE, refinement=0.15))
     return program.solve(guess(program), tight_solves=0).raw
 
 
+@cache
 def setup_in_space(name: str) -> SpatialSetup:
-    """The setup of a problem file, by its name in ``problems/jumps/space/``."""
+    """The setup of a problem file, by its name in ``problems/jumps/space/``, with the expressions that it has made."""
     problem = fp.load_problem(PROBLEMS / "jumps" / "space" / f"{name}.toml")
     assert problem.jump is not None
     return spatial_setup(problem, problem.jump)

@@ -547,7 +547,7 @@ def test_what_fails_its_check_is_planned_once_more(root, monkeypatch):
     """A program that allows rates of 0.84 of their limits where 0.7 are requested: the next one allows less."""
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_quarter_turn.toml")
     request = replace(problem.jump, margin={"torque": 0.85, "velocity": 0.7})
-    monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=0.95, velocity=1.2, friction=0.85, refinement=0.45))
+    monkeypatch.setattr(planner, "MARGINS", NodeMargins(torque=0.95, velocity=1.2, friction=0.85, refinement=0.35))
     jump_of_solution = planner.jump_of_solution
     jumps = []
 
