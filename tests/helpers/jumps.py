@@ -125,10 +125,14 @@ def jump_once(problem: fp.Problem | str | Path, request: fp.JumpRequest | None =
 
 
 def _searched(problem: fp.Problem | str | Path, request: fp.JumpRequest | None, **options: Any) -> Jump:
-    """What ``fp.jump`` returns; of legs in pairs, on fewer nodes than usual, by which chains gain nothing."""
+    """What ``fp.jump`` returns; of legs in pairs, on fewer nodes than usual, by which chains gain nothing.
+
+    On fewer nodes no jump down from a box is found, and one that begins in motion only after a longer search.
+    """
     problem = as_problem(problem)
+    asked = request or problem.jump or fp.JumpRequest()
     with pytest.MonkeyPatch.context() as patch:
-        if problem.robot.coupled:
+        if problem.robot.coupled and not asked.takeoff.height and not asked.takeoff.in_motion:
             plan_on_fewer_nodes_in_a_plane(patch)
         return jump(problem, request, **options)
 
