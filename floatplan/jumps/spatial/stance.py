@@ -1,6 +1,6 @@
 """The motion of a stance in space, from what is saved: places of base and joints, and how feet share the forces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 from floatplan.arrays import Array, read_only
 from floatplan.jumps.motion import JumpState, quintic_spline, values
 from floatplan.jumps.spatial.coordinates import Mechanics, of_contact, rotations_about
+from floatplan.jumps.spatial.impact import unexplained
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.robot.robot import Robot
@@ -158,6 +159,45 @@ class SpatialStance:
             velocities = np.cross(spins, [0.0, 0.0, radii[name]])
             feet[name][0][1:] -= np.cumsum(steps * (velocities[1:] + velocities[:-1]) / 2, axis=0)
         return torques, feet
+
+    def impact(self, before: JumpState, after: JumpState, friction: float) -> tuple[float, float]:
+        """An impact with which its feet come to the ground: how fast they do, and what of it their impulses leave.
+
+        Parameters
+        ----------
+        before, after : states of one instant in the same configuration
+        friction : coefficient of the cones in which the impulses are
+
+        Returns
+        -------
+        float
+            Speed of the fastest foot before it, m/s; after it feet that stand have none, as in any stance.
+        float
+            What of the change of rates no such impulses make: m/s of the whole robot, or at the height of its centre.
+        """
+        without = {foot.name: np.zeros((1, 3)) for foot in self.contacts}
+        feet = self.inverse_dynamics(replace(before, forces=without))[1]
+        speed = max(float(speeds[0]) for _, speeds in feet.values())
+        # Inverse dynamics without rates, less what gravity takes: changes of rates are accelerations there.
+        still = np.zeros_like(after.velocities)
+        standing = replace(after, velocities=still, accelerations=still, forces=without)
+        of_gravity = self._momenta(standing)
+        change = self._momenta(replace(standing, accelerations=after.velocities - before.velocities)) - of_gravity
+        effects = np.zeros((len(change), len(self.contacts), 3))
+        for column, foot in enumerate(self.contacts):
+            for axis in range(3):
+                pushed = replace(standing, forces={**without, foot.name: np.eye(3)[[axis]]})
+                effects[:, column, axis] = of_gravity - self._momenta(pushed)
+        left = unexplained(change, effects, friction)
+        return speed, float(np.abs(left).max())
+
+    def _momenta(self, state: JumpState) -> Array:
+        """What one state takes (6+n,) of base and planned joints less what feet bear, over the mass, or its height."""
+        model = self.robot.model
+        centre = pin.centerOfMass(model, model.createData(), state.positions[0])
+        taken = self.inverse_dynamics(state)[0][0] / self.robot.mass
+        lever = float(centre[2]) - self.ground
+        return np.concatenate((taken[:3], taken[3:BASE] / lever, self.robot.selection.T @ taken / lever))
 
     def _carried(self, q: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model at q (N, nq)."""
