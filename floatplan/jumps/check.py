@@ -109,8 +109,8 @@ FIGURES = {
         lambda request: request.landing.impact,
     ),
     "impulse": Figure(
-        "impulses are out of balance by {:z.2g} m/s of the whole robot",
-        "change of rates at the impact that no impulses inside the friction cones make, m/s of the whole robot",
+        "at the impact rates change by {:z.2g} that no impulses make",
+        "change of rates at the impact that no impulses inside the friction cones make, m/s and rad/s",
         1e-3,
     ),
     "junction": Figure(

@@ -141,18 +141,21 @@ def after_impact(mechanics: Mechanics, motion: Array, names: list[str]) -> Array
     return mechanics.from_coordinates(q, rates[None], a, motion[0, 3:BASE])
 
 
-def unexplained(change: Array, effects: Array, friction: float) -> Array:
-    """Return what of a change of momenta (k,) no impulses inside the friction cones make.
+def unexplained(change: Array, mass: Array, effects: Array, friction: float) -> Array:
+    """Return what of a change of rates (k,) no impulses inside the friction cones make, of least kinetic energy.
 
     Parameters
     ----------
-    change : (k,)
-    effects : (k, F, 3) of impulses of 1 N s at F feet along the world's axes
+    change : (k,) of rates
+    mass : (k, k) matrix of these
+    effects : (k, F, 3) momenta that impulses of 1 N s at F feet along the world's axes make
     friction : coefficient
     """
     sides = 32  # [-] of a pyramid inside the friction cone, which has 0.995 of its width
     angles = 2 * np.pi * np.arange(sides) / sides
     edges = np.stack((friction * np.cos(angles), friction * np.sin(angles), np.ones(sides)))
-    generators = (effects @ edges).reshape(len(change), -1)
-    factors, _ = nnls(generators, change)
-    return np.asarray(change - generators @ factors)
+    factor = np.linalg.cholesky(mass)
+    generators = np.linalg.solve(factor, (effects @ edges).reshape(len(change), -1))
+    energetic = factor.T @ change
+    factors, _ = nnls(generators, energetic)
+    return np.linalg.solve(factor.T, energetic - generators @ factors)

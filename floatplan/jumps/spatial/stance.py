@@ -173,7 +173,7 @@ class SpatialStance:
         float
             Speed of the fastest foot before it, m/s; after it feet that stand have none, as in any stance.
         float
-            What of the change of rates no such impulses make: m/s of the whole robot, or at the height of its centre.
+            The largest of what of the change of rates no such impulses make, m/s and rad/s.
         """
         without = {foot.name: np.zeros((1, 3)) for foot in self.contacts}
         feet = self.inverse_dynamics(replace(before, forces=without))[1]
@@ -181,23 +181,23 @@ class SpatialStance:
         # Inverse dynamics without rates, less what gravity takes: changes of rates are accelerations there.
         still = np.zeros_like(after.velocities)
         standing = replace(after, velocities=still, accelerations=still, forces=without)
-        of_gravity = self._momenta(standing)
-        change = self._momenta(replace(standing, accelerations=after.velocities - before.velocities)) - of_gravity
-        effects = np.zeros((len(change), len(self.contacts), 3))
+        own = np.hstack((np.eye(still.shape[1])[:, :BASE], self.robot.selection))  # base and planned joints
+        of_gravity = self.inverse_dynamics(standing)[0][0]
+
+        def momenta(**other: Any) -> Array:
+            return np.asarray(own.T @ (self.inverse_dynamics(replace(standing, **other))[0][0] - of_gravity))
+
+        mass = np.stack([momenta(accelerations=direction[None]) for direction in own.T], axis=1)
+        effects = np.zeros((len(mass), len(self.contacts), 3))
         for column, foot in enumerate(self.contacts):
             for axis in range(3):
-                pushed = replace(standing, forces={**without, foot.name: np.eye(3)[[axis]]})
-                effects[:, column, axis] = of_gravity - self._momenta(pushed)
-        left = unexplained(change, effects, friction)
+                effects[:, column, axis] = -momenta(forces={**without, foot.name: np.eye(3)[[axis]]})
+        change = np.linalg.lstsq(own, (after.velocities - before.velocities)[0], rcond=None)[0]
+        try:
+            left = unexplained(change, mass, effects, friction)
+        except (np.linalg.LinAlgError, ValueError, RuntimeError):  # of numbers beyond all sense, as files may hold
+            return speed, np.inf
         return speed, float(np.abs(left).max())
-
-    def _momenta(self, state: JumpState) -> Array:
-        """What one state takes (6+n,) of base and planned joints less what feet bear, over the mass, or its height."""
-        model = self.robot.model
-        centre = pin.centerOfMass(model, model.createData(), state.positions[0])
-        taken = self.inverse_dynamics(state)[0][0] / self.robot.mass
-        lever = float(centre[2]) - self.ground
-        return np.concatenate((taken[:3], taken[3:BASE] / lever, self.robot.selection.T @ taken / lever))
 
     def _carried(self, q: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model at q (N, nq)."""
