@@ -40,7 +40,7 @@ MORE = {  # keys of tables that no one problem that is planned has together
         "pitch_error": 4,
         "least_force": 0.05,
         "leeway": 20,
-        "landing": {"to": "standing", **STANCE},
+        "landing": {"to": "standing", "impact": 0.5, **STANCE},
         "takeoff": {
             "from": {"q1": 90},
             "height": 0.2,

@@ -100,7 +100,19 @@ FIGURES = {
         "step of the motion there: m, rad; of rates times sqrt(1 m / g), of accelerations times 1 m / g",
         SEAM,
     ),
-    "landing_seam": Figure("the landing's seam is {:z.2g}", "step of the motion there, as of takeoff_seam", SEAM),
+    "landing_seam": Figure(
+        "the landing's seam is {:z.2g}", "step of the motion there, as of takeoff_seam; of an impact, of places", SEAM
+    ),
+    "impact": Figure(
+        "feet come to the ground with {:z.2g} m/s",
+        "greatest speed of feet that land first, m/s",
+        lambda request: request.landing.impact,
+    ),
+    "impulse": Figure(
+        "at the impact rates change by {:z.2g} that no impulses make",
+        "change of rates at the impact that no impulses inside the friction cones make, m/s and rad/s",
+        1e-3,
+    ),
     "junction": Figure(
         "where feet come or leave, the motion steps by {:z.2g}",
         "step of the motion where feet come or leave, as of takeoff_seam",
@@ -426,7 +438,7 @@ def _seams(jump: JumpMotion) -> Iterator[Value]:
     """Steps of positions, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
     limits = jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))  # [s] of a fall by 1 m, but for a factor
-    seams: list[tuple[str, AnyStance, int, JumpState]] = []
+    seams: list[tuple[str, Any, int, JumpState]] = []
     yield "gap", abs(jump.before[0].span[0])
     for one, two in itertools.pairwise(jump.pieces):
         if isinstance(two, TimedFlight):
@@ -439,7 +451,14 @@ def _seams(jump: JumpMotion) -> Iterator[Value]:
             yield "gap", abs(one.span[1] - two.span[0])
     around = np.array([-2e-3, 2e-3])  # s: two steps of a controller at 500 Hz
     for name, stance, end, other in seams:
-        yield name, _step(jump.robot, stance.at(np.array([stance.span[end]])), other, unit)
+        own = stance.at(np.array([stance.span[end]]))
+        if name == "landing_seam" and jump.request.landing.impact:
+            yield name, np.abs(_steps(jump.robot, own.positions, other.positions)).max()
+            speed, unbalanced = stance.impact(other, own, jump.request.friction)
+            yield "impact", speed
+            yield "impulse", unbalanced
+        else:
+            yield name, _step(jump.robot, own, other, unit)
         times = np.clip(stance.span[end] + around, 0.0, jump.duration)
         change = np.diff(jump.at(times).torques @ jump.robot.transmission, axis=0) / limits
         yield "torque_step", np.abs(change).max()

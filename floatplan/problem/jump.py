@@ -155,6 +155,9 @@ class JumpLanding(JumpSide):
     displacement : (float, float), m, optional
         In space: how far its centre of mass has come, along x and y of the world, from standing to standing; where it
         lands is free if left out.
+    impact : float, m/s
+        In space: speed with which the feet that land first may come to the ground, at most. Their impact takes it from
+        them at once, without bouncing or slipping, and changes all rates. 0: they land without speed.
     """
 
     to: Annotated[Ending, Key(unit=ANGLE, numbers="positions")] = "standing"
@@ -165,6 +168,7 @@ class JumpLanding(JumpSide):
             check=optional(pair(number("edge"))),
         ),
     ] = None
+    impact: Annotated[float, Key(unit="m/s", numbers=Range(0.0, 10.0, "m/s"))] = 0.0
     outer: ClassVar[int] = -1
     wrong: ClassVar[str] = "leave the ground after it has landed"
 
@@ -318,6 +322,9 @@ def jump_errors(robot: Robot, jump: JumpRequest) -> Iterator[InputError]:
     if is_planar and jump.landing.displacement is not None:
         advice = "leave it out: where a jump in a plane lands is free"
         yield InputError("is for jumps in space", element="jump.landing.displacement", advice=advice)
+    if is_planar and jump.landing.impact:
+        advice = "leave it out: in a plane feet land without speed"
+        yield InputError("is for jumps in space", element="jump.landing.impact", advice=advice)
     if is_planar and jump.leeway is not None:
         advice = "leave it out: in a plane the base has one angle"
         yield InputError("is for jumps in space", element="jump.leeway", advice=advice)

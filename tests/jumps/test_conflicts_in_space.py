@@ -46,6 +46,7 @@ def program(required: float) -> SpatialProgram:
         box=(np.full(3, -np.inf), np.full(3, np.inf)),
         begins=np.zeros(1, int),
         phases=(),
+        arrival=SimpleNamespace(feet=()),
         model=SimpleNamespace(size=0, robot=SimpleNamespace(joints=())),
         height=1.0,
     )
@@ -150,6 +151,23 @@ def test_a_leeway_and_a_least_force_bind_as_they_were_asked_for(quarter_turn: fp
     assert sentence == "least force of FL_foot (landing), which ends at 0.0625 of the weight"
 
 
+def test_the_speed_of_an_impact_binds_as_it_was_asked_for(quarter_turn: fp.Problem) -> None:
+    """So do rates of joints just before it."""
+    assert quarter_turn.jump is not None
+    landing = replace(quarter_turn.jump.landing, impact=0.375)
+    request = replace(quarter_turn.jump, landing=landing)
+    program = spatial_setup(replace(quarter_turn, jump=request), request).program(replace(MARGINS, refinement=0.4))
+    raw = guess(program)
+    raw[program.arrival.rates[2]] = -2.0  # m/s, with all of its feet, faster than they may land
+    raw[program.arrival.rates[8]] = program.bounds.velocity[2]
+    said = [binding_sentence(limit, quarter_turn, request) for limit in binding_limits(program, raw)]
+    assert any(
+        re.fullmatch(r"impact of \w+ \(touchdown\), with all of the 0.375 m/s that are allowed", one) for one in said
+    )
+    limit = BindingLimit("rate of FL_calf_joint (touchdown)", "velocity", 1.0, 1.0)
+    assert "rad/s" in binding_sentence(limit, quarter_turn, request)
+
+
 def test_how_fast_all_feet_let_it_come_down(root: Path) -> None:
     """As fast as a calf folds, by Pinocchio's Jacobians; a jump that is no deeper than that fall is not warned of."""
     problem = fp.load_problem(root / "problems" / "jumps" / "space" / "go2_down.toml")
@@ -162,7 +180,8 @@ def test_how_fast_all_feet_let_it_come_down(root: Path) -> None:
         return touchdown_sentence(spatial_setup(problem, changed))
 
     words = re.search(
-        r"with 13\.8 rad/s of (\w+), .* with (\S+) m/s .* a fall of (\S+) m; let it jump down less\.", sentence(0.25)
+        r"with 13\.8 rad/s of (\w+), .* with (\S+) m/s .* a fall of (\S+) m; let it jump down less, or land",
+        sentence(0.25),
     )
     assert words is not None
     data = robot.model.createData()

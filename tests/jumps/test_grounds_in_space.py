@@ -12,9 +12,8 @@ import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.jumps.check import check_jump
 from floatplan.jumps.spatial.coordinates import rotations_about
-from floatplan.jumps.spatial.geometry import SpatialGeometry
 from floatplan.jumps.spatial.guess import guess
-from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
+from floatplan.jumps.spatial.jump_motion import SpatialGeometry, SpatialJumpMotion
 from floatplan.jumps.spatial.setup import spatial_setup
 from floatplan.jumps.spatial.standing import Kinematics
 from floatplan.motion.spatial.rotations import of_quaternions

@@ -346,9 +346,14 @@ def test_a_launch_asks_for_no_margins(roll, monkeypatch):
         return StanceResult((), {}, ("not searched for",))
 
     monkeypatch.setattr(in_space, "planned_stance", note)
-    fp.launch(roll.flight, replace(roll.request, least_force=0.1, leeway=0.1, pitch_error=0.2), starts=1)
+    landing = replace(roll.request.landing, impact=0.5)
+    fp.launch(
+        roll.flight, replace(roll.request, landing=landing, least_force=0.1, leeway=0.1, pitch_error=0.2), starts=1
+    )
     assert asked
-    assert {(request.least_force, request.leeway, request.pitch_error) for request in asked} == {(0.0, None, 0.0)}
+    for request in asked:
+        assert (request.least_force, request.leeway, request.pitch_error) == (0.0, None, 0.0)
+        assert request.landing.impact == 0.0
 
 
 @pytest.mark.long
@@ -642,7 +647,11 @@ def test_the_toe_of_a_sole_alone_is_for_jumps_in_a_plane(root):
 
 @pytest.mark.parametrize(
     ("key", "change"),
-    [("landing.displacement", {"landing": fp.JumpLanding(displacement=(0.1, 0.0))}), ("leeway", {"leeway": 0.1})],
+    [
+        ("landing.displacement", {"landing": fp.JumpLanding(displacement=(0.1, 0.0))}),
+        ("landing.impact", {"landing": fp.JumpLanding(impact=0.1)}),
+        ("leeway", {"leeway": 0.1}),
+    ],
 )
 def test_what_is_for_jumps_in_space_is_refused_in_a_plane(root, key, change):
     planar = fp.load_problem(root / "problems" / "jumps" / "go2.toml")

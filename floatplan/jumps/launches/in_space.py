@@ -213,6 +213,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
         pitch_error=0.0,
         least_force=0.0,
         leeway=None,
+        landing=replace(request.landing, impact=0.0),
     )
     return SpatialLaunch(plan, calm, end, mechanics, tuple(phases), places, standing, met)
 

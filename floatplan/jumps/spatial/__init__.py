@@ -1,9 +1,10 @@
 """Jumps in space: rolls, twists and turns, from standing to standing, on points, soles, or balls that roll.
 
 In order of reading: standing, phases and setup say what stands where; model, nodes, pieces and program are the program,
-guess is where it begins; flight is what is planned between its stances; coordinates, exact, pendulum and stance make
-motions of a solution; geometry and jump_motion are what the check judges; planner calls them; stance_search is one
-stance by itself, for launches and clips; conflicts says what binds; jump is the result.
+impact is what it has where feet land with speed, guess is where it begins; flight is what is planned between its
+stances; coordinates, exact, pendulum and stance make motions of a solution; jump_motion is what the check judges;
+planner calls them; stance_search is one stance by itself, for launches and clips; conflicts says what binds; jump is
+the result.
 
 Glossary
 --------

@@ -66,7 +66,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     high = np.concatenate((assembly.high, box_high))
     labels = [*assembly.labels, *_variable_labels(program)]
     kinds = np.array([kind_of(label) for label in labels])
-    is_limit = np.isin(kinds, (*KINDS, "distance", "pressure", "leeway", "least force")) & (low < high)
+    is_limit = np.isin(kinds, (*KINDS, "distance", "pressure", "leeway", "least force", "impact")) & (low < high)
     sizes = _sizes(low, high)
 
     # Where the violations of all else descend most steeply, in variables scaled as the proximal term has them.
@@ -124,6 +124,9 @@ def _variable_labels(program: SpatialProgram) -> list[str]:
         if program.bounds.pressed > 0.0:
             for index, foot in enumerate(program.kinds[node].bearing):
                 labels[begin + 3 * n + 3 * index + 2] = f"least force of {foot.name} ({where})"
+    if program.arrival.feet:
+        for joint, variable in zip(program.model.robot.joints, program.arrival.rates[BASE:].tolist(), strict=True):
+            labels[variable] = f"rate of {joint} (touchdown)"
     first = program.size - len(program.phases)
     for index, phase in enumerate(program.phases):
         labels[first + index] = f"duration of ({phase.name})"
@@ -141,6 +144,8 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
         return f"{limit.label}, whose sole would tip"
     if limit.kind == "leeway":
         return f"{limit.label}, with all of the {request.leeway:.3g} rad that are allowed"
+    if limit.kind == "impact":
+        return f"{limit.label}, with all of the {request.landing.impact:.3g} m/s that are allowed"
     unit = {"range": "rad", "duration": "s", "least force": "of the weight"}.get(limit.kind, "m")
     return f"{limit.label}, which ends at {limit.bound:.3g} {unit}"
 
@@ -150,11 +155,11 @@ def touchdown_sentence(setup: SpatialSetup) -> str:
 
     Its feet stand still there, so that its joints fold as fast as its trunk comes down: with the rates that they may
     have, in the posture in which it stands, that is as after a fall from some height. It is empty where the ground
-    falls by no more than that, or where feet land one after the other.
+    falls by no more than that, where feet land one after the other, or with speed.
     """
     request = setup.request
     feet = setup.phases[-1].feet
-    if setup.phases[-2].side != "flight" or request.rise >= 0:
+    if setup.phases[-2].side != "flight" or request.rise >= 0 or request.landing.impact:
         return ""
     mechanics = setup.mechanics
     standing = np.zeros((3, setup.ends.y.shape[1], 1))
@@ -172,5 +177,6 @@ def touchdown_sentence(setup: SpatialSetup) -> str:
     joint = setup.problem.robot.joints[slowest]
     return (
         f"Feet stand still where they land: all at once, with {limits[slowest]:.3g} rad/s of {joint}, they let it come"
-        f" down with {speeds[slowest]:.2g} m/s where it stands, as after a fall of {fall:.2g} m; let it jump down less."
+        f" down with {speeds[slowest]:.2g} m/s where it stands, as after a fall of {fall:.2g} m; let it jump down less,"
+        " or land with speed, by jump.landing.impact."
     )

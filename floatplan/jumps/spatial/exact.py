@@ -23,6 +23,7 @@ from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic, quintic_spline, refined, values
 from floatplan.jumps.phases import Side
 from floatplan.jumps.spatial.coordinates import Mechanics
+from floatplan.jumps.spatial.impact import after_impact
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.nodes import SpatialSolution
 from floatplan.jumps.spatial.pendulum import Line, balanced_about, pushed_from, rolled_from
@@ -40,12 +41,14 @@ class FlightEnds:
     Attributes
     ----------
     motion : (3, 6+n, 2) at takeoff and landing
+    landed : (3, 6+n, 1) with which the landing's stance begins: where feet come to the ground with speed, after that
     momentum : (3,) kg m^2/s, about the centre of mass
     com_velocity : (3,) m/s at takeoff
     duration : s
     """
 
     motion: Array
+    landed: Array
     momentum: Array
     com_velocity: Array
     duration: float
@@ -86,7 +89,7 @@ def _landed_on(
     """The ends of a flight from its takeoff (3, 6+n, 1), which lands with feet at places.
 
     Its attitude is the program's; its height, its rates and the legs that land follow from the parabola, the momentum
-    and the feet, which do not slip.
+    and the feet, which do not slip. Where these come with speed, their joints have the rates of the program's arrival.
     """
     flight = program.flight
     duration = float(solution.durations[flight])
@@ -99,9 +102,18 @@ def _landed_on(
     fallen = np.array([0.0, 0.0, mechanics.gravity * duration])
     landing_centre = position + velocity * duration - fallen * duration / 2
     landing = _placed(mechanics, motion, places, landing_centre)
-    landing = _moving(mechanics, landing, places, velocity - fallen, momentum)
-    landing = _falling(mechanics, landing, places)
-    return FlightEnds(np.concatenate((takeoff, landing), axis=2), momentum, velocity, duration)
+    if solution.arrival is None:
+        landing = _moving(mechanics, landing, places, velocity - fallen, momentum)
+        landing = _falling(mechanics, landing, places)
+        landed = landing
+    else:
+        landed = landing.copy()  # with accelerations of the program's after the impact
+        landing[1:, :, 0] = solution.arrival
+        landing = _moving(mechanics, landing, {}, velocity - fallen, momentum)
+        landing = _falling(mechanics, landing, {})
+        landed[1] = after_impact(mechanics, landing, list(places))[1]
+        landed = _falling(mechanics, landed, places)
+    return FlightEnds(np.concatenate((takeoff, landing), axis=2), landed, momentum, velocity, duration)
 
 
 def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: SpatialPhase) -> dict[str, Array]:
@@ -431,7 +443,7 @@ def rolling_stances(program: SpatialProgram, solution: SpatialSolution, mechanic
     takeoff = leaving(left)
 
     def landing(places: dict[str, Array]) -> Array:
-        return _landed_on(program, solution, mechanics, takeoff, places).motion[:, :, 1:]
+        return _landed_on(program, solution, mechanics, takeoff, places).landed
 
     met, after = _RollingSide(program, solution, mechanics, "landing", last).between(landing)
     return RollingStances(_landed_on(program, solution, mechanics, takeoff, met), before, after)

@@ -52,6 +52,8 @@ def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Ar
         if len(forces):
             raw[forces[2::3]] = max(lift[node], 0.0) / len(kind.bearing)
     raw[program.size - len(program.phases) :] = durations
+    if program.arrival.feet:
+        raw[program.arrival.rates] = v[:, program.borders[program.flight + 1]]
     return raw
 
 

@@ -1,6 +1,6 @@
 """What the program of a jump in space is about: its limits, its nodes, where it begins and ends, and its solution.
 
-Rows of a node that its forces and torques keep are here too; their limits are parameters of the expressions.
+Rows of a node that its feet, forces and torques keep are here too; limits are parameters of the expressions.
 """
 
 import math
@@ -34,6 +34,7 @@ class SpatialBounds:
     shank_height : m, of points of links to which feet are fixed; 0 where there are none
     tilt : rad, of the middle one of the base's angles
     leeway : rad, by which the base's other angles leave what is between those of both ends
+    impact : m/s, greatest speed of feet that end the flight; 0 where they have none
     pressed : least vertical force over the weight of what stands
     inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
@@ -51,6 +52,7 @@ class SpatialBounds:
     shank_height: float
     tilt: float
     leeway: float
+    impact: float
     pressed: float
     inside: float
     scales: Array
@@ -114,6 +116,54 @@ class NodeParameters:
     def vector(self) -> Any:
         """All of them, one after the other."""
         return casadi().vertcat(self.near, self.friction, self.inside, self.scales, self.signs)
+
+
+def standing_rows(
+    model: SpatialModel, kind: NodeKind, places: Mapping[str, Array], displacement: Any, signs: Any
+) -> list[Row]:
+    """Rows of feet that stand.
+
+    Parameters
+    ----------
+    model : SpatialModel
+    kind : of the node
+    places : (3,) m, of the side's feet by their names
+    displacement : (2,) m, of these places
+    signs : (F,) of the damping of the feet that track
+    """
+    ca = casadi()
+    stiffness = 625.0  # [1/s^2] and
+    damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
+    rows: list[Row] = []
+    of_feet = zip(kind.tracking, kind.damping_signs, ca.vertsplit(signs), strict=True)
+    for foot, is_damped, sign in of_feet:
+        if not is_damped:
+            continue
+        _, (position, velocity, acceleration) = model.foot(foot.name)
+        gap = foot.stays * (position - places[foot.name] - ca.vertcat(displacement, 0))
+        label = f"position of {foot.name}"
+        for direction in _directions(places, foot):
+            along = ca.DM(direction).T
+            off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
+            pulled = change + sign * damping * speed + stiffness * off
+            rows.append((pulled / model.gravity, 0.0, 0.0, label))
+    return rows
+
+
+def _directions(places: Mapping[str, Array], foot: Foot) -> Array:
+    """Directions (k, 3) in which a point's position is fixed, in the world: as many as fix a sole.
+
+    Those are all three of a point's and a heel's; of one toe but that towards the heel; of the other the vertical.
+    """
+    heel, _, right_toe = Foot.of_soles
+    if foot.suffix in ("", heel):
+        return np.eye(3)
+    vertical = np.array([0.0, 0.0, 1.0])
+    if foot.suffix == right_toe:
+        return vertical[None]
+    to_heel = places[foot.frame + heel] - places[foot.name]
+    across = np.cross(vertical, to_heel)
+    return np.array([across / np.linalg.norm(across), vertical])
 
 
 def force_rows(bearing: Sequence[Foot], shares: Mapping[str, Any], friction: Any, inside: Any) -> list[Row]:
@@ -228,6 +278,7 @@ class SpatialSolution:
     worst : largest violation of a row, scaled; and which it is
     iterations : int
     converged : whether every row holds
+    arrival : (2, 6+n) rates and accelerations with which the flight ends; None where they are those of its last node
     origin : (3,) m, of the program in the world of y
     """
 
@@ -240,6 +291,7 @@ class SpatialSolution:
     worst: tuple[float, str]
     iterations: int
     converged: bool
+    arrival: Array | None = None
     origin: Array = field(default_factory=lambda: np.zeros(3))
 
     def moved(self, origin: Array) -> "SpatialSolution":

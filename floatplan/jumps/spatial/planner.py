@@ -243,9 +243,9 @@ def _stances_on_points(
     mechanics = setup.mechanics
     outer = stance_ends(program, solution, mechanics)
     first, last = np.split(outer, 2, axis=2)
-    takeoff, landing = np.split(ends.motion, 2, axis=2)
+    takeoff = ends.motion[:, :, :1]
     before = exact_stances(program, solution, mechanics, "takeoff", np.concatenate((first, takeoff), axis=2))
-    ends_of_landing = np.concatenate((landing, last), axis=2)
+    ends_of_landing = np.concatenate((ends.landed, last), axis=2)
     if program.phases[program.flight + 1].is_on_one_sole:
         return before, _landing_anew(setup, program, solution, ends_of_landing)
     return before, exact_stances(program, solution, mechanics, "landing", ends_of_landing)

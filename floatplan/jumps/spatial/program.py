@@ -5,8 +5,9 @@ linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2`
 angles are those with which the angular momentum is the same at all nodes. Feet that stand satisfy
 ``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
 other sign of the velocity, since there the motion's end is fixed. Of feet that roll, vel and acc are what they slip by,
-and pos is their height only. The squares of the motors' shares of their torque limits are minimised, summed over nodes
-without the times between. Tight solves go on until all rows hold, four at most.
+and pos is their height only. Where feet may land with speed, the flight arrives with rates and accelerations of its
+own, and impulses make of them the rates of its last node. The squares of the motors' shares of their torque limits are
+minimised, summed over nodes without the times between. Tight solves go on until all rows hold, four at most.
 """
 
 import itertools
@@ -21,6 +22,7 @@ import numpy as np
 from floatplan.arrays import Array, IntArray
 from floatplan.jumps.model import casadi
 from floatplan.jumps.phases import grounds_below, instants
+from floatplan.jumps.spatial.impact import Arrival
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.nodes import (
     NodeKind,
@@ -32,6 +34,7 @@ from floatplan.jumps.spatial.nodes import (
     force_rows,
     leverage_rows,
     lifted_share,
+    standing_rows,
     torque_rows,
 )
 from floatplan.jumps.spatial.phases import SpatialPhase, with_more_feet
@@ -92,7 +95,13 @@ class SpatialProgram:
         self.unit = math.sqrt(self.height / model.gravity)
         widths = [3 * model.size + 3 * len(kind.bearing) for kind in self.kinds]
         self.begins = np.cumsum([0, *widths])
-        self.size = int(self.begins[-1]) + len(self.phases)
+        self.arrival = Arrival(model, self.bounds, self._landing_feet, int(self.begins[-1]))
+        self.size = int(self.begins[-1]) + len(self.arrival.variables) + len(self.phases)
+
+    @property
+    def _landing_feet(self) -> tuple[Foot, ...]:
+        """Feet that may come to the ground with speed; none where all land without."""
+        return self.phases[self.flight + 1].feet if self.flight >= 0 and self.bounds.impact else ()
 
     def _kind(self, node: int) -> NodeKind:
         """What holds at a node."""
@@ -148,6 +157,9 @@ class SpatialProgram:
             if kind.bearing or kind.fixed < 3:  # where all of the motion is fixed, and flies, nothing is open
                 pieces.append(self._node_piece(kind, nodes))
         pieces += [self._interval_piece(index) for index in range(len(self.phases))]
+        if self.arrival.feet:
+            after = self.begins[self.borders[self.flight + 1]] + np.arange(2 * self.model.size)
+            pieces.append(self.arrival.piece(after, self.height, self.expressions))
         return Assembly(pieces, self._weights())
 
     def _weights(self) -> Array:
@@ -160,6 +172,9 @@ class SpatialProgram:
             weights[begin + n : begin + 2 * n] = PROXIMAL["v"]
             weights[begin + 2 * n : begin + 3 * n] = PROXIMAL["a"]
             weights[begin + 3 * n : begin + 3 * n + 3 * len(kind.bearing)] = PROXIMAL["force"]
+        weights[self.arrival.rates] = PROXIMAL["v"]
+        weights[self.arrival.accelerations] = PROXIMAL["a"]
+        weights[self.arrival.impulses] = PROXIMAL["force"]
         return weights
 
     def _node_piece(self, kind: NodeKind, nodes: Sequence[int]) -> Piece:
@@ -180,7 +195,8 @@ class SpatialProgram:
         for index in range(6):
             scale = weight if index < 3 else weight * self.height
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
-        rows += self._standing_rows(kind, displacement, parameters.signs)
+        if kind.tracking:
+            rows += standing_rows(model, kind, self.ends.places[kind.side], displacement, parameters.signs)
         rows += force_rows(kind.bearing, shares, parameters.friction, parameters.inside)
         motor_rows, cost = torque_rows(model, self.bounds, forces, parameters.scales)
         height_rows: list[Row] = []
@@ -231,26 +247,6 @@ class SpatialProgram:
             labels=tuple(f"{row[3]} ({where})" for row in everything),
         )
 
-    def _standing_rows(self, kind: NodeKind, displacement: Any, signs: Any) -> list[Row]:
-        """Rows of feet that stand, with the signs (F,) of their damping, and the displacement (2,) of their places."""
-        ca = casadi()
-        stiffness = 625.0  # [1/s^2] and
-        damping = 50.0  # [1/s] of the rows of feet that stand: critically damped, in 40 ms
-        rows: list[Row] = []
-        of_feet = zip(kind.tracking, kind.damping_signs, ca.vertsplit(signs), strict=True)
-        for foot, is_damped, sign in of_feet:
-            if not is_damped:
-                continue
-            _, (position, velocity, acceleration) = self.model.foot(foot.name)
-            gap = foot.stays * (position - self.ends.places[kind.side][foot.name] - ca.vertcat(displacement, 0))
-            label = f"position of {foot.name}"
-            for direction in self._directions(kind.side, foot):
-                along = ca.DM(direction).T
-                off, speed, change = (ca.mtimes(along, vector) for vector in (gap, velocity, acceleration))
-                pulled = change + sign * damping * speed + stiffness * off
-                rows.append((pulled / self.model.gravity, 0.0, 0.0, label))
-        return rows
-
     def _parameters(self, node: int) -> Array:
         """Values (p,) of the parameters of a node's expression."""
         kind = self.kinds[node]
@@ -263,22 +259,6 @@ class SpatialProgram:
             # One zero stands for all rates of an end that is still.
             values += np.broadcast_arrays(self.ends.y[end], self.ends.v[end], self.ends.a[end])
         return np.concatenate(values)
-
-    def _directions(self, side: str, foot: Foot) -> Array:
-        """Directions (k, 3) in which a point's position is fixed, in the world: as many as fix a sole.
-
-        Those are all three of a point's and a heel's; of one toe but that towards the heel; of the other the vertical.
-        """
-        heel, _, right_toe = Foot.of_soles
-        if foot.suffix in ("", heel):
-            return np.eye(3)
-        vertical = np.array([0.0, 0.0, 1.0])
-        if foot.suffix == right_toe:
-            return vertical[None]
-        places = self.ends.places[side]
-        to_heel = places[foot.frame + heel] - places[foot.name]
-        across = np.cross(vertical, to_heel)
-        return np.array([across / np.linalg.norm(across), vertical])
 
     def _distance_rows(self, kind: NodeKind) -> list[Row]:
         """Rows that keep feet apart, as balls as large as they are high; but for two that stand, and soles.
@@ -376,6 +356,8 @@ class SpatialProgram:
                 np.full((1, len(nodes)), self.size - len(self.phases) + index),
             )
         )
+        if in_flight and self.arrival.feet:
+            indices[4 * n : 6 * n, -1] = self.arrival.motion
         zero = np.zeros((2 * n, len(nodes)))
         expression = Expression(
             variables=ca.vertcat(*first, *second, duration),
@@ -427,6 +409,9 @@ class SpatialProgram:
                     low[begin + n : begin + 3 * n] = high[begin + n : begin + 3 * n] = 0.0
             forces = np.arange(begin + 3 * n, self.begins[node + 1])
             low[forces[2::3]] = bounds.pressed
+        if self.arrival.feet:
+            low[self.arrival.rates[BASE:]] = -bounds.velocity
+            high[self.arrival.rates[BASE:]] = bounds.velocity
         durations = self.size - len(self.phases)
         low[durations:], high[durations:] = np.transpose([phase.bounds for phase in self.phases])
         return low, high
@@ -452,7 +437,9 @@ class SpatialProgram:
         for name in names:
             at_nodes = np.array([of_node.get(name, np.zeros(3)) for of_node in solution.forces])
             forces[name] = np.stack([np.interp(share, other_shares, row) for row in at_nodes.T], axis=1)
-        return self.joined(np.array(resampled), forces, solution.durations)
+        raw = self.joined(np.array(resampled), forces, solution.durations)
+        raw[self.arrival.variables] = solution.raw[other.arrival.variables]
+        return raw
 
     def joined(self, motion: Array, forces: Mapping[str, Array], durations: Array) -> Array:
         """Variables (size,) of a motion, as :meth:`solution` has it; forces are of those that bear some at a node.
@@ -468,6 +455,8 @@ class SpatialProgram:
         for node, kind in enumerate(self.kinds):
             shares = [forces[foot.name][node] / self.weight for foot in kind.bearing]
             raw[self.begins[node] : self.begins[node + 1]] = np.concatenate((motion[:, :, node].ravel(), *shares))
+        if self.arrival.feet:
+            raw[self.arrival.motion] = motion[1:, :, self.borders[self.flight + 1]].ravel()
         return raw
 
     @property
@@ -550,6 +539,7 @@ class SpatialProgram:
             worst=self._worst(raw),
             iterations=iterations,
             converged=converged,
+            arrival=raw[self.arrival.motion].reshape(2, n) if self.arrival.feet else None,
         )
 
 

@@ -114,6 +114,7 @@ class SpatialSetup:
             shank_height=margins.shank_height,
             tilt=min(self._largest_tilt, margins.tilt),
             leeway=math.inf if request.leeway is None else request.leeway,
+            impact=request.landing.impact,
             pressed=max(margins.pressed, request.least_force),
             inside=margins.inside,
             scales=np.where(np.isfinite(most), most, without_limit),

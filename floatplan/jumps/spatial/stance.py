@@ -1,6 +1,6 @@
 """The motion of a stance in space, from what is saved: places of base and joints, and how feet share the forces."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +11,7 @@ from scipy.optimize import nnls
 from floatplan.arrays import Array, read_only
 from floatplan.jumps.motion import JumpState, quintic_spline, values
 from floatplan.jumps.spatial.coordinates import Mechanics, of_contact, rotations_about
+from floatplan.jumps.spatial.impact import unexplained
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.standing import Foot
 from floatplan.robot.robot import Robot
@@ -158,6 +159,45 @@ class SpatialStance:
             velocities = np.cross(spins, [0.0, 0.0, radii[name]])
             feet[name][0][1:] -= np.cumsum(steps * (velocities[1:] + velocities[:-1]) / 2, axis=0)
         return torques, feet
+
+    def impact(self, before: JumpState, after: JumpState, friction: float) -> tuple[float, float]:
+        """An impact with which its feet come to the ground: how fast they do, and what of it their impulses leave.
+
+        Parameters
+        ----------
+        before, after : states of one instant in the same configuration
+        friction : coefficient of the cones in which the impulses are
+
+        Returns
+        -------
+        float
+            Speed of the fastest foot before it, m/s; after it feet that stand have none, as in any stance.
+        float
+            The largest of what of the change of rates no such impulses make, m/s and rad/s.
+        """
+        without = {foot.name: np.zeros((1, 3)) for foot in self.contacts}
+        feet = self.inverse_dynamics(replace(before, forces=without))[1]
+        speed = max(float(speeds[0]) for _, speeds in feet.values())
+        # Inverse dynamics without rates, less what gravity takes: changes of rates are accelerations there.
+        still = np.zeros_like(after.velocities)
+        standing = replace(after, velocities=still, accelerations=still, forces=without)
+        own = np.hstack((np.eye(still.shape[1])[:, :BASE], self.robot.selection))  # base and planned joints
+        of_gravity = self.inverse_dynamics(standing)[0][0]
+
+        def momenta(**other: Any) -> Array:
+            return np.asarray(own.T @ (self.inverse_dynamics(replace(standing, **other))[0][0] - of_gravity))
+
+        mass = np.stack([momenta(accelerations=direction[None]) for direction in own.T], axis=1)
+        effects = np.zeros((len(mass), len(self.contacts), 3))
+        for column, foot in enumerate(self.contacts):
+            for axis in range(3):
+                effects[:, column, axis] = -momenta(forces={**without, foot.name: np.eye(3)[[axis]]})
+        change = np.linalg.lstsq(own, (after.velocities - before.velocities)[0], rcond=None)[0]
+        try:
+            left = unexplained(change, mass, effects, friction)
+        except (np.linalg.LinAlgError, ValueError, RuntimeError):  # of numbers beyond all sense, as files may hold
+            return speed, np.inf
+        return speed, float(np.abs(left).max())
 
     def _carried(self, q: Array, forces: Array) -> Array:
         """Torques (N, J) by which forces (N, F, 3) at the feet act on the joints of the robot's model at q (N, nq)."""
