@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from jumps import find_jumps_once
 from places import ROOT
 from typer.testing import CliRunner
 
@@ -104,9 +103,8 @@ def test_without_the_package_of_its_robot_only_copies_are_handed_on(
 
 
 @pytest.mark.long
-def test_another_format_is_planned_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_format_is_planned_anew(tmp_path: Path) -> None:
     """The same motion, in double precision."""
-    find_jumps_once(monkeypatch)
     path = tmp_path / "flip.npz"
     words = ["motions", "get", "go2_backflip", "-f", "mjlab-npz", "--rate", "100", "-o", str(path)]
     assert CliRunner().invoke(app, words).exit_code == 0

@@ -129,6 +129,7 @@ def test_what_cannot_be_is_not_found_and_says_why(monkeypatch):
 @pytest.mark.long
 def test_from_a_jump_at_hand_another_is_found_that_holds_as_well(monkeypatch):
     """Whatever changed, without a start; and where none is, the same is said as without."""
+    plan_on_fewer_nodes_in_a_plane(monkeypatch)
     found, said = backflip(), list[str]()
     lasted = [phase.end - phase.begin for phase in found.phases]
     durations = [[lasted[0] + 0.004] * 2, [lasted[1] - 0.004] * 2]
@@ -149,8 +150,9 @@ def test_from_a_jump_at_hand_another_is_found_that_holds_as_well(monkeypatch):
 
 
 @pytest.mark.long
-def test_the_largest_share_of_the_limits_is_less_where_that_is_asked():
+def test_the_largest_share_of_the_limits_is_less_where_that_is_asked(monkeypatch):
     """Than where squared torques are least; and what is said of it is what the check measured."""
+    plan_on_fewer_nodes_in_a_plane(monkeypatch)
     problem = go2_problem()
     spared = jump(problem, fp.JumpRequest(objective="limits"), starts=2)
     assert spared.ok

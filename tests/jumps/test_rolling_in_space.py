@@ -210,7 +210,7 @@ def test_what_cannot_roll_is_refused(quarter_turn):
 
 @pytest.mark.long
 def test_a_jump_on_balls_is_found_and_checked(quarter_turn, tmp_path, monkeypatch):
-    plan_on_fewer_nodes(monkeypatch)
+    plan_on_fewer_nodes(monkeypatch, share=0.45)
     found = fp.jump(quarter_turn, replace(quarter_turn.jump, feet="rolling"), starts=1)
     assert found.ok, found.explanation
     figures = found.check.figures
