@@ -300,8 +300,8 @@ def _exact_stances(
 ) -> list[Stance]:
     """Stances of one side of a flight, by its number, in order of time, see :func:`exact_stances`."""
     takes_off = side_of_flight[0] == "takeoff"
-    near = -1 if takes_off else 0  # the end of a phase next to the flight, and the other one
-    far = 0 if takes_off else -1
+    flight_end = -1 if takes_off else 0  # index of the end of a phase that is next to the flight
+    other_end = 0 if takes_off else -1
     outwards = -1 if takes_off else 1  # order from the flight to where the robot stands
     sides = [(phase.side, phase.flight_number) for phase in program.phases]
     indices = [index for index, side in enumerate(sides) if side == side_of_flight][::outwards]
@@ -329,14 +329,14 @@ def _exact_stances(
             change = np.zeros((3, len(free)))
             at_end = np.zeros((3, len(free)))
             if junction is not None:
-                change = (junction - motion[:, :, near])[:, free]
+                change = (junction - motion[:, :, flight_end])[:, free]
             if position == len(indices) - 1:
-                at_end = (end - motion[:, :, far])[:, free]
+                at_end = (end - motion[:, :, other_end])[:, free]
             if change.any() or at_end.any():
                 changes = (change, at_end)[::outwards]
                 motion[:, free] += quintic(nodes.times, nodes.times[[0, -1]], *changes)
             motion = dynamics.close(*motion)
-        junction = motion[:, :, far]
+        junction = motion[:, :, other_end]
         grid = Grid(nodes.times, motion[0], motion[1], motion[2], nodes.ratios)
         grid = replace(grid, ratios=dynamics.shared_ratios(grid, program.node_rows.limits.friction))
         stances.append(Stance(robot, program.model.gravity, dynamics.phase.contacts, anchor_position, grid))

@@ -99,15 +99,16 @@ def _grounds(
     it lands on other ground than it leaves, ``ground``, m, each of them counts as :func:`grounds_below` says.
     """
     robot = problem.robot
-    shares = program.phases[index].shares
+    progress = program.phases[index].progress
     y = solution.y[:, program.nodes_of(index)]
     before = ground_below(robot, program.phases[index - 1].anchor, y[:, 0])
     after = ground_below(robot, program.phases[index + 1].anchor, y[:, -1])
     time = float(solution.durations[index])
     rise = program.phases[index + 1].rise - program.phases[index - 1].rise
-    com_rise = problem.flight.gravity * time**2 / 2 * shares * (1 - shares) - (1 - shares) * before - shares * after
-    grounds = grounds_below(shares, 0.0, rise)
-    heights = com_rise + shares * rise - grounds + undersides(robot, corners(robot.shapes), y).min(axis=1)
+    arc = problem.flight.gravity * time**2 / 2 * progress * (1 - progress)
+    com_rise = arc - (1 - progress) * before - progress * after
+    grounds = grounds_below(progress, 0.0, rise)
+    heights = com_rise + progress * rise - grounds + undersides(robot, corners(robot.shapes), y).min(axis=1)
     level = ground + min(0.0, rise) + min(0.0, *heights[[0, -1]]) - POINT_FEET
     half_planes = [HalfPlane(point=(0.0, round(level, 4)))]
     clearly = 0.03  # [m] above the ground is in the air for sure, also where the robot lands a little early
@@ -117,13 +118,13 @@ def _grounds(
         if len(lifted) > 1:
             first, last = lifted[[0, -1]]
             level = ground + below + min(0.0, heights[first : last + 1].min() - POINT_FEET)
-            window = (time * shares[first], time * shares[last])
+            window = (time * progress[first], time * progress[last])
             half_planes.append(HalfPlane(point=(0.0, round(level, 4)), window=window))
     if program.lift < FOOT_LIFT and not rise:
         # A low hop never counts as in the air: where its lowest point is above 0.8 of its peak, the flight has to be
         # above 0.6 of it.
         first, last = np.flatnonzero(heights >= 0.8 * heights.max())[[0, -1]]
-        window = (time * shares[first], time * shares[last])
+        window = (time * progress[first], time * progress[last])
         half_planes.append(HalfPlane(point=(0.0, round(ground + 0.6 * heights.max(), 4)), window=window))
     return half_planes
 
@@ -183,12 +184,12 @@ def _moving_nearly_as(plan: Plan, joints: Array, degree: int) -> Plan:
     positions, rates = joints
     p = np.arcsin(np.clip((positions - centre) / amplitude, -inside, inside))
     p_rates = plan.duration * rates / (amplitude * np.cos(p))
-    shares = np.linspace(0.0, 1.0, positions.shape[1])
+    progress = np.linspace(0.0, 1.0, positions.shape[1])
     powers = np.arange(degree + 1)
-    rows = shares[:, None] ** powers
-    rate_rows = powers * shares[:, None] ** np.maximum(powers - 1, 0)
+    rows = progress[:, None] ** powers
+    rate_rows = powers * progress[:, None] ** np.maximum(powers - 1, 0)
     heavy = 10.0  # [-] weight of both ends, which the problem fixes, over that of what is between
-    weights = np.ones((len(shares), 1))
+    weights = np.ones((len(progress), 1))
     weights[[0, -1]] = heavy
     left = np.vstack((weights * rows, 0.1 * weights * rate_rows))
     right = np.vstack((weights * p.T, 0.1 * weights * p_rates.T))

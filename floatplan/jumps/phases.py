@@ -82,7 +82,7 @@ class TimedPhase:
         return names_of(self.contacts)
 
     @cached_property
-    def shares(self) -> Array:
+    def progress(self) -> Array:
         """Times (intervals + 1,) of its nodes over its duration: denser near the one flight that it meets."""
         even = np.linspace(0.0, 1.0, self.intervals + 1)
         if self.side in ("flight", "step"):
@@ -123,7 +123,7 @@ class Phase(TimedPhase):
     @cached_property
     def force_shares(self) -> Array:
         """Shares (intervals + 1,) of the least forces that are required at its nodes."""
-        from_flight = 1 - self.shares if self.side == "takeoff" else self.shares
+        from_flight = 1 - self.progress if self.side == "takeoff" else self.progress
         if not self.gentle:
             return np.ones_like(from_flight)
         vanishing = 0.1  # [-] of the duration, at the end next to the flight, in which forces may vanish gently
@@ -213,7 +213,7 @@ def instants(phases: Sequence[TimedPhase], durations: Array) -> Array:
     """Times (K+1,) of the nodes of phases with these durations, s."""
     times = np.zeros(1)
     for phase, duration in zip(phases, durations, strict=True):
-        times = np.append(times, times[-1] + duration * phase.shares[1:])
+        times = np.append(times, times[-1] + duration * phase.progress[1:])
     return times
 
 
@@ -476,13 +476,13 @@ def meets_next(phases: Sequence[Phase], index: int, periodic: bool) -> bool:
     return index + 1 < len(phases) or periodic
 
 
-def grounds_below(shares: Array, before: float, after: float) -> Array:
-    """Heights (N,) m of the ground over which a flight is required to be, at shares (N,) of its duration.
+def grounds_below(progress: Array, before: float, after: float) -> Array:
+    """Heights (N,) m of the ground over which a flight is required to be, at times (N,) over its duration.
 
     In its first half that is the ground that it leaves, in the second that on which it lands: the edge between them is
     an obstacle.
     """
-    return np.where(shares <= 0.5, before, after)
+    return np.where(progress <= 0.5, before, after)
 
 
 def refuse_other_feet(phases: Sequence[Phase], periodic: bool) -> None:

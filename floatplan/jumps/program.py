@@ -185,7 +185,7 @@ class JumpProgram:
         for index, phase in enumerate(self.phases):
             if phase.others:
                 towards_flight = self.phases[index + (1 if phase.side == "takeoff" else -1)]
-                bound_forces(box.forces[index], phase, towards_flight, limits.pressed * self.node_rows.weight)
+                bound_forces(box.forces[index], phase, towards_flight, limits.least_force * self.node_rows.weight)
         box.durations[:] = self._duration_bounds[:, :, None]
         if self._fixed_momentum is not None:
             box.momenta[:] = self._fixed_momentum
@@ -211,7 +211,7 @@ class JumpProgram:
                 self._add_seam(rows, (y, v, a), variables.momenta)  # of its only flight, which is fixed
                 continue
             duration = variables.durations[index]
-            step = duration * ca.DM(np.diff(phase.shares)).T
+            step = duration * ca.DM(np.diff(phase.progress)).T
             joints = (y[1:, :], v[1:, :], a[1:, :])
             self._add_links(rows, (y, v, a) if phase.others else joints, step, phase.side)
             if not phase.others:
@@ -280,14 +280,14 @@ class JumpProgram:
         phase = self.phases[index]
         function, bounds = self.node_rows.stance(phase)
         forces = variables.forces[index] / self.node_rows.weight
-        ends = ca.DM(np.stack((1 - phase.shares, phase.shares)))
+        ends = ca.DM(np.stack((1 - phase.progress, phase.progress)))
         closing = ca.mtimes(variables.closing_accelerations[index], ends)
         values, torques, load = rows.at_nodes(function, *motion, forces, closing)
         low, high = self._stance_bounds(index, bounds)
         rows.add_nodes(values, bounds, low, high, phase.name)
         cost = ca.sum1(torques**2)
         if phase.side == "landing" and self.phases[index - 1].side == "flight" and not phase.gentle:
-            times = variables.durations[index] * ca.DM(phase.shares).T
+            times = variables.durations[index] * ca.DM(phase.progress).T
             if self.node_rows.limits.pitch_error:
                 self._add_rotated_landing(rows, phase, motion, times)
             abruptness = PROGRAM.abruptness_of_shares if self._limits else PROGRAM.abruptness
@@ -317,7 +317,7 @@ class JumpProgram:
                 if kind == "meets" and in_middle:
                     low[row, outer] = 0.0
                     high[row, outer] = 0.0
-            if kind == "pressed":
+            if kind == "least_force":
                 low[row] *= phase.force_shares
             if kind == "stands" and phase.others[0].vertical:
                 # At rest accelerations are fixed, so that the row would be there twice.
@@ -328,7 +328,7 @@ class JumpProgram:
                 low[row, 1:-1] = PROGRAM.cone_margin * phase.force_shares[1:-1]
                 if bound.label not in stays:  # where there is no force, nothing is inside the cone
                     low[row, seam] = -np.inf
-            if kind in implied or (at_flight and kind == "pressed"):
+            if kind in implied or (at_flight and kind == "least_force"):
                 low[row, seam] = -np.inf
                 high[row, seam] = np.inf
         if outer_phase(self.phases, index) is not None:
@@ -346,7 +346,7 @@ class JumpProgram:
         function, least = self.node_rows.rotated_heights(phase)
         (heights,) = rows.at_nodes(function, *motion)
         heights += ca.mtimes(ca.DM(least), times / TOUCHDOWN)
-        low = np.repeat(least[:, None], len(phase.shares), axis=1)
+        low = np.repeat(least[:, None], len(phase.progress), axis=1)
         bounds = [Bound(0.0, np.inf, Label.CLEAR, "point")] * len(least)
         label = f"landing, turned by {np.degrees(self.node_rows.limits.pitch_error):.1f} degrees"
         rows.add_nodes(heights, bounds, low, np.full(low.shape, np.inf), label)
@@ -375,10 +375,10 @@ class JumpProgram:
         rows.add((z1 - z0 - vz0 * duration + gravity * duration**2 / 2) / self.node_rows.height, 0.0, 0.0, "parabola")
         rows.add((vx1 - vx0) / (gravity * unit), 0.0, 0.0, "parabola")
         rows.add((vz1 - vz0 + gravity * duration) / (gravity * unit), 0.0, 0.0, "parabola")
-        times = duration * ca.DM(phase.shares).T
-        ground = grounds_below(phase.shares, self.phases[index - 1].rise, self.phases[index + 1].rise)
+        times = duration * ca.DM(phase.progress).T
+        ground = grounds_below(phase.progress, self.phases[index - 1].rise, self.phases[index + 1].rise)
         com_heights = z0 + vz0 * times - gravity * times**2 / 2 - ca.DM(ground).T
-        lifts = self.lift * np.minimum(1.0, 16 * (phase.shares * (1 - phase.shares)) ** 2)
+        lifts = self.lift * np.minimum(1.0, 16 * (phase.progress * (1 - phase.progress)) ** 2)
         function, bounds = self.node_rows.of_flight()
         values, torques = rows.at_nodes(function, y, v, a)
         is_foot = np.array([float(bound.kind == "foot") for bound in bounds])
@@ -533,7 +533,7 @@ class JumpProgram:
         guess.y, guess.v, guess.a = values(curve, instants(self.phases, solution.durations))
         for index, (own, other) in enumerate(zip(self.phases, phases, strict=True)):
             for row, force in enumerate(solution.forces[index]):
-                guess.forces[index][row] = np.interp(own.shares, other.shares, force)
+                guess.forces[index][row] = np.interp(own.progress, other.progress, force)
         guess.durations[:, 0] = solution.durations
         guess.momenta[:, 0] = solution.momenta
         guess.factor[:] = solution.factor

@@ -231,8 +231,8 @@ def read_spatial_stance(content: Mapping[str, Any], robot: Robot, gravity: float
     times = _times(content, element)
     shape = (BASE + len(robot.joints), len(times))
     y, v, a = (_array(content[name], f"{element}.{name}", shape) for name in ("y", "v", "a"))
-    shares = _array(content["shares"], f"{element}.shares", (3 * len(feet), len(times)))
-    grid = SpatialGrid(times, y, v, a, shares)
+    planned_forces = _array(content["shares"], f"{element}.shares", (3 * len(feet), len(times)))
+    grid = SpatialGrid(times, y, v, a, planned_forces)
     friction = float(content["friction"])
     return SpatialStance(robot, float(gravity), content["axes"], tuple(feet), friction, grid)
 

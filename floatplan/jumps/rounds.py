@@ -38,7 +38,7 @@ class NodeMargins:
     clearance : in addition to the requested clearance, m
     range : from the ends of joint ranges, rad
     reserve : in addition to margins of obstacles and links, m
-    pressed : least vertical force over the weight, where more than one contact stands; in space of all that stand
+    least_force : vertical, over the weight, on each contact that stands, where several do; in space on any that stands
     rotated_landing : whether rows hold the robot above the ground where it lands rotated by the pitch error
         Most landings do without them, and a program with them is slower and finds fewer jumps. In space there are no
         such rows: with this the clearance makes up for them.
@@ -61,7 +61,7 @@ class NodeMargins:
     clearance: float = 0.0
     range: float = 0.1
     reserve: float = RESERVE
-    pressed: float = 0.05
+    least_force: float = 0.05
     rotated_landing: bool = False
     lift: float = FOOT_LIFT
     dip: float = POINT_FEET / 2
@@ -88,7 +88,7 @@ class NodeMargins:
         # What bears next to nothing leaves it first: as much of the weight as jumps in a plane begin with is on a foot.
         # A sole's pressure leaves it likewise: its bounds move further inside.
         is_stricter = self.most_excess > 1.0 or self.refinement > 1.0
-        least_force = 0.05 if is_out_of_balance and is_stricter else 0.0
+        inwards = 0.05 if is_out_of_balance and is_stricter else 0.0
         touchdown = figures.get("touchdown", 0.0)
         # Where it lands rotated, the rows come first.
         too_low = max(0.0, -figures.get("ground", 0.0), -touchdown if self.rotated_landing else 0.0)
@@ -104,9 +104,9 @@ class NodeMargins:
             reserve=self.reserve - too_near,
             lift=self.lift + 1.5 * too_deep,
             dip=max(0.0, self.dip - 1.5 * too_deep),
-            pressed=max(self.pressed, least_force) + max(0.0, -figures.get("pull", 0.0)),
+            least_force=max(self.least_force, inwards) + max(0.0, -figures.get("pull", 0.0)),
             rotated_landing=self.rotated_landing or touchdown < 0.0,
-            inside=self.inside + least_force,
+            inside=self.inside + inwards,
         )
 
 

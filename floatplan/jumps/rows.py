@@ -32,7 +32,7 @@ from floatplan.tables import POINT_FEET
 # between -1 and 1, or at most the factor where one is minimised. Points and feet are above the ground. What stands does
 # not accelerate, and meets the ground where it stands; its force balances moments, is inside the cone, presses, and is
 # released at the seam.
-Kind: TypeAlias = Literal["share", "point", "foot", "stands", "meets", "balance", "friction", "pressed", "release"]
+Kind: TypeAlias = Literal["share", "point", "foot", "stands", "meets", "balance", "friction", "least_force", "release"]
 
 
 class Bound(NamedTuple):
@@ -67,7 +67,7 @@ class NodeLimits:
     friction : coefficient
     torque_margin : share of torque limits that the program takes of what the request allows; of the efforts of locked
         joints too, which it allows all of
-    pressed : least vertical force over the weight, where more than one contact stands
+    least_force : vertical, over the weight, on each contact that stands, where several do
     pitch_error : rad, by which the robot may be rotated about its feet where it lands, either way
     """
 
@@ -79,7 +79,7 @@ class NodeLimits:
     position: Array
     friction: float
     torque_margin: float
-    pressed: float
+    least_force: float
     pitch_error: float
 
 
@@ -344,8 +344,8 @@ class NodeRows:
         for component in own:
             rows.append((component / self.weight, Bound(0.0, 0.0, "release", "release")))
         if phase.others:  # on one point the friction cone already forbids pulling
-            pressed = Bound(self.limits.pressed, np.inf, "pressed on the ground", "pressed")
-            rows.append((own[1] / self.weight, pressed))
+            least = Bound(self.limits.least_force, np.inf, "pressed on the ground", "least_force")
+            rows.append((own[1] / self.weight, least))
         rows += [*self._torque_rows(moments), *self._locked_rows(phase.contacts, [own, *pairs])]
         rows += self._height_rows(phase)
         output, bounds = _stacked(rows)

@@ -185,7 +185,7 @@ class Separation:
         for number, phase in enumerate(node_rows.phases):
             start = steps * int(node_rows.first_nodes[number])
             stop = steps * int(node_rows.first_nodes[number + 1])
-            in_phase = durations[number] * ca.DM(refined(phase.shares, steps)).T
+            in_phase = durations[number] * ca.DM(refined(phase.progress, steps)).T
             since = begins[number] - begins[index] + in_phase
             previous = node_rows.phases[number - 1] if number else phase
             if phase.side == "flight":

@@ -129,7 +129,7 @@ class Setup:
             position=narrowed(ranges, margins.range),
             friction=margins.friction * request.friction,
             torque_margin=margins.torque,
-            pressed=max(margins.pressed, request.least_force),
+            least_force=max(margins.least_force, request.least_force),
             pitch_error=request.pitch_error if margins.rotated_landing else 0.0,
         )
         clearance = request.clearance + margins.clearance

@@ -151,6 +151,21 @@ def test_a_leeway_and_a_least_force_bind_as_they_were_asked_for(quarter_turn: fp
     assert sentence == "least force of FL_foot (landing), which ends at 0.0625 of the weight"
 
 
+def test_the_tilt_of_the_base_binds(quarter_turn: fp.Problem) -> None:
+    """Where its middle angle, in flight, is as large as it may be, either way, and has the rate to become larger."""
+    assert quarter_turn.jump is not None
+    margins = replace(MARGINS, refinement=0.4, tilt=0.375)
+    program = spatial_setup(quarter_turn, quarter_turn.jump).program(margins)
+    node = (program.flight_nodes.start + program.flight_nodes.stop) // 2
+    for way in (-1.0, 1.0):
+        raw = guess(program)
+        raw[program.begins[node] + 4] = way * 0.375
+        raw[program.begins[node - 1] + program.model.size + 4] = way * 20.0  # rad/s, at the node before
+        (limit,) = binding_limits(program, raw)
+        sentence = binding_sentence(limit, quarter_turn, quarter_turn.jump)
+        assert sentence == "tilt of the base's middle angle (flight), with all of the 0.375 rad that are allowed"
+
+
 def test_the_speed_of_an_impact_binds_as_it_was_asked_for(quarter_turn: fp.Problem) -> None:
     """So do rates of joints just before it."""
     assert quarter_turn.jump is not None

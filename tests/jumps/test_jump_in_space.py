@@ -68,8 +68,7 @@ def test_the_program_s_flight_keeps_its_angular_momentum(name):
     program = setup.program(jumps.STORED[name])
     solution = program.solution(jumps.stored_solution(name), iterations=0, converged=True)
     mechanics = setup.mechanics
-    nodes = np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes]
-    nodes = mechanics.from_centre(nodes)
+    nodes = mechanics.from_centre(solution.com_motion[:, :, program.flight_nodes])
     _, momenta = mechanics.centre(nodes)
     assert np.abs(np.diff(momenta)).max() < 1e-7
     duration = float(solution.durations[program.flight])
@@ -221,8 +220,7 @@ def test_variables_are_joined_as_a_solution_takes_them_apart(program_of_roll):
     solution = program.solution(raw, 0, True)
     names = {name for of_node in solution.forces for name in of_node}
     forces = {name: np.array([of_node.get(name, np.zeros(3)) for of_node in solution.forces]) for name in names}
-    motion = np.stack((solution.y, solution.v, solution.a))
-    assert program.joined(motion, forces, solution.durations) == pytest.approx(raw, abs=1e-15)
+    assert program.joined(solution.com_motion, forces, solution.durations) == pytest.approx(raw, abs=1e-15)
 
 
 def test_a_jump_is_a_guess_near_what_it_was_made_of(roll, program_of_roll):
@@ -456,11 +454,11 @@ def test_pressure_stays_inside_the_sole(coarse_program):
     program = coarse_program("g1_quarter_turn")
 
     def least_row(of_heel, force):
-        shares = {}
+        scaled_forces = {}
         for foot in program.kinds[0].bearing:
             share = of_heel if foot.suffix == ".heel" else (1 - of_heel) / 2
-            shares[foot.name] = (0.0, 0.0, share * force)
-        rows = force_rows(program.kinds[0].bearing, shares, program.bounds.friction, program.bounds.inside)
+            scaled_forces[foot.name] = (0.0, 0.0, share * force)
+        rows = force_rows(program.kinds[0].bearing, scaled_forces, program.bounds.friction, program.bounds.inside)
         return min(row[0] for row in rows if row[3].startswith("pressure"))
 
     least = program.bounds.inside
@@ -509,8 +507,8 @@ def test_feet_are_lifted_in_flight(coarse_program):
     assembly = program.assembly
     of_foot = np.array([label == "height of FL_foot (flight)" for label in assembly.labels])
     least = assembly.low[of_foot] * program.height
-    shares = np.arange(1, len(least) + 1) / (len(least) + 1)  # nodes within the flight
-    assert least == pytest.approx([program.bounds.lift * lifted_share(share) for share in shares])
+    progress = np.arange(1, len(least) + 1) / (len(least) + 1)  # nodes within the flight
+    assert least == pytest.approx([program.bounds.lift * lifted_share(instant) for instant in progress])
 
 
 @pytest.mark.parametrize(

@@ -85,7 +85,7 @@ def test_rows_are_what_the_lowest_point_of_a_ball_moves_by(go2, feet, mechanics)
     of_centre = motion.copy()
     of_centre[:, :3] = mechanics.centre(motion)[0]
     places = mechanics.feet(motion, FEET)
-    _, jacobians = mechanics.placed(mechanics.coordinates(motion)[0], FEET, rolls=True)
+    _, jacobians = mechanics.places_and_jacobians(mechanics.coordinates(motion)[0], FEET, of_slip=True)
     for column, foot in enumerate(feet):
         point = lowest_then(go2, foot, motion, 2)
         slip = (point[3] - point[1]) / (2 * step)
@@ -115,7 +115,7 @@ def test_forces_act_where_a_ball_touches_the_ground(go2, feet, mechanics):
     forces = np.random.default_rng(1).uniform(-100.0, 100.0, (2, 3))
     free, free_balance = function(*of_centre, *np.zeros((2, 3)))
     loaded, balance = function(*of_centre, *forces)
-    _, jacobians = mechanics.placed(mechanics.coordinates(motion)[0], FEET, rolls=True)
+    _, jacobians = mechanics.places_and_jacobians(mechanics.coordinates(motion)[0], FEET, of_slip=True)
     carried = np.einsum("fin,fi->n", jacobians[0], forces)
     change = np.array(free - loaded).ravel() @ go2.selection[BASE:]
     assert change == pytest.approx(carried, abs=1e-11)
@@ -133,10 +133,10 @@ def test_legs_roll_and_a_robot_on_two_balls_is_in_balance(go2, feet, mechanics):
     still[1:] = 0.0
     places = mechanics.feet(still, FEET)
     line = Line.through(dict(zip(FEET, places[0, 0], strict=True)))
-    direction = line.turned(AXES, still, np.array([[0.0], [1.0], [0.0]]))[1, :BASE, 0]
-    for near in (0, -1):
-        rolled = rolled_from(mechanics, FEET, times, motion, near, direction)
-        assert np.abs(rolled[:2, :BASE, near] - motion[:2, :BASE, near]).max() < 1e-12
+    direction = line.rotated_robot(AXES, still, np.array([[0.0], [1.0], [0.0]]))[1, :BASE, 0]
+    for fixed_end in (0, -1):
+        rolled = rolled_from(mechanics, FEET, times, motion, fixed_end, direction)
+        assert np.abs(rolled[:2, :BASE, fixed_end] - motion[:2, :BASE, fixed_end]).max() < 1e-12
         assert np.ptp(rolled[0, :BASE] - motion[0, :BASE], axis=1).max() > 1e-4
         places = mechanics.feet(rolled, FEET)
         assert np.abs(places[1:]).max() < 1e-9

@@ -10,7 +10,7 @@ import pytest
 import floatplan as fp
 from floatplan.jumps.model import casadi
 from floatplan.jumps.reading import read_spatial_stance
-from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, turned
+from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, rotation_with_rates
 from floatplan.jumps.spatial.jump import contact_table
 from floatplan.jumps.spatial.model import BASE, SpatialModel
 from floatplan.jumps.spatial.pendulum import Line, Pendulum, pushed_from
@@ -55,9 +55,9 @@ def test_torques_and_balance_are_pinocchios(go2, mechanics):
     motion = sampled_motion(go2)
     centres, _ = mechanics.centre(motion)
     wrenches = mechanics.wrench(motion)
-    rotations = turned("yxz", motion[:, 3:BASE])[0]
+    rotations = rotation_with_rates("yxz", motion[:, 3:BASE])[0]
     places = mechanics.feet(motion, FEET)
-    _, jacobians = mechanics.placed(mechanics.coordinates(motion)[0], FEET, rolls=False)
+    _, jacobians = mechanics.places_and_jacobians(mechanics.coordinates(motion)[0], FEET, of_slip=False)
     forces = np.random.default_rng(1).uniform(-100.0, 100.0, (2, 3))
     for index in range(motion.shape[2]):
         of_centre = motion[:, :, index].copy()
@@ -77,11 +77,11 @@ def test_torques_and_balance_are_pinocchios(go2, mechanics):
         assert (off < 1e-13 * scale).all()
 
 
-def test_angles_are_the_inverse_of_turning(go2):
+def test_angles_are_the_inverse_of_rotations(go2):
     motion = sampled_motion(go2, 20)
     angles = motion[:, 3:BASE]
     off = angles[0] + np.random.default_rng(2).uniform(-0.1, 0.1, angles[0].shape)
-    assert np.abs(angles_of("yxz", *turned("yxz", angles), off) - angles).max() < 1e-10
+    assert np.abs(angles_of("yxz", *rotation_with_rates("yxz", angles), off) - angles).max() < 1e-10
 
 
 def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
@@ -92,9 +92,9 @@ def test_a_robot_on_two_feet_turns_so_that_no_moment_is_left(go2, mechanics):
     state = np.array([0.3, -1.2])
     for index in range(3):
         angle = np.array([*state, pendulum.acceleration(index, *state)])[:, None]
-        turned_motion = line.turned("yxz", motion[:, :, [index]], angle)
-        wrench = mechanics.base_wrench(turned_motion)[0]
-        arm = turned_motion[0, :3, 0] - line.point
+        rotated = line.rotated_robot("yxz", motion[:, :, [index]], angle)
+        wrench = mechanics.base_wrench(rotated)[0]
+        arm = rotated[0, :3, 0] - line.point
         moment = wrench[3:] + np.cross(arm, wrench[:3])
         assert abs(moment @ line.direction) < 1e-10 * np.abs(moment).max()
 
@@ -145,8 +145,8 @@ def test_a_sole_stands_on_three_points(g1, feet):
     assert np.abs(closed[1:]).max() < 1e-8
 
 
-@pytest.mark.parametrize("near", [0, -1])
-def test_on_a_sole_the_base_moves_as_forces_push_it(g1, feet, near):
+@pytest.mark.parametrize("fixed_end", [0, -1])
+def test_on_a_sole_the_base_moves_as_forces_push_it(g1, feet, fixed_end):
     """The motion takes these forces and no others, its sole stands, and a finer grid gives the same motion."""
     mechanics = Mechanics(g1, "zyx", 9.81, feet)
     names = [foot.name for foot in feet]
@@ -160,38 +160,40 @@ def test_on_a_sole_the_base_moves_as_forces_push_it(g1, feet, near):
         motion = np.zeros((3, BASE + 6, count))
         motion[0, BASE:] = BENT[:, None]
         places = dict(zip(names, mechanics.feet(motion, names)[0, 0], strict=True))
-        shares = weight * np.array([np.interp(times, times[[0, -1]], of_ends) for of_ends in ends.reshape(2, -1).T])
-        return pushed_from(mechanics, times, motion, shares, places, near), shares, places
+        planned_forces = weight * np.array(
+            [np.interp(times, times[[0, -1]], of_ends) for of_ends in ends.reshape(2, -1).T]
+        )
+        return pushed_from(mechanics, times, motion, planned_forces, places, fixed_end), planned_forces, places
 
-    motion, shares, places = pushed(3)
+    motion, planned_forces, places = pushed(3)
     positions = mechanics.feet(motion, names)
     assert np.abs(positions[0] - np.array(list(places.values()))).max() < 1e-11
-    forces = shares.T.reshape(3, 3, 3)
+    forces = planned_forces.T.reshape(3, 3, 3)
     arms = np.array(list(places.values())) - motion[0, :3].T[:, None]
     borne = np.hstack((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)))
     assert np.abs(mechanics.base_wrench(motion) - borne).max() < 1e-9 * weight
-    assert np.abs(motion[:2, :BASE, near]).max() == 0.0
-    far = -1 - near
+    assert np.abs(motion[:2, :BASE, fixed_end]).max() == 0.0
+    free_end = -1 - fixed_end
     fine, _, _ = pushed(5)
-    assert np.abs(motion[0, :BASE, far]).max() > 1e-3
-    assert np.abs(fine[:2, :, far] - motion[:2, :, far]).max() < 1e-4 * np.abs(motion[1, :, far]).max()
+    assert np.abs(motion[0, :BASE, free_end]).max() > 1e-3
+    assert np.abs(fine[:2, :, free_end] - motion[:2, :, free_end]).max() < 1e-4 * np.abs(motion[1, :, free_end]).max()
 
 
 def test_forces_make_the_wrench_inside_the_cones():
     arms = np.array([[[0.2, 0.15, -0.3], [0.2, -0.15, -0.3], [-0.2, 0.15, -0.3], [-0.2, -0.15, -0.3]]])
-    shares = np.zeros((1, 4, 3))
-    shares[0, :, 2] = [60.0, 30.0, 20.0, 40.0]
+    planned_forces = np.zeros((1, 4, 3))
+    planned_forces[0, :, 2] = [60.0, 30.0, 20.0, 40.0]
     wrench = np.array([[60.0, -20.0, 150.0, 3.0, -18.0, 1.0]])
-    forces = shared_forces(wrench, arms, shares, 150.0, 0.6)
+    forces = shared_forces(wrench, arms, planned_forces, 150.0, 0.6)
     made = np.concatenate((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)), axis=1)
     assert np.abs(made - wrench).max() < 1e-9 * 150.0
     assert (np.linalg.norm(forces[0, :, :2], axis=1) <= 0.6 * forces[0, :, 2] + 1e-6).all()
-    unlimited = shared_forces(wrench, arms, shares, 150.0, 100.0)
+    unlimited = shared_forces(wrench, arms, planned_forces, 150.0, 100.0)
     assert np.abs(unlimited.sum(axis=1) - wrench[:, :3]).max() < 1e-9
 
 
 def test_light_feet_do_not_keep_forces_from_making_the_wrench():
-    """Near the cones' edges, with one foot that bears next to nothing and is held to its share."""
+    """Near the cones' edges, with one foot that bears next to nothing and is held to its planned force."""
     rng = np.random.default_rng(0)
     weight = 150.0
     for _ in range(50):
@@ -202,8 +204,8 @@ def test_light_feet_do_not_keep_forces_from_making_the_wrench():
         horizontal = np.linalg.norm(exact[:, :2], axis=1)
         exact[:, :2] *= np.minimum(1.0, 0.55 * exact[:, 2] / horizontal)[:, None]
         wrench = np.concatenate((exact.sum(axis=0), np.cross(arms, exact).sum(axis=0)))
-        shares = exact + 3.0 * rng.normal(size=(4, 3)) * (exact[:, 2:] > 1.0)
-        forces = shared_forces(wrench[None], arms[None], shares[None], weight, 0.6)[0]
+        planned_forces = exact + 3.0 * rng.normal(size=(4, 3)) * (exact[:, 2:] > 1.0)
+        forces = shared_forces(wrench[None], arms[None], planned_forces[None], weight, 0.6)[0]
         made = np.concatenate((forces.sum(axis=0), np.cross(arms, forces).sum(axis=0)))
         assert np.abs(made - wrench).max() < 1e-8 * weight
         assert (np.linalg.norm(forces[:, :2], axis=1) <= 0.6 * forces[:, 2] + 1e-9 * weight).all()

@@ -296,13 +296,13 @@ def _within_rates(stance: SpatialLaunch) -> tuple[Launch | None, Array]:
     return None, met
 
 
-def _least_rates(mechanics: Mechanics, met: Array, frames: Sequence[str], limits: Array) -> tuple[float, Array]:
+def _least_rates(mechanics: Mechanics, met: Array, names: Sequence[str], limits: Array) -> tuple[float, Array]:
     """The least largest share of rates' limits with the velocity and momentum of a motion, feet still; the rates."""
     size = met.shape[1]
     varied = np.repeat(met[:, :, None], size + 1, axis=2)
     varied[1, :, 1:] = np.eye(size)
     centres, momenta = mechanics.centre(varied)
-    feet = mechanics.feet(varied, list(frames))
+    feet = mechanics.feet(varied, list(names))
     effects = np.vstack((centres[1], momenta, feet[1].reshape(size + 1, -1).T))
     # Variables: rates, then the share.
     equations = np.column_stack((effects[:, 1:], np.zeros(len(effects))))

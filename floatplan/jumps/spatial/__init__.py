@@ -9,15 +9,19 @@ the result.
 Glossary
 --------
 y, v, a : (6+n,) centre of mass, m, three Euler angles of the base and planned joints q, rad; their derivatives; in
-    grids of stances, and in motions (3, 6+n, N), with the base's origin in position of the centre of mass
+    grids of stances, which are those of files, with the base's origin instead of the centre of mass
+motion : (3, 6+n, N) the base's origin, its three angles and planned joints, with two derivatives
+com_motion : the same with the centre of mass instead of the base's origin: y, v and a of a program
 axes : the letters of the angles' axes, R = R_a R_b R_c; chosen so that the middle one stays small
 node, border : an instant of the program; the one at which two phases meet
 kind : what holds at a node: which feet track their places, which arrive, which bear forces
-frame, name : of a foot the robot's frame, and that of one of its points: of a sole the frame's with a suffix, else the
-    frame's own
-share : of a force that over the weight, of a time that over its phase's duration, else that of a limit
+frame : of the robot; that of a foot has the foot's points, one, or three of a sole
+name : of a foot's point, by which places and forces are listed: of a sole the frame's with a suffix, else the frame's
+share : of a limit or another whole; forces over the weight are scaled, times over durations progress
+planned forces : N, of the program, linear between its nodes; the feet's are as near to them as the motion's wrench lets
+flight_end, fixed_end : index, 0 or -1, of the end of a motion next to the flight; of that from which it is integrated
 step : of the ground, from one height to another
-near : at a tolerance, as in the vicinity of; an index of a motion's end, 0 or -1, that of the end from which one begins
+near : of values, to which others are to be near; of ``fp.jump`` the jump from whose motion its search begins
 World axes are those of the root link at the identity, z up; the origin of a program is below the centre of mass where
 the robot stands, on the ground.
 """

@@ -55,7 +55,7 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
 
     There are none where all rows hold.
     """
-    near = 0.02  # [-] of a limit's size, within which it binds
+    margin = 0.02  # [-] of a limit's size, within which it binds
     minor = 0.1  # [-] of the largest weight: limits with less hardly count
     assembly = program.assembly
     row_values, derivative = assembly.first_derivatives["jac_g"](raw, np.zeros(program.size + 1))
@@ -66,7 +66,8 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     high = np.concatenate((assembly.high, box_high))
     labels = [*assembly.labels, *_variable_labels(program)]
     kinds = np.array([kind_of(label) for label in labels])
-    is_limit = np.isin(kinds, (*KINDS, "distance", "pressure", "leeway", "least force", "impact")) & (low < high)
+    spatial_kinds = ("distance", "pressure", "leeway", "tilt", "least force", "impact")
+    is_limit = np.isin(kinds, (*KINDS, *spatial_kinds)) & (low < high)
     sizes = _sizes(low, high)
 
     # Where the violations of all else descend most steeply, in variables scaled as the proximal term has them.
@@ -76,8 +77,8 @@ def binding_limits(program: SpatialProgram, raw: Array) -> list[BindingLimit]:
     violations[is_limit] = 0.0
     descent = -scales * (jacobian.T @ violations[:count])
 
-    below = np.flatnonzero(is_limit & (values < low + near * sizes))
-    above = np.flatnonzero(is_limit & (values > high - near * sizes))
+    below = np.flatnonzero(is_limit & (values < low + margin * sizes))
+    above = np.flatnonzero(is_limit & (values > high - margin * sizes))
     limits = np.concatenate((below, above))
     if not len(limits) or not np.abs(violations).max() > 1e-6:  # as of rows of a solution
         return []
@@ -118,10 +119,11 @@ def _variable_labels(program: SpatialProgram) -> list[str]:
         for index, joint in enumerate(program.model.robot.joints):
             labels[begin + BASE + index] = f"range of {joint} ({where})"
             labels[begin + n + BASE + index] = f"rate of {joint} ({where})"
+        labels[begin + 4] = f"tilt of the base's middle angle ({where})"
         if program.bounds.leeway < np.inf:
             labels[begin + 3] = f"leeway of the base's first angle ({where})"
             labels[begin + 5] = f"leeway of the base's last angle ({where})"
-        if program.bounds.pressed > 0.0:
+        if program.bounds.least_force > 0.0:
             for index, foot in enumerate(program.kinds[node].bearing):
                 labels[begin + 3 * n + 3 * index + 2] = f"least force of {foot.name} ({where})"
     if program.arrival.feet:
@@ -144,6 +146,8 @@ def binding_sentence(limit: BindingLimit, problem: Problem, request: JumpRequest
         return f"{limit.label}, whose sole would tip"
     if limit.kind == "leeway":
         return f"{limit.label}, with all of the {request.leeway:.3g} rad that are allowed"
+    if limit.kind == "tilt":
+        return f"{limit.label}, with all of the {abs(limit.bound):.3g} rad that are allowed"
     if limit.kind == "impact":
         return f"{limit.label}, with all of the {request.landing.impact:.3g} m/s that are allowed"
     unit = {"range": "rad", "duration": "s", "least force": "of the weight"}.get(limit.kind, "m")
@@ -162,10 +166,10 @@ def touchdown_sentence(setup: SpatialSetup) -> str:
     if setup.phases[-2].side != "flight" or request.rise >= 0 or request.landing.impact:
         return ""
     mechanics = setup.mechanics
-    standing = np.zeros((3, setup.ends.y.shape[1], 1))
-    standing[0, :, 0] = setup.ends.y[1]
-    standing[1, 2] = -1.0  # [m/s] of the trunk
-    standing = mechanics.from_centre(standing)
+    com_motion = np.zeros((3, setup.ends.y.shape[1], 1))
+    com_motion[0, :, 0] = setup.ends.y[1]
+    com_motion[1, 2] = -1.0  # [m/s] of the trunk
+    standing = mechanics.from_centre(com_motion)
     places = mechanics.feet(standing, [foot.name for foot in feet])
     folding = mechanics.close(standing, dict(zip((foot.name for foot in feet), places[0, 0], strict=True)))
     limits = request.margin["velocity"] * setup.problem.velocity_limits

@@ -1,7 +1,7 @@
 """From base, angles and joints to Pinocchio's coordinates, and back; and what the motion of a robot asks of its feet.
 
-Motions are arrays (3, 6+n, N): the base's origin, m, its angles about ``axes`` and planned joints, rad, at N instants,
-with their first and second derivatives.
+A ``motion`` is an array (3, 6+n, N): the base's origin, m, its angles about ``axes`` and planned joints, rad, at N
+instants, with their first and second derivatives. A ``com_motion`` has the centre of mass instead of the origin.
 """
 
 from collections.abc import Sequence
@@ -32,25 +32,29 @@ def _about(letter: str, angles: Array) -> Array:
     return np.asarray(np.eye(3) + sines * cross + (1 - cosines) * (cross @ cross))
 
 
-def turned(axes: str, motion: Array) -> tuple[Array, Array, Array]:
-    """Rotations (N, 3, 3), angular velocities and accelerations (N, 3), in the world, of angles (3, 3, N)."""
-    rotation = np.broadcast_to(np.eye(3), (motion.shape[2], 3, 3))
-    directions = np.empty((3, motion.shape[2], 3))  # of the axes, in the world
+def rotation_with_rates(axes: str, angles: Array) -> tuple[Array, Array, Array]:
+    """Rotations (N, 3, 3), angular velocities and accelerations (N, 3), in the world, of angles (3, 3, N) about axes.
+
+    The angles have two derivatives: the first axis of their array is the order of these.
+    """
+    rotation = np.broadcast_to(np.eye(3), (angles.shape[2], 3, 3))
+    directions = np.empty((3, angles.shape[2], 3))  # of the axes, in the world
     for index, letter in enumerate(axes):
         local = np.eye(3)["xyz".index(letter)]
         directions[index] = rotation @ local
-        rotation = rotation @ _about(letter, motion[0, index])
-    shares = directions * motion[1][:, :, None]
-    rates = np.cumsum(shares, axis=0)
-    changes = directions * motion[2][:, :, None]
-    changes[1:] += np.cross(rates[:-1], shares[1:])  # an axis turns with all angles before it
+        rotation = rotation @ _about(letter, angles[0, index])
+    spins = directions * angles[1][:, :, None]
+    rates = np.cumsum(spins, axis=0)
+    changes = directions * angles[2][:, :, None]
+    changes[1:] += np.cross(rates[:-1], spins[1:])  # an axis turns with all angles before it
     return np.asarray(rotation), rates[-1], changes.sum(axis=0)
 
 
 def angles_of(axes: str, rotations: Array, rates: Array, rate_changes: Array, near: Array) -> Array:
-    """Angles with two derivatives (3, 3, N) about axes, next to angles ``near`` (3, N); the inverse of :func:`turned`.
+    """Angles with two derivatives (3, 3, N) about axes, those that are nearest to the angles ``near`` (3, N).
 
-    Newton's steps, which need the middle angle to be away from where the other two are one.
+    The inverse of :func:`rotation_with_rates`, by Newton's steps, which need the middle angle to be away from where the
+    other two are one.
     """
     angles = near.copy()
     for _ in range(20):
@@ -63,7 +67,7 @@ def angles_of(axes: str, rotations: Array, rates: Array, rate_changes: Array, ne
     rate_map = _rate_map(axes, angles)
     angle_rates = np.linalg.solve(rate_map, rates[:, :, None])[:, :, 0].T
     zero = np.zeros_like(angles)
-    bias = turned(axes, np.stack((angles, angle_rates, zero)))[2]
+    bias = rotation_with_rates(axes, np.stack((angles, angle_rates, zero)))[2]
     accelerations = np.linalg.solve(rate_map, (rate_changes - bias)[:, :, None])[:, :, 0].T
     return np.stack((angles, angle_rates, accelerations))
 
@@ -94,12 +98,15 @@ def of_contact(jacobian: Array, radius: float) -> Array:
 class Mechanics:
     """A robot's places, velocities and forces at single instants, by Pinocchio, with gravity.
 
+    Feet are named by their points; each method takes and returns motions of the base's origin, but for
+    :meth:`from_centre`.
+
     Attributes
     ----------
     robot : Robot
     axes : of the base's angles
     model : pinocchio.Model, the robot's with gravity and a frame for each foot
-    frames : of the feet, by their names: numbers in the model
+    frame_numbers : of the feet, by their names: numbers of their frames in the model
     radii : of the feet, by their names: of the balls that roll, m; 0 of feet that do not
     legs : of the feet, by their names: indices of the planned joints that carry them
     """
@@ -110,12 +117,12 @@ class Mechanics:
         self.gravity = gravity
         self.model = robot.model.copy()
         self.model.gravity.linear = np.array([0.0, 0.0, -gravity])
-        self.frames: dict[str, int] = {}
+        self.frame_numbers: dict[str, int] = {}
         for foot in feet:
-            if foot.name not in self.frames:
+            if foot.name not in self.frame_numbers:
                 placement = pin.SE3(np.eye(3), np.array(foot.local))
                 frame = pin.Frame(f"contact of {foot.name}", foot.body, 0, placement, pin.FrameType.OP_FRAME)
-                self.frames[foot.name] = self.model.addFrame(frame)
+                self.frame_numbers[foot.name] = self.model.addFrame(frame)
         self.radii = {foot.name: foot.radius for foot in feet}
         self.data = self.model.createData()
         self.legs = {foot.name: tuple(self._leg(foot)) for foot in feet}
@@ -133,7 +140,7 @@ class Mechanics:
     def coordinates(self, motion: Array) -> tuple[Array, Array, Array]:
         """Pinocchio's q (N, nq), v and a (N, nv) of a motion (3, 6+n, N)."""
         robot = self.robot
-        rotation, rate, rate_change = turned(self.axes, motion[:, 3:BASE])
+        rotation, rate, rate_change = rotation_with_rates(self.axes, motion[:, 3:BASE])
         base = motion[:, :3].transpose(0, 2, 1)
         joints = motion[:, BASE:].transpose(0, 2, 1) @ robot.selection[BASE:].T
         back = rotation.transpose(0, 2, 1)
@@ -148,7 +155,7 @@ class Mechanics:
         return q, v, a
 
     def from_coordinates(self, q: Array, v: Array, a: Array, near: Array) -> Array:
-        """The motion (3, 6+n, N) of Pinocchio's q (N, nq), v and a (N, nv); its angles are next to ``near`` (3, N)."""
+        """The motion (3, 6+n, N) of Pinocchio's q (N, nq), v and a (N, nv), its angles nearest to ``near`` (3, N)."""
         rotation = np.array([pin.Quaternion(*one[[6, 3, 4, 5]]).matrix() for one in q])
         linear, angular = v[:, :3], v[:, 3:BASE]
         base_velocity = np.einsum("nij,nj->ni", rotation, linear)
@@ -183,7 +190,7 @@ class Mechanics:
         return np.hstack((force, moment))
 
     def centre(self, motion: Array) -> tuple[Array, Array]:
-        """Centre of mass with two derivatives (3, 3, N), and angular momentum about it (3, N)."""
+        """Centre of mass of a motion with two derivatives (3, 3, N), and angular momentum about it (3, N)."""
         centres = np.empty((3, 3, motion.shape[2]))
         momenta = np.empty((3, motion.shape[2]))
         for index, (q, v, a) in enumerate(zip(*self.coordinates(motion), strict=True)):
@@ -193,105 +200,106 @@ class Mechanics:
             momenta[:, index] = self.data.hg.angular
         return centres, momenta
 
-    def from_centre(self, motion: Array) -> Array:
-        """A motion whose first rows are the base's origin, from one whose are the centre of mass."""
-        still = motion.copy()
-        still[:, :3] = 0.0
-        centres, _ = self.centre(still)
-        moved = motion.copy()
-        moved[:, :3] -= centres
-        return moved
+    def from_centre(self, com_motion: Array) -> Array:
+        """The motion (3, 6+n, N), whose first rows are the base's origin, of one whose are the centre of mass."""
+        at_origin = com_motion.copy()
+        at_origin[:, :3] = 0.0
+        centres, _ = self.centre(at_origin)
+        motion = com_motion.copy()
+        motion[:, :3] -= centres
+        return motion
 
-    def feet(self, motion: Array, frames: Sequence[str]) -> Array:
-        """Places of feet with two derivatives (3, N, F, 3), m.
+    def feet(self, motion: Array, names: Sequence[str]) -> Array:
+        """Places of feet in a motion with two derivatives (3, N, F, 3), m.
 
         Of feet that roll, balls of radius r about C, they are C and what of its motion is no rolling,
         ``C' - w x r e_z`` and ``C'' - w' x r e_z``.
         """
         coordinates = self.coordinates(motion)
-        places, _ = self.placed(coordinates[0], frames, rolls=False)
-        velocities = self._derivative(1, coordinates, frames)
-        accelerations = self._derivative(2, coordinates, frames)
+        places, _ = self.places_and_jacobians(coordinates[0], names, of_slip=False)
+        velocities = self._derivative(1, coordinates, names)
+        accelerations = self._derivative(2, coordinates, names)
         return np.stack((places, velocities, accelerations))
 
-    def placed(self, q: Array, frames: Sequence[str], rolls: bool) -> tuple[Array, Array]:
+    def places_and_jacobians(self, q: Array, names: Sequence[str], of_slip: bool) -> tuple[Array, Array]:
         """Places of feet (N, F, 3), m, at Pinocchio's q (N, nq), and Jacobians (N, F, 3, n) by planned joints.
 
-        The Jacobians are those of the places; with ``rolls`` those of what is no rolling in their velocities, which of
+        The Jacobians are those of the places, or ``of_slip``: of what is no rolling in the feet's velocities, which of
         balls is the velocity of their lowest points.
         """
-        places = np.empty((len(q), len(frames), 3))
+        places = np.empty((len(q), len(names), 3))
         jacobians = np.empty((*places.shape, self.robot.selection.shape[1]))
         for index, configuration in enumerate(q):
             pin.computeJointJacobians(self.model, self.data, configuration)
             pin.updateFramePlacements(self.model, self.data)
-            for column, frame in enumerate(frames):
-                number = self.frames[frame]
+            for column, name in enumerate(names):
+                number = self.frame_numbers[name]
                 places[index, column] = self.data.oMf[number].translation
                 jacobian = pin.getFrameJacobian(self.model, self.data, number, pin.LOCAL_WORLD_ALIGNED)
-                radius = self.radii[frame] if rolls else 0.0
+                radius = self.radii[name] if of_slip else 0.0
                 jacobians[index, column] = of_contact(jacobian, radius) @ self.robot.selection
         return places, jacobians
 
-    def _derivative(self, order: int, coordinates: tuple[Array, ...], frames: Sequence[str]) -> Array:
+    def _derivative(self, order: int, coordinates: tuple[Array, ...], names: Sequence[str]) -> Array:
         """First or second derivatives (N, F, 3) of feet by Pinocchio's q, v and a, less what is rolling."""
         rows = coordinates[: order + 1]
         of_frame = pin.getFrameVelocity if order == 1 else pin.getFrameClassicalAcceleration
-        derivatives = np.empty((len(rows[0]), len(frames), 3))
+        derivatives = np.empty((len(rows[0]), len(names), 3))
         spins = np.empty_like(derivatives)
         for index, of_time in enumerate(zip(*rows, strict=True)):
             pin.forwardKinematics(self.model, self.data, *of_time)
-            for column, frame in enumerate(frames):
-                moves = of_frame(self.model, self.data, self.frames[frame], pin.LOCAL_WORLD_ALIGNED)
+            for column, name in enumerate(names):
+                moves = of_frame(self.model, self.data, self.frame_numbers[name], pin.LOCAL_WORLD_ALIGNED)
                 derivatives[index, column] = moves.linear
                 spins[index, column] = moves.angular
-        above = np.array([[0.0, 0.0, self.radii[frame]] for frame in frames])
+        above = np.array([[0.0, 0.0, self.radii[name]] for name in names])
         return np.asarray(derivatives - np.cross(spins, above))
 
     def close(self, motion: Array, places: dict[str, Array]) -> Array:
-        """The motion with legs whose feet stand at places (3,), with the least changes of their joints.
+        """The motion with legs whose feet, by name, stand at places (3,), with the least changes of their joints.
 
         Of feet that roll they are places of the centres, which such feet have at single instants.
         """
-        frames = list(places)
-        targets = np.array([places[frame] for frame in frames])
+        names = list(places)
+        targets = np.array([places[name] for name in names])
         closed = motion.copy()
-        if not frames:
+        if not names:
             return closed
         coordinates = self.coordinates(closed)
         for _ in range(12):
-            now, jacobians = self.placed(coordinates[0], frames, rolls=False)
+            now, jacobians = self.places_and_jacobians(coordinates[0], names, of_slip=False)
             gaps = targets - now
-            self._move(closed, coordinates, 0, self._inverses(frames, jacobians), gaps)
+            self._move(closed, coordinates, 0, self._inverses(names, jacobians), gaps)
             if np.abs(gaps).max() < 1e-12:
                 break
-        self._hold(closed, coordinates, frames, (1, 2))
+        self._hold_feet(closed, coordinates, names, (1, 2))
         return closed
 
-    def unaccelerated(self, motion: Array, frames: Sequence[str]) -> tuple[Array, Array]:
+    def unaccelerated(self, motion: Array, names: Sequence[str]) -> tuple[Array, Array]:
         """The motion with legs whose feet, which do not move, have no acceleration; its :meth:`base_wrench`."""
         still = motion.copy()
         coordinates = self.coordinates(still)
-        self._hold(still, coordinates, frames, (2,))
+        self._hold_feet(still, coordinates, names, (2,))
         return still, self._base_wrench(still, coordinates)
 
-    def hold(self, motion: Array, frames: Sequence[str], *orders: int) -> None:
+    def hold_feet(self, motion: Array, names: Sequence[str], *orders: int) -> None:
         """Change derivatives of these orders, 1 or 2, of a motion's joints, so that its feet have none, but roll."""
-        self._hold(motion, self.coordinates(motion), frames, orders)
+        self._hold_feet(motion, self.coordinates(motion), names, orders)
 
-    def _hold(
-        self, motion: Array, coordinates: tuple[Array, Array, Array], frames: Sequence[str], orders: Sequence[int]
+    def _hold_feet(
+        self, motion: Array, coordinates: tuple[Array, Array, Array], names: Sequence[str], orders: Sequence[int]
     ) -> None:
-        """As :meth:`hold`, with the motion's coordinates, which change with it."""
-        inverses = self._inverses(frames, self.placed(coordinates[0], frames, rolls=True)[1])
+        """As :meth:`hold_feet`, with the motion's coordinates, which change with it."""
+        _, jacobians = self.places_and_jacobians(coordinates[0], names, of_slip=True)
+        inverses = self._inverses(names, jacobians)
         for order in orders:
-            self._move(motion, coordinates, order, inverses, -self._derivative(order, coordinates, frames))
+            self._move(motion, coordinates, order, inverses, -self._derivative(order, coordinates, names))
 
-    def _inverses(self, frames: Sequence[str], jacobians: Array) -> list[tuple[list[int], list[int], Array]]:
+    def _inverses(self, names: Sequence[str], jacobians: Array) -> list[tuple[list[int], list[int], Array]]:
         """Feet and joints of legs, with the inverses (N, joints, 3 feet) that move all points of a leg at once."""
         inverses = []
-        for leg in {self.legs[frame] for frame in frames}:
-            columns = [column for column, frame in enumerate(frames) if self.legs[frame] == leg]
+        for leg in {self.legs[name] for name in names}:
+            columns = [column for column, name in enumerate(names) if self.legs[name] == leg]
             of_leg = jacobians[:, columns][:, :, :, list(leg)].reshape(len(jacobians), 3 * len(columns), len(leg))
             # Three points of a sole are nine rows of a pose's six: what is left of the others is rounding.
             inverse = np.asarray(np.linalg.pinv(of_leg, rcond=1e-9), np.float64)

@@ -11,6 +11,8 @@ phase in which most feet stand.
 Feet that roll are where their legs have brought them: on all feet from where the robot stands
 still towards the flight, on two from the flight's end on. Where both meet, the feet have to be at the same points: a
 fixed point of where they are when the flight begins, or ends, and of the legs whose feet leave or come.
+
+All motions here have the base's origin in their first rows, but for the ``com_motion`` of a solution.
 """
 
 from collections.abc import Callable
@@ -40,7 +42,7 @@ class FlightEnds:
 
     Attributes
     ----------
-    motion : (3, 6+n, 2) at takeoff and landing
+    motion : (3, 6+n, 2) of base and joints at takeoff and landing
     landed : (3, 6+n, 1) with which the landing's stance begins: where feet come to the ground with speed, after that
     momentum : (3,) kg m^2/s, about the centre of mass
     com_velocity : (3,) m/s at takeoff
@@ -55,11 +57,11 @@ class FlightEnds:
 
 
 def feet_places(program: SpatialProgram, solution: SpatialSolution, side: str) -> dict[str, Array]:
-    """Where the feet of a side stand, (3,) m."""
+    """Where the feet of a side stand, by their names, (3,) m."""
     shift = solution.origin.copy()
     if side == "landing" and program.flight >= 0:
         shift[:2] = solution.y[:2, -1]
-    return {frame: position + shift for frame, position in program.ends.places[side].items()}
+    return {name: position + shift for name, position in program.ends.places[side].items()}
 
 
 def flight_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics) -> FlightEnds:
@@ -75,8 +77,8 @@ def _takeoff_on(
 ) -> Array:
     """The motion (3, 6+n, 1) with which feet at places leave: pose and rates of the program, feet that do not slip."""
     columns = [program.borders[program.flight]]
-    from_program = np.stack((solution.y, solution.v, solution.a))[:, :, columns]
-    return _falling(mechanics, mechanics.close(mechanics.from_centre(from_program), places), places)
+    motion = mechanics.from_centre(solution.com_motion[:, :, columns])
+    return _falling(mechanics, mechanics.close(motion, places), places)
 
 
 def _landed_on(
@@ -94,14 +96,14 @@ def _landed_on(
     flight = program.flight
     duration = float(solution.durations[flight])
     columns = [program.borders[flight + 1]]
-    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, columns])
+    motion = mechanics.from_centre(solution.com_motion[:, :, columns])
     centres, momenta = mechanics.centre(takeoff)
     momentum = momenta[:, 0]
     position = centres[0, :, 0]
     velocity = centres[1, :, 0]
     fallen = np.array([0.0, 0.0, mechanics.gravity * duration])
     landing_centre = position + velocity * duration - fallen * duration / 2
-    landing = _placed(mechanics, motion, places, landing_centre)
+    landing = _with_centre_at(mechanics, motion, places, landing_centre)
     if solution.arrival is None:
         landing = _moving(mechanics, landing, places, velocity - fallen, momentum)
         landing = _falling(mechanics, landing, places)
@@ -117,26 +119,26 @@ def _landed_on(
 
 
 def _standing_places(program: SpatialProgram, solution: SpatialSolution, phase: SpatialPhase) -> dict[str, Array]:
-    """Where the feet of a phase stand, (3,) m."""
+    """Where the feet of a phase stand, by their names, (3,) m."""
     places = feet_places(program, solution, phase.side)
-    return {frame: places[frame] for frame in phase.names}
+    return {name: places[name] for name in phase.names}
 
 
-def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centre: Array) -> Array:
+def _with_centre_at(mechanics: Mechanics, motion: Array, places: dict[str, Array], centre: Array) -> Array:
     """The motion (3, 6+n, 1) with its centre of mass at a point (3,), its attitude as it is, its feet at places."""
 
     def missing(base: Array) -> tuple[Array, Array]:
-        placed = motion.copy()
-        placed[0, :3, 0] = base
-        placed = mechanics.close(placed, places)
-        return centre - mechanics.centre(placed)[0][0, :, 0], placed
+        moved = motion.copy()
+        moved[0, :3, 0] = base
+        moved = mechanics.close(moved, places)
+        return centre - mechanics.centre(moved)[0][0, :, 0], moved
 
     base = motion[0, :3, 0].copy()
     step = 1e-6  # [m] of the differences
     for _ in range(12):
-        gap, placed = missing(base)
+        gap, moved = missing(base)
         if np.abs(gap).max() < 1e-13:
-            return placed
+            return moved
         if not np.isfinite(gap).all():
             break
         jacobian = np.stack([(missing(base + step * axis)[0] - gap) / step for axis in np.eye(3)], axis=1)
@@ -144,7 +146,9 @@ def _placed(mechanics: Mechanics, motion: Array, places: dict[str, Array], centr
     raise NoExactStanceError("the legs do not reach the ground where the flight lands")
 
 
-def _moving(mechanics: Mechanics, motion: Array, places: dict[str, Array], velocity: Array, momentum: Array) -> Array:
+def _moving(
+    mechanics: Mechanics, motion: Array, places: dict[str, Array], com_velocity: Array, momentum: Array
+) -> Array:
     """The motion (3, 6+n, 1) with base rates of a centre's velocity and a momentum, the feet standing still."""
 
     def missing(rates: Array) -> tuple[Array, Array]:
@@ -152,7 +156,7 @@ def _moving(mechanics: Mechanics, motion: Array, places: dict[str, Array], veloc
         moving[1, :BASE, 0] = rates
         moving = mechanics.close(moving, places)
         centres, momenta = mechanics.centre(moving)
-        return np.concatenate((centres[1, :, 0] - velocity, momenta[:, 0] - momentum)), moving
+        return np.concatenate((centres[1, :, 0] - com_velocity, momenta[:, 0] - momentum)), moving
 
     return _affine_root(missing, motion[1, :BASE, 0])
 
@@ -188,13 +192,13 @@ def stance_ends(program: SpatialProgram, solution: SpatialSolution, mechanics: M
     """
     ends = []
     for end, phase in ((0, program.phases[0]), (-1, program.phases[-1])):
-        motion = np.stack((solution.y, solution.v, solution.a))[:, :, [end]]
+        com_motion = solution.com_motion[:, :, [end]]
         fixed = program.ends.fixed(end)
         for order, derivatives in ((1, program.ends.v), (2, program.ends.a)):
             if order < fixed:
-                motion[order, :, 0] = derivatives[end]
+                com_motion[order, :, 0] = derivatives[end]
         places = _standing_places(program, solution, phase)
-        ends.append(mechanics.close(mechanics.from_centre(motion), places))
+        ends.append(mechanics.close(mechanics.from_centre(com_motion), places))
     return np.concatenate(ends, axis=2)
 
 
@@ -227,24 +231,24 @@ def met_by_flight(
     return moving[:, :, 0]
 
 
-def _gentle_fall(mechanics: Mechanics, motion: Array, frames: list[str]) -> Array:
+def _gentle_fall(mechanics: Mechanics, motion: Array, names: list[str]) -> Array:
     """Accelerations (6+n,) of a motion (3, 6+n, 1) in which nothing bears the robot, and feet do not accelerate."""
     robot = mechanics.robot
     nearness = 1e-3  # [s^2] share of a motor's limit that an acceleration of 1 rad/s^2 off the one at hand is worth
     limits = np.where(np.isfinite(robot.motor_torque_limits), robot.motor_torque_limits, robot.mass * mechanics.gravity)
 
     def effects(accelerations: Array) -> tuple[Array, Array]:
-        """What has to vanish, and the motors' shares, of accelerations (6+n, N)."""
+        """What has to vanish, and the motors' shares of their limits, of accelerations (6+n, N)."""
         varied = np.repeat(motion, accelerations.shape[1], axis=2)
         varied[2] = accelerations
         wrench = mechanics.wrench(varied)
-        feet = mechanics.feet(varied, frames)
+        feet = mechanics.feet(varied, names)
         vanishing = np.hstack((wrench[:, :BASE] / robot.mass, feet[2].reshape(len(wrench), -1)))
         return vanishing.T, (wrench @ robot.transmission / limits).T
 
-    near = motion[2, :, 0]
-    steps = np.eye(len(near))
-    vanishing, shares = effects(np.column_stack((near, near[:, None] + steps)))
+    at_hand = motion[2, :, 0]
+    steps = np.eye(len(at_hand))
+    vanishing, shares = effects(np.column_stack((at_hand, at_hand[:, None] + steps)))
     equations = vanishing[:, 1:] - vanishing[:, [0]]
     costs = shares[:, 1:] - shares[:, [0]]
     u, sizes, v = np.linalg.svd(equations)
@@ -255,7 +259,7 @@ def _gentle_fall(mechanics: Mechanics, motion: Array, frames: list[str]) -> Arra
         rows = np.vstack((costs @ free, nearness * free))
         target = -np.concatenate((shares[:, 0] + costs @ change, nearness * change))
         change = change + free @ np.linalg.lstsq(rows, target, rcond=None)[0]
-    return np.asarray(near + change)
+    return np.asarray(at_hand + change)
 
 
 def exact_stances(
@@ -288,21 +292,21 @@ def exact_stances(
     seams = [ends[:, :, 0], ends[:, :, 1]]  # between what is done, and the middle
     inwards = [*range(indices[0], middle), *range(indices[-1], middle, -1), middle]
     for index in inwards:
-        near = 0 if index < middle else -1
+        fixed_end = 0 if index < middle else -1
         phase = program.phases[index]
-        times, motion, shares = _fine_motion(program, solution, mechanics, index)
-        for end in (0, -1) if index == middle else (near,):
+        times, motion, planned_forces = _fine_motion(program, solution, mechanics, index)
+        for end in (0, -1) if index == middle else (fixed_end,):
             motion = motion + _vanishing(times, seams[end] - motion[:, :, end], end)
         places = _standing_places(program, solution, phase)
         motion = mechanics.close(motion, places)
         if len(places) == 2 and index == middle:
             raise NoExactStanceError("on no more than two feet it cannot begin and end as it has to")
         if index != middle:
-            beyond = _standing_places(program, solution, program.phases[index + (1 if near == 0 else -1)])
-            others = {frame: position for frame, position in beyond.items() if frame not in places}
-            motion = _borne(mechanics, times, motion, shares, places, others, near)
-        seams[near] = motion[:, :, -1 - near]
-        motions[index] = SpatialGrid(times + begin, motion[0], motion[1], motion[2], shares)
+            beyond = _standing_places(program, solution, program.phases[index + (1 if fixed_end == 0 else -1)])
+            others = {name: position for name, position in beyond.items() if name not in places}
+            motion = _borne(mechanics, times, motion, planned_forces, places, others, fixed_end)
+        seams[fixed_end] = motion[:, :, -1 - fixed_end]
+        motions[index] = SpatialGrid(times + begin, motion[0], motion[1], motion[2], planned_forces)
     model = program.model
     return [
         SpatialStance(
@@ -316,32 +320,32 @@ def _borne(
     mechanics: Mechanics,
     times: Array,
     motion: Array,
-    shares: Array,
+    planned_forces: Array,
     places: dict[str, Array],
     others: dict[str, Array],
-    near: int,
+    fixed_end: int,
 ) -> Array:
-    """The motion (3, 6+n, G) that feet at ``places`` can bear, with ``others`` that stand at the far end.
+    """The motion (3, 6+n, G) that feet at ``places`` can bear, as it is at its fixed end, 0 or -1.
 
-    On two feet it is balanced about the line through them; else their forces, ``shares`` (3 F, G), push the base. So
-    the base moves the other legs, and these move it: a fixed point.
+    At the other end ``others`` stand too. On two feet it is balanced about the line through them; else the planned
+    forces (3 F, G), N, push the base. So the base moves the other legs, and these move it: a fixed point.
 
     Raises
     ------
     NoExactStanceError
         The other legs do not reach the ground.
     """
-    far = -1 - near
+    free_end = -1 - fixed_end
     scale = ((times[-1] - times[0]) ** np.arange(3))[:, None]
-    bent = np.zeros(motion.shape[:2])  # by how much joints differ from the motion at the far end
+    bent = np.zeros(motion.shape[:2])  # by how much joints differ from the motion at the free end
     tried: list[tuple[Array, Array]] = []
     for _ in range(30):
-        changed = motion + _vanishing(times, bent, far)
+        changed = motion + _vanishing(times, bent, free_end)
         if len(places) == 2:
-            result = balanced_about(mechanics, Line.through(places), times, changed, near)
+            result = balanced_about(mechanics, Line.through(places), times, changed, fixed_end)
         else:
-            result = pushed_from(mechanics, times, changed, shares, places, near)
-        change = _to_the_ground(mechanics, result, others, far)
+            result = pushed_from(mechanics, times, changed, planned_forces, places, fixed_end)
+        change = _to_the_ground(mechanics, result, others, free_end)
         if not np.isfinite(change).all():
             break
         if np.abs(change * scale).max() < 1e-8:
@@ -369,11 +373,11 @@ def _to_the_ground(mechanics: Mechanics, motion: Array, places: dict[str, Array]
     return np.asarray((mechanics.close(at_end, places) - at_end)[:, :, 0])
 
 
-def _vanishing(times: Array, change: Array, near: int) -> Array:
-    """Quintics (3, rows, G) that are a change (3, rows) at one end of some times, and vanish at the other."""
+def _vanishing(times: Array, change: Array, end: int) -> Array:
+    """Quintics (3, rows, G) that are a change (3, rows) at one end of some times, 0 or -1, and vanish at the other."""
     span = times[[0, -1]]
     zero = np.zeros_like(change)
-    first, last = (change, zero) if near == 0 else (zero, change)
+    first, last = (change, zero) if end == 0 else (zero, change)
     return quintic(times, span, first, last)
 
 
@@ -393,7 +397,7 @@ def motion_of_side(program: SpatialProgram, solution: SpatialSolution, mechanics
 def _fine_motion(
     program: SpatialProgram, solution: SpatialSolution, mechanics: Mechanics, index: int
 ) -> tuple[Array, Array, Array]:
-    """Times (G,), the motion (3, 6+n, G) with accelerations that are linear between nodes, and forces (3 F, G)."""
+    """Times (G,), the motion (3, 6+n, G) with accelerations that are linear between nodes, and forces (3 F, G), N."""
     begin, end = program.borders[index], program.borders[index + 1]
     coarse = program.times(solution.durations)[begin : end + 1]
     # On two feet nothing bears the moment about the line between instants: there they are denser.
@@ -403,18 +407,18 @@ def _fine_motion(
     since = times - coarse[interval]
     y, v, a = (rows[:, begin + interval] for rows in (solution.y, solution.v, solution.a))
     jerk = (solution.a[:, begin + interval + 1] - a) / step
-    of_program = np.stack(
+    com_motion = np.stack(
         (
             y + since * v + since**2 / 2 * a + since**3 / 6 * jerk,
             v + since * a + since**2 / 2 * jerk,
             a + since * jerk,
         )
     )
-    shares = []
+    planned_forces = []
     for foot in program.phases[index].feet:
         nodes = [solution.forces[node].get(foot.name, np.zeros(3)) for node in range(begin, end + 1)]
-        shares += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
-    return times, mechanics.from_centre(of_program), np.array(shares)
+        planned_forces += [np.interp(times, coarse, component) for component in np.transpose(nodes)]
+    return times, mechanics.from_centre(com_motion), np.array(planned_forces)
 
 
 @dataclass(frozen=True, eq=False)
@@ -455,7 +459,7 @@ class _RollingSide:
     Attributes
     ----------
     standing : (3, 6+n) the motion where it stands still
-    near : end of the phases that is next to the flight, 0 or -1
+    flight_end : index of the end of the phases that is next to the flight, 0 or -1
     outer : index of the phase that is next to where it stands
     inner : of the one that is next to the flight; None where one phase is both
     fine : of each phase, by its index: times, the program's motion and forces between its nodes
@@ -468,7 +472,7 @@ class _RollingSide:
         self.solution = solution
         self.mechanics = mechanics
         self.standing = standing
-        self.near = -1 if side == "takeoff" else 0
+        self.flight_end = -1 if side == "takeoff" else 0
         indices = [index for index, phase in enumerate(program.phases) if phase.side == side]
         self.outer, *inner = indices if side == "takeoff" else indices[::-1]
         self.inner = inner[0] if inner else None
@@ -520,38 +524,39 @@ class _RollingSide:
         Before them the motion (3, 6+n) that the phase next to the flight has where both meet, and that which the
         outer phase has there.
         """
-        near = self.near
-        far = -1 - near
+        flight_end = self.flight_end
+        standing_end = -1 - flight_end
         motions: dict[int, Array] = {}
         seam = end[:, :, 0]
         if self.inner is not None:
             times, motion, _ = self.fine[self.inner]
-            motion = motion + _vanishing(times, seam - motion[:, :, near], near) + _vanishing(times, bent, far)
-            direction = self._turning(names, motion[:, :, motion.shape[2] // 2]) if len(names) == 2 else None
-            motion = rolled_from(self.mechanics, names, times, motion, near, direction)
+            motion = motion + _vanishing(times, seam - motion[:, :, flight_end], flight_end)
+            motion = motion + _vanishing(times, bent, standing_end)
+            direction = self._rotation_of_base(names, motion[:, :, motion.shape[2] // 2]) if len(names) == 2 else None
+            motion = rolled_from(self.mechanics, names, times, motion, flight_end, direction)
             motions[self.inner] = motion
-            seam = motion[:, :, far]
+            seam = motion[:, :, standing_end]
         times, motion, _ = self.fine[self.outer]
-        motion = motion + _vanishing(times, self.standing - motion[:, :, far], far)
-        motion = motion + _vanishing(times, seam - motion[:, :, near], near)
-        motion = rolled_from(self.mechanics, self.program.phases[self.outer].names, times, motion, far, None)
+        motion = motion + _vanishing(times, self.standing - motion[:, :, standing_end], standing_end)
+        motion = motion + _vanishing(times, seam - motion[:, :, flight_end], flight_end)
+        motion = rolled_from(self.mechanics, self.program.phases[self.outer].names, times, motion, standing_end, None)
         motions[self.outer] = motion
-        return seam, motion[:, :, near], motions
+        return seam, motion[:, :, flight_end], motions
 
-    def _turning(self, names: list[str], motion: Array) -> Array:
-        """By which the base's coordinates (6,) change where the robot turns about the line through two feet."""
+    def _rotation_of_base(self, names: list[str], motion: Array) -> Array:
+        """By which the base's coordinates (6,) change where the robot rotates about the line through two feet."""
         still = motion[:, :, None].copy()
         still[1:] = 0.0
         line = Line.through(dict(zip(names, self._centres(motion, names), strict=True)))
-        turning = line.turned(self.mechanics.axes, still, np.array([[0.0], [1.0], [0.0]]))
-        return np.asarray(turning[1, :BASE, 0])
+        rotating = line.rotated_robot(self.mechanics.axes, still, np.array([[0.0], [1.0], [0.0]]))
+        return np.asarray(rotating[1, :BASE, 0])
 
     def _places_in_program(self, phase: SpatialPhase) -> Array:
         """Centres (F, 3) of a phase's feet at the program's node next to the flight, m, as high as they stand."""
         flight = self.program.flight
-        node = self.program.borders[flight + 1 if self.near == 0 else flight]
-        of_node = np.stack((self.solution.y, self.solution.v, self.solution.a))[:, :, [node]]
-        centres = self._centres(self.mechanics.from_centre(of_node)[:, :, 0], list(phase.names))
+        node = self.program.borders[flight + 1 if self.flight_end == 0 else flight]
+        motion = self.mechanics.from_centre(self.solution.com_motion[:, :, [node]])[:, :, 0]
+        centres = self._centres(motion, list(phase.names))
         standing = _standing_places(self.program, self.solution, phase)
         centres[:, 2] = [standing[name][2] for name in phase.names]
         return centres
@@ -566,7 +571,7 @@ class _RollingSide:
         return BASE + np.unique(np.array(rows, int))
 
     def _centres(self, motion: Array, names: list[str]) -> Array:
-        """Centres (F, 3) of feet in a motion (3, 6+n), m."""
+        """Centres (F, 3) of the balls of feet that roll in a motion (3, 6+n), m."""
         places = self.mechanics.feet(motion[:, :, None], names)
         return np.asarray(places[0, 0])
 
@@ -574,11 +579,11 @@ class _RollingSide:
         """Stances of the phases' motions."""
         stances = []
         for index in sorted(motions):
-            times, _, shares = self.fine[index]
+            times, _, planned_forces = self.fine[index]
             y, v, a = motions[index]
             model = self.program.model
             feet = self.program.phases[index].feet
-            grid = SpatialGrid(times, y, v, a, shares)
+            grid = SpatialGrid(times, y, v, a, planned_forces)
             axes = self.mechanics.axes
             stances.append(SpatialStance(model.robot, model.gravity, axes, feet, self.program.friction, grid))
         return tuple(stances)

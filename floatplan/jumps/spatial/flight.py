@@ -34,8 +34,8 @@ def flight_problem(
         postures.append(Posture(attitude, y[BASE:].copy(), v[BASE:].copy(), a[BASE:].copy()))
     before = program.phases[program.flight - 1].feet[0]
     after = program.phases[program.flight + 1].feet[0]
-    takeoff = _frame_origin(mechanics, ends.motion[0, :, 0], before)
-    landing = _frame_origin(mechanics, ends.motion[0, :, 1], after)
+    takeoff = _frame_origin(mechanics, ends.motion[:, :, 0], before)
+    landing = _frame_origin(mechanics, ends.motion[:, :, 1], after)
     request = problem.jump
     assert request is not None
     ground = float(solution.origin[2])
@@ -62,8 +62,9 @@ def flight_problem(
     )
 
 
-def _frame_origin(mechanics: Mechanics, y: Array, foot: Foot) -> Array:
-    """Where the origin of a foot's frame is, (3,) m, with coordinates y (6+n,) of base and joints."""
+def _frame_origin(mechanics: Mechanics, motion: Array, foot: Foot) -> Array:
+    """Where the origin of a foot's frame is in a motion (3, 6+n) of base and joints, (3,) m."""
+    y = motion[0]
     robot = mechanics.robot
     kinematics = Kinematics(robot)
     kinematics.pose(y[:3], rotations_about(mechanics.axes, y[3:BASE, None])[0], y[BASE:])
@@ -79,10 +80,10 @@ def _grounds(
     lift; at both ends, where capsules that are thicker than what stands are in the ground, a little below them. Where
     it lands on other ground than it leaves, each of them counts as :func:`grounds_below` says.
     """
-    shares = program.phases[program.flight].shares
-    grounds = grounds_below(shares, 0.0, program.ends.rise)
+    progress = program.phases[program.flight].progress
+    grounds = grounds_below(progress, 0.0, program.ends.rise)
     below = np.minimum(grounds[1:], grounds[:-1])  # of an interval
-    motion = mechanics.from_centre(np.stack((solution.y, solution.v, solution.a))[:, :, program.flight_nodes])
+    motion = mechanics.from_centre(solution.com_motion[:, :, program.flight_nodes])
     motion[:, :, [0, -1]] = ends.motion
     ground = float(solution.origin[2])
     above = _lowest(program, mechanics, motion) - ground
@@ -118,7 +119,7 @@ def merged_levels(runs: list[tuple[float, float, float]], most: int) -> list[tup
 
 
 def _lowest(program: SpatialProgram, mechanics: Mechanics, motion: Array) -> Array:
-    """Heights (N,) of the lowest capsule's lowest point in a motion (3, 6+n, N), m."""
+    """Heights (N,) of the lowest capsule's lowest point in a motion (3, 6+n, N) of base and joints, m."""
     kinematics = Kinematics(program.model.robot)
     rotations = rotations_about(mechanics.axes, motion[0, 3:BASE])
     lowest = []

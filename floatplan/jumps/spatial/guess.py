@@ -26,7 +26,7 @@ def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Ar
     times = program.times(durations)
     y = np.empty((n, program.nodes))
     v = np.zeros((n, program.nodes))
-    share = np.linspace(0.0, 1.0, program.nodes)
+    along = np.linspace(0.0, 1.0, program.nodes)  # of the nodes, by their numbers
     begin, end = times[program.borders[[max(program.flight - 1, 0), min(program.flight + 2, len(program.phases))]]]
     if program.flight == 1:  # one phase before it: the base turns in its second half
         begin = times[program.borders[1]] / 2
@@ -39,7 +39,7 @@ def guess(program: SpatialProgram, rng: np.random.Generator | None = None) -> Ar
     v[3:6] = np.outer(last[3:6] - first[3:6], 6 * progress * (1 - progress) / (end - begin))
     y[BASE:] = first[BASE:, None] + np.outer(last[BASE:] - first[BASE:], smooth)
     if rng is not None:
-        bumps = np.sin(np.pi * share[None] * rng.integers(1, 4, (n - BASE, 1)))
+        bumps = np.sin(np.pi * along[None] * rng.integers(1, 4, (n - BASE, 1)))
         y[BASE:] += rng.uniform(-0.2, 0.2, (n - BASE, 1)) * bumps
     takeoff, landing = times[program.borders[[program.flight, program.flight + 1]]]
     y[:3], v[:3], lift = _guessed_centre(program, times, takeoff, landing)
@@ -82,14 +82,15 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
     angles += 2 * np.pi * np.round((first[3:BASE] - angles[0]) / (2 * np.pi))
     motion = mechanics.from_coordinates(state.positions, state.velocities, state.accelerations, angles.T)
     centres, _ = mechanics.centre(motion)
-    motion[:, :3] = centres
-    motion[0, :2] -= motion[0, :2, :1]
-    motion[0, 2] -= near.ground
+    com_motion = motion.copy()
+    com_motion[:, :3] = centres
+    com_motion[0, :2] -= com_motion[0, :2, :1]
+    com_motion[0, 2] -= near.ground
 
-    before = first - motion[0, :, 0]
-    after = last - motion[0, :, -1]
+    before = first - com_motion[0, :, 0]
+    after = last - com_motion[0, :, -1]
     displacement = program.ends.displacement
-    after[:2] = 0.0 if displacement is None else displacement - motion[0, :2, -1]
+    after[:2] = 0.0 if displacement is None else displacement - com_motion[0, :2, -1]
     turns = np.abs(after[3:BASE]).max() / (2 * np.pi)
     most = 0.25  # [-] of a whole rotation, by which a motion may be bent: more of it leads nowhere
     if turns > most:
@@ -103,10 +104,10 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
             np.where((times > begin) & (times < end), 6 * (1 - 2 * progress) / (end - begin) ** 2, 0.0),
         )
     )
-    motion[0] += before[:, None]
-    motion += (after - before)[:, None] * joining[:, None]
+    com_motion[0] += before[:, None]
+    com_motion += (after - before)[:, None] * joining[:, None]
     durations = np.clip(of_near, *np.transpose([phase.bounds for phase in program.phases]))
-    return program.joined(motion, state.forces, durations)
+    return program.joined(com_motion, state.forces, durations)
 
 
 def _refuse_unlike(program: SpatialProgram, near: Jump) -> None:

@@ -32,9 +32,9 @@ class Arrival:
     ----------
     feet : that come to the ground with speed
     variables : (w,) indices of all in the program
-    motion : (2 (6+n),) of rates and accelerations
+    derivatives : (2 (6+n),) of rates and accelerations, the centre of mass's first
     rates, accelerations : (6+n,) each
-    impulses : (3 F,) of the feet, as shares
+    impulses : (3 F,) of the feet, scaled: over that of the robot's weight in sqrt(height / g)
     """
 
     def __init__(self, model: SpatialModel, bounds: SpatialBounds, feet: Sequence[Foot], first: int) -> None:
@@ -44,9 +44,9 @@ class Arrival:
         n = model.size
         width = 2 * n + 3 * len(feet) if feet else 0
         self.variables: IntArray = np.arange(first, first + width)
-        self.motion = self.variables[: 2 * n]
-        self.rates = self.motion[:n]
-        self.accelerations = self.motion[n:]
+        self.derivatives = self.variables[: 2 * n]
+        self.rates = self.derivatives[:n]
+        self.accelerations = self.derivatives[n:]
         self.impulses = self.variables[2 * n :]
 
     def piece(self, after: IntArray, height: float, expressions: dict[Any, Expression]) -> Piece:
@@ -67,11 +67,12 @@ class Arrival:
         unit = math.sqrt(height / model.gravity)
         whole = weight * unit  # [N s] of a robot that falls for so long
         rates_after = ca.SX.sym("after", model.size)
-        shares = {foot.name: ca.SX.sym(f"I_{foot.name}", 3) for foot in self.feet}
+        scaled_impulses = {foot.name: ca.SX.sym(f"I_{foot.name}", 3) for foot in self.feet}
         parameters = NodeParameters.of_sizes(len(bounds.scales), 0, 0)
         scales = np.full(model.size, whole * height)
         scales[:3] = whole
-        of_impulses = self._balance({name: whole * share for name, share in shares.items()}, rates_after) / scales
+        impulses = {name: whole * scaled for name, scaled in scaled_impulses.items()}
+        of_impulses = self._balance(impulses, rates_after) / scales
         of_forces = model.balance({}) / weight / np.repeat([1.0, height], 3)
         rows: list[Row] = [(row, 0.0, 0.0, "balance of impulses") for row in ca.vertsplit(of_impulses)]
         rows += [(row, 0.0, 0.0, "balance of forces and moments") for row in ca.vertsplit(of_forces)]
@@ -81,20 +82,20 @@ class Arrival:
             velocity = model.foot(foot.name)[1][1] * unit / height
             rows.append((ca.sumsqr(velocity), 0.0, fastest**2, f"impact of {foot.name}"))
             rows.append((velocity[2], -math.inf, 0.0, f"fall of {foot.name}"))
-        rows += force_rows(self.feet, shares, parameters.friction, parameters.inside)
+        rows += force_rows(self.feet, scaled_impulses, parameters.friction, parameters.inside)
         motor_rows, cost = torque_rows(model, bounds, {}, parameters.scales)
         rows += motor_rows
         evenness = 1e-2  # [-] as of forces: an impulse of the whole robot's costs as much as a motor with a tenth
         expression = Expression(
-            variables=ca.vertcat(model.y, rates_after, model.v, model.a, *shares.values()),
+            variables=ca.vertcat(model.y, rates_after, model.v, model.a, *scaled_impulses.values()),
             parameters=parameters.vector,
             rows=ca.vertcat(*(row[0] for row in rows)),
-            cost=cost + evenness * sum(map(ca.sumsqr, shares.values()), ca.SX(0)),
+            cost=cost + evenness * sum(map(ca.sumsqr, scaled_impulses.values()), ca.SX(0)),
         )
         return Piece(
             expression=expressions.setdefault("impact", expression),
             indices=np.concatenate((after, self.variables))[:, None],
-            values=np.concatenate(([bounds.friction, bounds.inside], bounds.scales))[:, None],
+            parameter_values=np.concatenate(([bounds.friction, bounds.inside], bounds.scales))[:, None],
             low=np.array([row[1] for row in rows])[:, None],
             high=np.array([row[2] for row in rows])[:, None],
             labels=tuple(f"{row[3]} (touchdown)" for row in rows),
@@ -117,7 +118,10 @@ class Arrival:
 
 
 def after_impact(mechanics: Mechanics, motion: Array, names: list[str]) -> Array:
-    """Return a motion (3, 6+n, 1) with the rates that it has when its feet of some names have come to the ground."""
+    """Return a motion (3, 6+n, 1) with the rates that it has when its feet of some names have come to the ground.
+
+    Its first rows are the base's origin.
+    """
     q, v, a = mechanics.coordinates(motion)
     model = mechanics.model
     data = mechanics.data
@@ -128,7 +132,7 @@ def after_impact(mechanics: Mechanics, motion: Array, names: list[str]) -> Array
     pin.updateFramePlacements(model, data)
     rows = []
     for name in names:
-        jacobian = pin.getFrameJacobian(model, data, mechanics.frames[name], pin.LOCAL_WORLD_ALIGNED)
+        jacobian = pin.getFrameJacobian(model, data, mechanics.frame_numbers[name], pin.LOCAL_WORLD_ALIGNED)
         rows.append(of_contact(jacobian, mechanics.radii[name]) @ planned)
     slips = np.vstack(rows)
     # In rates whose squares are the kinetic energy an impact is the orthogonal projection on those without slip.

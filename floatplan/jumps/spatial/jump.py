@@ -5,7 +5,8 @@ JSON, format ``floatplan.jump/2``: as ``floatplan.jump/1``, but for ``flight``, 
 radius; of a sole's points ``suffix`` and ``point``, m, in the frame of the joint that carries it), the ``axes`` of the
 base's angles,
 ``friction``, and arrays over its instants, between which quintics are: ``times``, ``y``, ``v``, ``a`` (position of the
-base, its angles and joints, with their derivatives), and ``shares``, next to which the feet's forces are.
+base, its angles and joints, with their derivatives), and ``shares``: the planned forces, N, near to which the feet's
+forces are.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from floatplan.jumps.spatial.jump_motion import SpatialJumpMotion
 from floatplan.jumps.spatial.standing import Foot
 
 FORMAT_IN_SPACE = "floatplan.jump/2"
-ARRAYS_IN_SPACE = ("times", "y", "v", "a", "shares")
+ARRAYS_IN_SPACE = {"times": "times", "y": "y", "v": "v", "a": "a", "shares": "planned_forces"}  # key -> of the grid
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +34,7 @@ class SpatialJump(SpatialJumpMotion, Jump):
             "contacts": [contact_table(foot) for foot in stance.contacts],
             "axes": stance.axes,
             "friction": stance.friction,
-            **{name: getattr(stance.grid, name) for name in ARRAYS_IN_SPACE},
+            **{key: getattr(stance.grid, name) for key, name in ARRAYS_IN_SPACE.items()},
         }
 
 

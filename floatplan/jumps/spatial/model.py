@@ -70,7 +70,7 @@ class SpatialModel:
     gravity : m/s^2
     points : of feet, by their names: joint of the robot's model that carries it, and position (3,) m in its frame
     radii : of feet, by their names: of the ball about the point that rolls, m; 0 of one that does not
-    y, v, a : (6+n,) symbols
+    y, v, a : (6+n,) symbols; rows 0 to 2 are the centre of mass
     bodies : of the joints of the robot's model, the base's first
     """
 
@@ -98,7 +98,7 @@ class SpatialModel:
         rates = ca.mtimes(chosen, self.v[BASE:])
         self.joint_accelerations = ca.mtimes(chosen, self.a[BASE:])
         zero = ca.SX.zeros(3)
-        rotation, rate, rate_change = turning(self.axes, self.y[3:6], self.v[3:6], self.a[3:6])
+        rotation, rate, rate_change = rotation_with_rates(self.axes, self.y[3:6], self.v[3:6], self.a[3:6])
         bodies = [Body(rotation, zero, zero, zero, rate, rate_change)]
         self.joint_axes: list[Any] = [None]
         for number in range(2, model.njoints):
@@ -168,7 +168,7 @@ class SpatialModel:
         ``C' - w x r e_z`` and ``C'' - w' x r e_z``: the first is the velocity of the ball's lowest point.
         """
         body, local = self.points.get(name) or frame_position(self.robot.model, self.robot.joint_tree, name)
-        position, velocity, acceleration = self.placed(self.bodies[body - 1].point(local))
+        position, velocity, acceleration = self.in_world(self.bodies[body - 1].point(local))
         above = self._above_ground(name)
         if above is not None:
             ca = casadi()
@@ -234,7 +234,7 @@ class SpatialModel:
     def _dip(self, capsule: SolidCapsule, standing: Array) -> float:
         """By how much a capsule reaches into the ground where the robot stands, 2 mm at least, m."""
         body = self.bodies[capsule.body - 1]
-        heights = [self.placed(body.point(end))[0][2] for end in (capsule.start, capsule.end)]
+        heights = [self.in_world(body.point(end))[0][2] for end in (capsule.start, capsule.end)]
         lowest = casadi().Function("lowest", [self.y], heights)(standing)
         return max(2e-3, capsule.radius - min(map(float, lowest)))
 
@@ -247,7 +247,7 @@ class SpatialModel:
         ca = casadi()
         smoothing = 0.01  # [m]
         body = self.bodies[capsule.body - 1]
-        ends = [self.placed(body.point(end))[0] for end in (capsule.start, capsule.end)]
+        ends = [self.in_world(body.point(end))[0] for end in (capsule.start, capsule.end)]
         beyond, other_beyond = (step.inwards * (step.edge - end[step.axis]) for end in ends)
         above, other_above = (end[2] - step.high + below for end in ends)
         if (capsule.start != capsule.end).any():
@@ -255,7 +255,7 @@ class SpatialModel:
             above = (above + other_above - ca.sqrt((above - other_above) ** 2 + smoothing**2)) / 2
         return (beyond + above + ca.sqrt((beyond - above) ** 2 + smoothing**2)) / 2 - capsule.radius
 
-    def placed(self, relative: Sequence[Any]) -> tuple[Any, Any, Any]:
+    def in_world(self, relative: Sequence[Any]) -> tuple[Any, Any, Any]:
         """A point with derivatives in the world, from the same relative to the base's origin."""
         orders = (self.y[:3], self.v[:3], self.a[:3])
         position, velocity, acceleration = (
@@ -264,24 +264,24 @@ class SpatialModel:
         return position, velocity, acceleration
 
     def balance(self, forces: Mapping[str, Any]) -> Any:
-        """Six rows that vanish where forces (3,) at frames are what the motion takes: N, then N m about the centre."""
+        """Six rows that vanish where forces (3,), by the feet's names, are what it takes: N, N m about the centre."""
         ca = casadi()
         total = self.mass * (self.a[:3] + ca.DM([0.0, 0.0, self.gravity]))
         moment = self.moment_about_com
-        for frame, force in forces.items():
-            _, position = self.contact(frame)
+        for name, force in forces.items():
+            _, position = self.contact(name)
             total -= force
             moment -= ca.cross(position - self.y[:3], force)
         return ca.vertcat(total, moment)
 
     def torques(self, forces: Mapping[str, Any]) -> Any:
-        """Torques of all joints of the robot's model, N m, with forces (3,) at frames."""
+        """Torques of all joints of the robot's model, N m, with forces (3,) by the feet's names."""
         ca = casadi()
         model = self.robot.model
         sums = [(force, moment) for force, moment in zip(self.forces, self.moments, strict=True)]
         origin = self.y[:3] - self.centre[0]
-        for frame, force in forces.items():
-            number, position = self.contact(frame)
+        for name, force in forces.items():
+            number, position = self.contact(name)
             total, moment = sums[number]
             sums[number] = (total - force, moment - ca.cross(position - origin, force))
         torques = ca.SX.zeros(model.nv - BASE)
@@ -309,7 +309,7 @@ def skew(vector: Any) -> Any:
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def turning(axes: str, angles: Any, rates: Any, accelerations: Any) -> tuple[Any, Any, Any]:
+def rotation_with_rates(axes: str, angles: Any, rates: Any, accelerations: Any) -> tuple[Any, Any, Any]:
     """Rotation (3, 3), angular velocity and acceleration (3,), in the world's axes, of three angles about axes."""
     ca = casadi()
     rotation: Any = ca.DM.eye(3)

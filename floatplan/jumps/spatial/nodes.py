@@ -35,7 +35,7 @@ class SpatialBounds:
     tilt : rad, of the middle one of the base's angles
     leeway : rad, by which the base's other angles leave what is between those of both ends
     impact : m/s, greatest speed of feet that end the flight; 0 where they have none
-    pressed : least vertical force over the weight of what stands
+    least_force : vertical, over the weight, on each foot that stands
     inside : least share of a sole's vertical force on each of its points, which keeps the centre of pressure inside
     scales : (m,) N m, what each motor's torque is a share of: the most that it may ever have
     """
@@ -53,7 +53,7 @@ class SpatialBounds:
     tilt: float
     leeway: float
     impact: float
-    pressed: float
+    least_force: float
     inside: float
     scales: Array
 
@@ -88,24 +88,24 @@ class NodeParameters:
 
     Attributes
     ----------
-    near : (6+n,) of the motion to which it is to be near; (0,) for none
+    reference : (6+n,) coordinates y to which those of the node are to be near; (0,) for none
     friction, inside : as of SpatialBounds
     scales : (m,) as of SpatialBounds
     signs : of the damping of each foot that tracks
     """
 
-    near: Any
+    reference: Any
     friction: Any
     inside: Any
     scales: Any
     signs: Any
 
     @classmethod
-    def of_sizes(cls, motors: int, feet: int, near: int) -> "NodeParameters":
-        """Symbols for so many motors, feet that track, and coordinates to which it is to be near."""
+    def of_sizes(cls, motors: int, feet: int, reference: int) -> "NodeParameters":
+        """Symbols for so many motors, feet that track, and coordinates of a reference."""
         sx = casadi().SX
         return cls(
-            near=sx.sym("near", near),
+            reference=sx.sym("reference", reference),
             friction=sx.sym("friction"),
             inside=sx.sym("inside"),
             scales=sx.sym("scales", motors),
@@ -115,7 +115,7 @@ class NodeParameters:
     @property
     def vector(self) -> Any:
         """All of them, one after the other."""
-        return casadi().vertcat(self.near, self.friction, self.inside, self.scales, self.signs)
+        return casadi().vertcat(self.reference, self.friction, self.inside, self.scales, self.signs)
 
 
 def standing_rows(
@@ -166,7 +166,7 @@ def _directions(places: Mapping[str, Array], foot: Foot) -> Array:
     return np.array([across / np.linalg.norm(across), vertical])
 
 
-def force_rows(bearing: Sequence[Foot], shares: Mapping[str, Any], friction: Any, inside: Any) -> list[Row]:
+def force_rows(bearing: Sequence[Foot], scaled_forces: Mapping[str, Any], friction: Any, inside: Any) -> list[Row]:
     """Rows that keep forces inside friction cones, and the centre of pressure inside each sole.
 
     Each point of a sole bears a share of the sole's vertical force at least.
@@ -174,20 +174,20 @@ def force_rows(bearing: Sequence[Foot], shares: Mapping[str, Any], friction: Any
     Parameters
     ----------
     bearing : feet that bear force
-    shares : of each, by its name, its force (3,) over the weight
+    scaled_forces : of each, by its name, its force (3,) over the weight; or impulses, likewise scaled
     friction, inside : symbols of the bounds
     """
     sides = 8  # [-] of the pyramid inside the friction cone
     steepest = friction * math.cos(math.pi / sides)
     rows: list[Row] = []
     for foot in bearing:
-        share = shares[foot.name]
+        force = scaled_forces[foot.name]
         for angle in np.linspace(0.0, 2 * math.pi, sides, endpoint=False).tolist():
-            along = math.cos(angle) * share[0] + math.sin(angle) * share[1]
-            rows.append((steepest * share[2] - along, 0.0, math.inf, f"friction of {foot.name}"))
+            along = math.cos(angle) * force[0] + math.sin(angle) * force[1]
+            rows.append((steepest * force[2] - along, 0.0, math.inf, f"friction of {foot.name}"))
         if foot.suffix:
-            of_sole = sum(shares[other.name][2] for other in bearing if other.frame == foot.frame)
-            rows.append((share[2] - inside * of_sole, 0.0, math.inf, f"pressure of {foot.name}"))
+            of_sole = sum(scaled_forces[other.name][2] for other in bearing if other.frame == foot.frame)
+            rows.append((force[2] - inside * of_sole, 0.0, math.inf, f"pressure of {foot.name}"))
     return rows
 
 
@@ -231,7 +231,7 @@ def leverage_rows(model: SpatialModel, feet: Sequence[Foot], standing: Array, re
     ----------
     model : SpatialModel
     feet : that stand
-    standing : (6+n,) coordinates y where the robot stands at first
+    standing : (6+n,) coordinates y, the centre of mass's first, where the robot stands at first
     refuses : whether a leg that is in such a posture there is refused
 
     Raises
@@ -255,13 +255,13 @@ def leverage_rows(model: SpatialModel, feet: Sequence[Foot], standing: Array, re
     return rows
 
 
-def lifted_share(share: float) -> float:
-    """Share of the lift that feet have at a share of the flight: all of it between its quarters.
+def lifted_share(progress: float) -> float:
+    """Share of the lift that feet have at a time over the flight's duration: all of it between its quarters.
 
     Before and after, it grows with the square of the time, since feet are still when they leave and meet the ground.
     """
     quarter = 0.25
-    growing = share * (1 - share) / (quarter * (1 - quarter))
+    growing = progress * (1 - progress) / (quarter * (1 - quarter))
     return min(1.0, growing**2)
 
 
@@ -272,13 +272,14 @@ class SpatialSolution:
     Attributes
     ----------
     raw : (size,) variables
-    y, v, a : (6+n, K+1)
-    forces : of each node, frame -> (3,) N
+    y, v, a : (6+n, K+1) coordinates and their derivatives; rows 0 to 2 are the centre of mass, m, not the base's origin
+    forces : of each node, name of a foot's point -> (3,) N
     durations : (phases,) s
     worst : largest violation of a row, scaled; and which it is
     iterations : int
     converged : whether every row holds
-    arrival : (2, 6+n) rates and accelerations with which the flight ends; None where they are those of its last node
+    arrival : (2, 6+n) rates and accelerations with which the flight ends, the centre of mass's first; None where they
+        are those of its last node
     origin : (3,) m, of the program in the world of y
     """
 
@@ -293,6 +294,11 @@ class SpatialSolution:
     converged: bool
     arrival: Array | None = None
     origin: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def com_motion(self) -> Array:
+        """y, v and a (3, 6+n, K+1), whose rows 0 to 2 are the centre of mass."""
+        return np.stack((self.y, self.v, self.a))
 
     def moved(self, origin: Array) -> "SpatialSolution":
         """The same where the program's origin is elsewhere in the world, (3,) m."""
@@ -311,7 +317,7 @@ class SpatialEnds:
     places : of each side, name of a foot's point -> (3,) m; after landing horizontally relative to the centre of mass's
         last position, but for those of a single stance
     displacement : (2,) m of the centre of mass, where it is fixed; None where it is left to the program
-    v : (2, 6+n) their rates; (2, 1) of zeros where the robot stands still at both ends
+    v : (2, 6+n) rates of y; (2, 1) of zeros where the robot stands still at both ends
     a : (2, 6+n) or (2, 1), accelerations likewise; NaN of an end where they are left to the program
     flies : of each end, whether a flight is met there, so that nothing bears the robot
     settles : of each end, whether the robot stands still there in a posture that is left to the program
@@ -337,5 +343,5 @@ class SpatialEnds:
 
     @property
     def standing(self) -> Array:
-        """The coordinates (6+n,) of an end at which the robot stands; of two flights' the first."""
+        """The coordinates y (6+n,) of an end at which the robot stands; of two flights' the first."""
         return np.asarray(self.y[1 if self.flies[0] and not self.flies[1] else 0])

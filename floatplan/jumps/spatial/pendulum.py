@@ -14,6 +14,9 @@ Legs whose feet are balls that roll do not follow from where these stand: with a
 a differential equation, ``J q' + u = 0``, u what the ball's lowest point would move by with the leg's joints still. On
 two such feet the base leaves the motion at hand in one direction, by d(t): that of a rotation about the line through
 both. The moment about the line through their contacts is affine in ``d''``, as above.
+
+All motions here have the base's origin in their first rows. A motion is integrated from its ``fixed_end``, 0 or -1, the
+index of the end at which it is as it is, to the other one.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +29,7 @@ import pinocchio as pin
 from floatplan.arrays import Array
 from floatplan.jumps.exact import NoExactStanceError
 from floatplan.jumps.motion import quintic_spline, refined, values
-from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, of_contact, turned
+from floatplan.jumps.spatial.coordinates import Mechanics, angles_of, of_contact, rotation_with_rates
 from floatplan.jumps.spatial.model import BASE, skew
 
 Slope: TypeAlias = Callable[[int, Array], Array]  # derivative of a state at one of some instants
@@ -46,10 +49,10 @@ class Line:
         along = second - first
         return cls(first, along / np.linalg.norm(along))
 
-    def turned(self, axes: str, motion: Array, angle: Array) -> Array:
-        """A motion (3, 6+n, N) turned by an angle with two derivatives (3, N)."""
+    def rotated_robot(self, axes: str, motion: Array, angle: Array) -> Array:
+        """A motion (3, 6+n, N) with the whole robot rotated about the line by an angle with two derivatives (3, N)."""
         n = self.direction
-        rotation, rate, rate_change = turned(axes, motion[:, 3:BASE])
+        rotation, rate, rate_change = rotation_with_rates(axes, motion[:, 3:BASE])
         own = np.array([pin.exp3(n * one) for one in angle[0]])
         of_time = angle[:, :, None]
 
@@ -74,7 +77,9 @@ class Line:
 
 
 class Pendulum:
-    """The differential equation of the angle at some instants: ``d'' = f(d, d')``.
+    """The differential equation of the angle by which a motion (3, 6+n, N) is rotated, at its instants.
+
+    ``d'' = f(d, d')``.
 
     It is that of the robot as it is, in a world that turns about the line with it: gravity turns the other way.
     """
@@ -86,7 +91,7 @@ class Pendulum:
         self.model = mechanics.model.copy()
         self.data = self.model.createData()
         self.q, self.v, self.a = mechanics.coordinates(motion)
-        rotations, self.rates, _ = turned(mechanics.axes, motion[:, 3:BASE])
+        rotations, self.rates, _ = rotation_with_rates(mechanics.axes, motion[:, 3:BASE])
         self.back = rotations.transpose(0, 2, 1)
         # Everything turns about one direction n: products n x .. are taken once, not at each evaluation.
         about_line = skew(line.direction).T
@@ -125,14 +130,14 @@ class Pendulum:
         return np.array([state[1], self.acceleration(index, state[0], state[1])])
 
 
-def balanced_about(mechanics: Mechanics, line: Line, times: Array, motion: Array, near: int) -> Array:
-    """The motion (3, 6+n, G) turned about a line by an angle that begins with nothing at one end, 0 or -1.
+def balanced_about(mechanics: Mechanics, line: Line, times: Array, motion: Array, fixed_end: int) -> Array:
+    """The motion (3, 6+n, G) rotated about a line by an angle that is nothing at its fixed end, 0 or -1.
 
     Its moment about the line vanishes.
     """
     curve = quintic_spline(times, motion)
     count = 4  # [-] half steps of a step of the grid, of two Runge-Kutta steps
-    fine = refined(times, count)[:: 1 if near == 0 else -1]
+    fine = refined(times, count)[:: 1 if fixed_end == 0 else -1]
     pendulum = Pendulum(mechanics, line, values(curve, np.clip(fine, times[0], times[-1])))
     angle = np.zeros((3, len(times)))
     state = np.zeros(2)
@@ -145,7 +150,7 @@ def balanced_about(mechanics: Mechanics, line: Line, times: Array, motion: Array
             for begin in range(at, at + count, 2):
                 first = slope if begin == at else pendulum.slope(begin, state)
                 state = _runge_kutta(pendulum.slope, begin, state, first, fine[begin + 2] - fine[begin])
-    return line.turned(mechanics.axes, motion, angle[:, :: 1 if near == 0 else -1])
+    return line.rotated_robot(mechanics.axes, motion, angle[:, :: 1 if fixed_end == 0 else -1])
 
 
 def _runge_kutta(slope: Slope, begin: int, state: Array, first: Array, step: float) -> Array:
@@ -164,7 +169,7 @@ class PushedBase:
     mechanics : Mechanics
     motion : (3, 6+n, N) of the joints that do not stand
     forces : (N, F, 3) N on the feet
-    places : of each foot, frame -> (3,) m
+    places : of each foot, its name -> (3,) m
     """
 
     def __init__(self, mechanics: Mechanics, motion: Array, forces: Array, places: dict[str, Array]) -> None:
@@ -206,26 +211,31 @@ class PushedBase:
 
 
 def pushed_from(
-    mechanics: Mechanics, times: Array, motion: Array, shares: Array, places: dict[str, Array], near: int
+    mechanics: Mechanics,
+    times: Array,
+    motion: Array,
+    planned_forces: Array,
+    places: dict[str, Array],
+    fixed_end: int,
 ) -> Array:
-    """The motion (3, 6+n, G) whose base is pushed by forces, from one end, 0 or -1, where it is as it is, to the other.
+    """The motion (3, 6+n, G) whose base is pushed by forces, from its fixed end to the other.
 
     Parameters
     ----------
     mechanics : Mechanics
     times : (G,) s
     motion : (3, 6+n, G)
-    shares : (3 F, G) forces of the feet, N, linear between these times
-    places : of the F feet, frame -> (3,) m
-    near : of the end
+    planned_forces : (3 F, G) of the feet, N, linear between these times
+    places : of the F feet, name -> (3,) m
+    fixed_end : 0 or -1
     """
-    direction = 1 if near == 0 else -1
+    direction = 1 if fixed_end == 0 else -1
     fine = refined(times, 2)  # each Runge-Kutta step needs its middle
-    forces = np.stack([np.interp(fine, times, row) for row in shares]).T.reshape(len(fine), -1, 3)
+    forces = np.stack([np.interp(fine, times, row) for row in planned_forces]).T.reshape(len(fine), -1, 3)
     varied = values(quintic_spline(times, motion), np.clip(fine, times[0], times[-1]))
     base = PushedBase(mechanics, varied[:, :, ::direction], forces[::direction], places)
     steps = np.diff(fine[::direction][::2])
-    state = np.concatenate((motion[0, :BASE, near], motion[1, :BASE, near]))
+    state = np.concatenate((motion[0, :BASE, fixed_end], motion[1, :BASE, fixed_end]))
     columns = []
     for column in range(len(times)):
         at = 2 * column
@@ -250,21 +260,21 @@ class RollingRobot:
     balls : the feet that roll
     """
 
-    def __init__(self, mechanics: Mechanics, frames: Sequence[str], motion: Array, direction: Array | None) -> None:
+    def __init__(self, mechanics: Mechanics, names: Sequence[str], motion: Array, direction: Array | None) -> None:
         self.mechanics = mechanics
         self.motion = motion
         self.direction = direction
         self.balls: list[_Ball] = []
         rows: list[int] = []
-        for frame in frames:
-            ball = _Ball(mechanics, frame)
+        for name in names:
+            ball = _Ball(mechanics, name)
             self.balls.append(ball)
             rows += ball.rows
         self.joints = np.unique(rows)
 
     def slope(self, index: int, state: Array) -> Array:
         """Derivative of the state at an instant."""
-        at_instant = self.placed(index, state)
+        at_instant = self.motion_at(index, state)
         of_directions = np.repeat(at_instant, 2, axis=2)
         if self.direction is not None:
             of_directions[1, :, 1] = 0.0
@@ -280,7 +290,7 @@ class RollingRobot:
         pushed = 0.0 if self.direction is None else self._acceleration(q[0], rates, a[0], v[1])
         return np.concatenate(([state[1], pushed], at_instant[1, self.joints, 0]))
 
-    def placed(self, index: int, state: Array) -> Array:
+    def motion_at(self, index: int, state: Array) -> Array:
         """The motion (3, 6+n, 1) at an instant in a state; of the legs it has only the positions."""
         at_instant = self.motion[:, :, [index]].copy()
         if self.direction is not None:
@@ -327,11 +337,11 @@ class _Ball:
     jacobian : (3, nv) of the velocity of that point
     """
 
-    def __init__(self, mechanics: Mechanics, frame: str) -> None:
+    def __init__(self, mechanics: Mechanics, name: str) -> None:
         self.mechanics = mechanics
-        self.number = mechanics.frames[frame]
-        self.above = np.array([0.0, 0.0, mechanics.radii[frame]])
-        leg = list(mechanics.legs[frame])
+        self.frame_number = mechanics.frame_numbers[name]
+        self.above = np.array([0.0, 0.0, mechanics.radii[name]])
+        leg = list(mechanics.legs[name])
         self.rows = [BASE + joint for joint in leg]
         self.columns = mechanics.robot.selection[:, leg]
         self.contact: Array = np.zeros(3)
@@ -342,7 +352,7 @@ class _Ball:
         """Take contact and Jacobian of the data, whose joints' Jacobians are of this configuration."""
         model = self.mechanics.model
         data = self.mechanics.data
-        frame = model.frames[self.number]
+        frame = model.frames[self.frame_number]
         aligned = pin.LOCAL_WORLD_ALIGNED
         jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, frame.placement, aligned)
         self.jacobian = of_contact(jacobian, self.above[2])
@@ -357,41 +367,41 @@ class _Ball:
         """Accelerations (k,) of its leg's joints that make it slip as the motion does of which the data are."""
         model = self.mechanics.model
         aligned = pin.LOCAL_WORLD_ALIGNED
-        acceleration = pin.getFrameClassicalAcceleration(model, self.mechanics.data, self.number, aligned)
+        acceleration = pin.getFrameClassicalAcceleration(model, self.mechanics.data, self.frame_number, aligned)
         return np.asarray(self._by_velocity @ (acceleration.linear + skew(self.above) @ acceleration.angular))
 
 
 def rolled_from(
-    mechanics: Mechanics, frames: Sequence[str], times: Array, motion: Array, near: int, direction: Array | None
+    mechanics: Mechanics, names: Sequence[str], times: Array, motion: Array, fixed_end: int, direction: Array | None
 ) -> Array:
-    """The motion (3, 6+n, G) with legs that roll from one end, 0 or -1, where they are as they are.
+    """The motion (3, 6+n, G) with legs that roll from its fixed end on.
 
     Parameters
     ----------
     mechanics : Mechanics
-    frames : of the feet that roll
+    names : of the feet that roll
     times : (G,) s
     motion : (3, 6+n, G)
-    near : of the end
+    fixed_end : 0 or -1
     direction : as of :class:`RollingRobot`
     """
-    onwards = 1 if near == 0 else -1
+    onwards = 1 if fixed_end == 0 else -1
     fine = refined(times, 2)  # each Runge-Kutta step needs its middle
     between = values(quintic_spline(times, motion), np.clip(fine, times[0], times[-1]))
-    robot = RollingRobot(mechanics, frames, between[:, :, ::onwards], direction)
+    robot = RollingRobot(mechanics, names, between[:, :, ::onwards], direction)
     steps = np.diff(fine[::onwards][::2])
-    state = np.concatenate(([0.0, 0.0], motion[0, robot.joints, near]))
+    state = np.concatenate(([0.0, 0.0], motion[0, robot.joints, fixed_end]))
     columns = []
     for column in range(len(times)):
         slope = robot.slope(2 * column, state)
-        placed = robot.placed(2 * column, state)
+        at_instant = robot.motion_at(2 * column, state)
         if direction is not None:
-            placed[2, :BASE, 0] += slope[1] * direction
-        columns.append(placed)
+            at_instant[2, :BASE, 0] += slope[1] * direction
+        columns.append(at_instant)
         if column < len(steps):
             state = _runge_kutta(robot.slope, 2 * column, state, slope, float(steps[column]))
     rolled = np.concatenate(columns[::onwards], axis=2)
-    mechanics.hold(rolled, frames, 1, 2)
+    mechanics.hold_feet(rolled, names, 1, 2)
     if not np.isfinite(rolled).all():
         raise NoExactStanceError("legs that roll do not reach the ground")
     return rolled

@@ -33,7 +33,7 @@ class SpatialPhase(TimedPhase):
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the frames that stand."""
+        """Names of the robot's frames that stand: one of all points of a sole."""
         return tuple(dict.fromkeys(foot.frame for foot in self.feet))
 
     @property
@@ -118,8 +118,8 @@ def usual_groups(
     The base turns in proportion from start to goal. Of its feet those leave last that are lower where it is 30 degrees
     from level for the first time, and those land first that are lower where it is so for the last time.
     """
-    shares = np.linspace(0.0, 1.0, 721)  # half a degree apart
-    path = np.array([attitude_between(start, goal, share).matrix for share in shares])
+    progress = np.linspace(0.0, 1.0, 721)  # half a degree apart
+    path = np.array([attitude_between(start, goal, instant).matrix for instant in progress])
     tilts = np.arccos(np.clip(path[:, 2, 2], -1.0, 1.0))
     tilted = np.flatnonzero(tilts > math.radians(30.0))
     everything = tuple(feet)
@@ -147,9 +147,9 @@ def _lower(robot: Robot, feet: Sequence[Foot], rotation: Array, joints: Array) -
     return tuple(foot for foot, is_low in zip(feet, low, strict=True) if is_low)
 
 
-def attitude_between(start: Attitude, goal: Attitude, share: float) -> Attitude:
-    """Return the attitude at a share of the way, in the goal's angles."""
+def attitude_between(start: Attitude, goal: Attitude, progress: float) -> Attitude:
+    """Return the attitude at a progress from start, 0, to goal, 1, in the goal's angles."""
     assert goal.axes is not None
     first = start.angles_about(goal.axes)
-    angles = first + share * (np.array(goal.angles) - first)
+    angles = first + progress * (np.array(goal.angles) - first)
     return Attitude(angles=tuple(angles.tolist()), axes=goal.axes)

@@ -49,7 +49,7 @@ class Expression:
     cost: Any
 
     @cached_property
-    def values(self) -> Any:
+    def rows_and_cost(self) -> Any:
         """Function of variables and parameters to rows and cost."""
         return casadi().Function("values", [self.variables, self.parameters], [self.rows, self.cost])
 
@@ -91,26 +91,26 @@ class Piece:
     ----------
     expression : Expression, its rows bounded
     indices : (w, N) of the program's variables
-    values : (p, N) of the parameters
+    parameter_values : (p, N)
     low, high : (m, N) bounds
     labels : (m,) for a person
     """
 
     expression: Expression
     indices: IntArray
-    values: Array
+    parameter_values: Array
     low: Array
     high: Array
     labels: tuple[str, ...]
 
-    def variables(self, x: Any) -> Any:
-        """Its variables (w, N) among the program's x."""
+    def variables_in(self, x: Any) -> Any:
+        """Its expression's variables (w, N) at all N instants, among the program's x."""
         width, count = self.indices.shape
         return casadi().reshape(x[self.indices.ravel(order="F").tolist()], width, count)
 
     def mapped(self, function: Any, x: Any) -> Any:
         """Values, at all N instants, of a function of an instant's variables and parameters."""
-        return function.map(self.indices.shape[1])(self.variables(x), casadi().DM(self.values))
+        return function.map(self.indices.shape[1])(self.variables_in(x), casadi().DM(self.parameter_values))
 
 
 class Assembly:
@@ -142,7 +142,7 @@ class Assembly:
         cost = 0.0
         of_pieces = []
         for piece in pieces:
-            rows, costs = piece.mapped(piece.expression.values, x)
+            rows, costs = piece.mapped(piece.expression.rows_and_cost, x)
             of_pieces.append(ca.vec(rows))
             cost += ca.sum2(costs)
         rho = parameters[size]
@@ -164,9 +164,9 @@ class Assembly:
         positions = []
         begin = 0
         for piece in self.pieces:
-            height, count = piece.low.shape
+            row_count, count = piece.low.shape
             jacobian = piece.expression.jacobian
-            places = np.arange(count)[:, None] * height + jacobian.row + begin
+            places = np.arange(count)[:, None] * row_count + jacobian.row + begin
             values.append(ca.vec(piece.mapped(jacobian.function, x)))
             positions.append((places.ravel(), piece.indices[jacobian.column].T.ravel()))
             begin += piece.low.size
@@ -224,10 +224,13 @@ def _curvature(piece: Piece, x: Any, of_cost: Any, of_rows: Any) -> tuple[Any, t
     """Entries of the Lagrangian's Hessian from a piece, and their positions in the upper triangle."""
     ca = casadi()
     count = piece.indices.shape[1]
-    height = piece.low.shape[0]
+    row_count = piece.low.shape[0]
     curvature = piece.expression.curvature
     entries = curvature.function.map(count)(
-        piece.variables(x), ca.DM(piece.values), ca.repmat(of_cost, 1, count), ca.reshape(of_rows, height, count)
+        piece.variables_in(x),
+        ca.DM(piece.parameter_values),
+        ca.repmat(of_cost, 1, count),
+        ca.reshape(of_rows, row_count, count),
     )
     first = piece.indices[curvature.row].T.ravel()
     other = piece.indices[curvature.column].T.ravel()

@@ -37,7 +37,7 @@ from floatplan.problem.problem import Problem
 
 # Of the first program; then as its check demands. No rows are of rotated landings: clearance makes up for them. Most
 # jumps hold with feet that bear nothing for a while.
-MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85, pressed=0.0, rotated_landing=True)
+MARGINS = NodeMargins(torque=0.95, velocity=0.95, friction=0.85, least_force=0.0, rotated_landing=True)
 
 
 @dataclass(frozen=True, eq=False)

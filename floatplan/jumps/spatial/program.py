@@ -60,7 +60,7 @@ class SpatialProgram:
     shank_points : of the links to which feet are fixed, which do
     bounds : SpatialBounds
     friction : that is allowed; the bounds' has a margin
-    reference : (6+n, K+1) of a motion y to which it is to be near; None for none
+    reference : (6+n, K+1) coordinates y to which those of the nodes are to be near; None for none
     step : of the ground, in the program's world; None where it is level
     expressions : of nodes and intervals; programs that differ only in limits and numbers of nodes share them
     """
@@ -182,14 +182,14 @@ class SpatialProgram:
         ca = casadi()
         model = self.model
         weight = self.weight
-        shares = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
-        forces = {frame: weight * share for frame, share in shares.items()}
+        scaled_forces = {foot.name: ca.SX.sym(f"F_{foot.name}", 3) for foot in kind.bearing}
+        forces = {name: weight * scaled for name, scaled in scaled_forces.items()}
         # Those of a single stance are where they are; those after a flight are where it brings the robot.
         uses_displacement = kind.side == "landing" and bool(kind.tracking) and self.flight >= 0
         displacement = ca.SX.sym("d", 2) if uses_displacement else ca.SX(2, 1)
-        near = 0 if self.reference is None else model.size
-        parameters = NodeParameters.of_sizes(len(self.bounds.scales), len(kind.damping_signs), near)
-        motion = ca.vertcat(model.y, model.v, model.a)
+        width = 0 if self.reference is None else model.size
+        parameters = NodeParameters.of_sizes(len(self.bounds.scales), len(kind.damping_signs), width)
+        com_motion = ca.vertcat(model.y, model.v, model.a)
         rows: list[Row] = []
         balance = model.balance(forces)
         for index in range(6):
@@ -197,7 +197,7 @@ class SpatialProgram:
             rows.append((balance[index] / scale, 0.0, 0.0, "balance of forces and moments"))
         if kind.tracking:
             rows += standing_rows(model, kind, self.ends.places[kind.side], displacement, parameters.signs)
-        rows += force_rows(kind.bearing, shares, parameters.friction, parameters.inside)
+        rows += force_rows(kind.bearing, scaled_forces, parameters.friction, parameters.inside)
         motor_rows, cost = torque_rows(model, self.bounds, forces, parameters.scales)
         height_rows: list[Row] = []
         if kind.fixed < 3:
@@ -208,10 +208,10 @@ class SpatialProgram:
             height_rows = self._height_rows(kind)
         smoothness = 1e-5  # [s^4/rad^2] 100 rad/s^2 cost as much as a motor with a third of its torque;
         evenness = 1e-2  # [-] and so does a force of three weights
-        cost += smoothness * ca.sumsqr(model.a) + evenness * sum(map(ca.sumsqr, shares.values()), ca.SX(0))
+        cost += smoothness * ca.sumsqr(model.a) + evenness * sum(map(ca.sumsqr, scaled_forces.values()), ca.SX(0))
         if self.reference is not None:
             nearness = 10.0  # [1/rad^2] a joint that is 0.1 rad off costs as much as a motor with a third of its torque
-            cost += nearness * ca.sumsqr((model.y - parameters.near)[3:])
+            cost += nearness * ca.sumsqr((model.y - parameters.reference)[3:])
         low = np.array([row[1] for row in rows])[:, None] * np.ones(len(nodes))
         high = np.array([row[2] for row in rows])[:, None] * np.ones(len(nodes))
         if height_rows:
@@ -219,12 +219,12 @@ class SpatialProgram:
             low = np.vstack((low, least))
             high = np.vstack((high, np.full(least.shape, np.inf)))
         indices = np.array([np.arange(self.begins[node], self.begins[node + 1]) for node in nodes]).T
-        variables = [motion, *shares.values()]
+        variables = [com_motion, *scaled_forces.values()]
         numbers = parameters.vector
         if kind.fixed == 3:  # only the forces are open
             variables = variables[1:]
-            numbers = ca.vertcat(numbers, motion)
-            indices = indices[motion.shape[0] :]
+            numbers = ca.vertcat(numbers, com_motion)
+            indices = indices[com_motion.shape[0] :]
         if uses_displacement:
             variables.append(displacement)
             last = self.begins[self.nodes - 1]
@@ -241,19 +241,19 @@ class SpatialProgram:
         return Piece(
             expression=self.expressions.setdefault(key, expression),
             indices=indices,
-            values=np.stack([self._parameters(node) for node in nodes], axis=1),
+            parameter_values=np.stack([self._parameter_values(node) for node in nodes], axis=1),
             low=low,
             high=high,
             labels=tuple(f"{row[3]} ({where})" for row in everything),
         )
 
-    def _parameters(self, node: int) -> Array:
+    def _parameter_values(self, node: int) -> Array:
         """Values (p,) of the parameters of a node's expression."""
         kind = self.kinds[node]
-        near = np.empty(0) if self.reference is None else self.reference[:, node]
+        reference = np.empty(0) if self.reference is None else self.reference[:, node]
         signs = np.array(kind.damping_signs, np.float64)
         margins = np.array([self.bounds.friction, self.bounds.inside])
-        values: list[Array] = [near, margins, self.bounds.scales, signs]
+        values: list[Array] = [reference, margins, self.bounds.scales, signs]
         if kind.fixed == 3:
             end = 0 if node == 0 else 1
             # One zero stands for all rates of an end that is still.
@@ -295,7 +295,7 @@ class SpatialProgram:
         rows = []
         standing = {foot.body: foot for foot in kind.tracking if not foot.suffix}
         for point, use in self._heights(kind):
-            position, _, _ = self.model.placed(self.model.bodies[point.body - 1].point(np.array(point.local)))
+            position, _, _ = self.model.in_world(self.model.bodies[point.body - 1].point(np.array(point.local)))
             height = position[2] - point.radius
             foot = standing.get(point.body)
             if use == "shank" and foot is not None:
@@ -318,9 +318,9 @@ class SpatialProgram:
         ground = self._ground_of(kind)
         in_flight = self.flight >= 0 and self.borders[self.flight] < node < self.borders[self.flight + 1]
         if in_flight:
-            share = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
-            lift = self.bounds.lift * lifted_share(share)
-            ground = float(grounds_below(np.array(share), 0.0, self.ends.rise))
+            progress = (node - self.borders[self.flight]) / self.phases[self.flight].intervals
+            lift = self.bounds.lift * lifted_share(progress)
+            ground = float(grounds_below(np.array(progress), 0.0, self.ends.rise))
         bounds = self.bounds
         least_of = {"link": bounds.clearance, "foot": lift, "corner": -bounds.dip, "shank": bounds.shank_height}
         return np.array([ground + least_of[use] for _, use in self._heights(kind)]) / self.height
@@ -338,8 +338,8 @@ class SpatialProgram:
         first = [ca.SX.sym(f"{name}0", n) for name in "yva"]
         second = [ca.SX.sym(f"{name}1", n) for name in "yva"]
         duration = ca.SX.sym("T")
-        share = ca.SX.sym("share")
-        step = share * duration
+        fraction = ca.SX.sym("fraction")
+        step = fraction * duration
         places = second[0] - first[0] - step * first[1] - step**2 * (first[2] / 3 + second[2] / 6)
         rates = (second[1] - first[1] - step / 2 * (first[2] + second[2])) * self.unit
         in_flight = index == self.flight
@@ -357,11 +357,11 @@ class SpatialProgram:
             )
         )
         if in_flight and self.arrival.feet:
-            indices[4 * n : 6 * n, -1] = self.arrival.motion
+            indices[4 * n : 6 * n, -1] = self.arrival.derivatives
         zero = np.zeros((2 * n, len(nodes)))
         expression = Expression(
             variables=ca.vertcat(*first, *second, duration),
-            parameters=share,
+            parameters=fraction,
             rows=ca.vertcat(places, rates),
             cost=ca.SX(0),
         )
@@ -371,7 +371,7 @@ class SpatialProgram:
         return Piece(
             expression=self.expressions.setdefault("flight" if in_flight else "interval", expression),
             indices=indices,
-            values=np.diff(phase.shares)[None],
+            parameter_values=np.diff(phase.progress)[None],
             low=zero,
             high=zero,
             labels=tuple(labels),
@@ -408,7 +408,7 @@ class SpatialProgram:
                 if node in (0, self.nodes - 1):  # an end where the robot settles
                     low[begin + n : begin + 3 * n] = high[begin + n : begin + 3 * n] = 0.0
             forces = np.arange(begin + 3 * n, self.begins[node + 1])
-            low[forces[2::3]] = bounds.pressed
+            low[forces[2::3]] = bounds.least_force
         if self.arrival.feet:
             low[self.arrival.rates[BASE:]] = -bounds.velocity
             high[self.arrival.rates[BASE:]] = bounds.velocity
@@ -427,45 +427,46 @@ class SpatialProgram:
 
     def resampled(self, solution: SpatialSolution, other: "SpatialProgram") -> Array:
         """Return the solution of another program of these phases, with other numbers of nodes, as a guess (size,)."""
-        share = self.shares
-        other_shares = other.shares
-        motion = np.stack((solution.y, solution.v, solution.a))
-        motion[0, :3] -= solution.origin[:, None]
-        resampled = [[np.interp(share, other_shares, row) for row in rows] for rows in motion]
+        progress = self.progress
+        other_progress = other.progress
+        com_motion = solution.com_motion
+        com_motion[0, :3] -= solution.origin[:, None]
+        resampled = [[np.interp(progress, other_progress, row) for row in rows] for rows in com_motion]
         names = {foot.name for kind in self.kinds for foot in kind.bearing}
         forces = {}
         for name in names:
             at_nodes = np.array([of_node.get(name, np.zeros(3)) for of_node in solution.forces])
-            forces[name] = np.stack([np.interp(share, other_shares, row) for row in at_nodes.T], axis=1)
+            forces[name] = np.stack([np.interp(progress, other_progress, row) for row in at_nodes.T], axis=1)
         raw = self.joined(np.array(resampled), forces, solution.durations)
         raw[self.arrival.variables] = solution.raw[other.arrival.variables]
         return raw
 
-    def joined(self, motion: Array, forces: Mapping[str, Array], durations: Array) -> Array:
+    def joined(self, com_motion: Array, forces: Mapping[str, Array], durations: Array) -> Array:
         """Variables (size,) of a motion, as :meth:`solution` has it; forces are of those that bear some at a node.
 
         Parameters
         ----------
-        motion : (3, 6+n, K+1) y, v and a at the nodes, from the program's origin
-        forces : foot -> (K+1, 3) N
+        com_motion : (3, 6+n, K+1) y, v and a at the nodes, with the centre of mass from the program's origin
+        forces : name of a foot's point -> (K+1, 3) N
         durations : (phases,) s
         """
         raw = np.zeros(self.size)
         raw[self.size - len(self.phases) :] = durations
         for node, kind in enumerate(self.kinds):
-            shares = [forces[foot.name][node] / self.weight for foot in kind.bearing]
-            raw[self.begins[node] : self.begins[node + 1]] = np.concatenate((motion[:, :, node].ravel(), *shares))
+            scaled_forces = [forces[foot.name][node] / self.weight for foot in kind.bearing]
+            own = slice(self.begins[node], self.begins[node + 1])
+            raw[own] = np.concatenate((com_motion[:, :, node].ravel(), *scaled_forces))
         if self.arrival.feet:
-            raw[self.arrival.motion] = motion[1:, :, self.borders[self.flight + 1]].ravel()
+            raw[self.arrival.derivatives] = com_motion[1:, :, self.borders[self.flight + 1]].ravel()
         return raw
 
     @property
-    def shares(self) -> Array:
-        """Positions (K+1,) of the nodes in the phases: 1.5 is the middle of the second one."""
-        shares = [0.0]
+    def progress(self) -> Array:
+        """Progress (K+1,) of the nodes through the phases: 1.5 is the middle of the second one."""
+        progress = [0.0]
         for index, phase in enumerate(self.phases):
-            shares += (index + phase.shares[1:]).tolist()
-        return np.array(shares)
+            progress += (index + phase.progress[1:]).tolist()
+        return np.array(progress)
 
     def solve(self, guess: Array, is_near: bool = False, tight_solves: int = 4) -> SpatialSolution:
         """Run IPOPT from a guess (size,): loosely with an adaptive barrier, then tightly from its result.
@@ -521,25 +522,25 @@ class SpatialProgram:
     def solution(self, raw: Array, iterations: int, converged: bool) -> SpatialSolution:
         """Variables (size,) as matrices."""
         n = self.model.size
-        motion = np.stack([raw[begin : begin + 3 * n] for begin in self.begins[:-1]], axis=1)
+        com_motion = np.stack([raw[begin : begin + 3 * n] for begin in self.begins[:-1]], axis=1)
         forces = []
         for node, kind in enumerate(self.kinds):
-            shares = raw[self.begins[node] + 3 * n : self.begins[node + 1]].reshape(-1, 3)
+            scaled_forces = raw[self.begins[node] + 3 * n : self.begins[node + 1]].reshape(-1, 3)
             of_node = {}
-            for foot, share in zip(kind.bearing, shares, strict=True):
-                of_node[foot.name] = self.weight * share
+            for foot, scaled in zip(kind.bearing, scaled_forces, strict=True):
+                of_node[foot.name] = self.weight * scaled
             forces.append(of_node)
         return SpatialSolution(
             raw=raw,
-            y=motion[:n],
-            v=motion[n : 2 * n],
-            a=motion[2 * n :],
+            y=com_motion[:n],
+            v=com_motion[n : 2 * n],
+            a=com_motion[2 * n :],
             forces=forces,
             durations=raw[self.size - len(self.phases) :],
             worst=self._worst(raw),
             iterations=iterations,
             converged=converged,
-            arrival=raw[self.arrival.motion].reshape(2, n) if self.arrival.feet else None,
+            arrival=raw[self.arrival.derivatives].reshape(2, n) if self.arrival.feet else None,
         )
 
 

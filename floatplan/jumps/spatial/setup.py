@@ -115,7 +115,7 @@ class SpatialSetup:
             tilt=min(self._largest_tilt, margins.tilt),
             leeway=math.inf if request.leeway is None else request.leeway,
             impact=request.landing.impact,
-            pressed=max(margins.pressed, request.least_force),
+            least_force=max(margins.least_force, request.least_force),
             inside=margins.inside,
             scales=np.where(np.isfinite(most), most, without_limit),
         )
@@ -505,7 +505,7 @@ def _reach_to_edge(robot: Robot, step: GroundStep, axes: str, y: Array, moved: f
 
     Parameters
     ----------
-    y : (6+n,) where the robot stands
+    y : (6+n,) coordinates where the robot stands, of which those of the centre of mass are left out
     moved : how far it has come along the step's axis, m
     """
     kinematics = Kinematics(robot)

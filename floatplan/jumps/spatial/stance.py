@@ -25,14 +25,14 @@ class SpatialGrid:
     ----------
     times : (G,) s, from the jump's start
     y, v, a : (6+n, G) position of the base's origin, m, its angles and joints, rad, with their derivatives
-    shares : (3 F, G) forces of the feet, N, next to which the actual ones are, linear between instants
+    planned_forces : (3 F, G) of the feet, N, near to which the actual ones are, linear between instants
     """
 
     times: Array
     y: Array
     v: Array
     a: Array
-    shares: Array
+    planned_forces: Array
 
     @cached_property
     def curve(self) -> object:
@@ -89,10 +89,10 @@ class SpatialStance:
         """State at times (N,) s from the jump's start."""
         motion = self.grid.at(times)
         mechanics = self.mechanics
-        frames = [foot.name for foot in self.contacts]
+        names = [foot.name for foot in self.contacts]
         coordinates = mechanics.coordinates(motion)
         q, v, a = coordinates
-        places, _ = mechanics.placed(q, frames, rolls=False)
+        places, _ = mechanics.places_and_jacobians(q, names, of_slip=False)
         wrench = mechanics.wrench_of(coordinates)
         rotation = rotations_about(self.axes, motion[0, 3:BASE])
         base = np.hstack(
@@ -101,11 +101,12 @@ class SpatialStance:
                 np.einsum("nij,nj->ni", rotation, wrench[:, 3:BASE]),
             )
         )
-        shares = np.array([np.interp(times, self.grid.times, row) for row in self.grid.shares]).T
+        planned_forces = np.array([np.interp(times, self.grid.times, row) for row in self.grid.planned_forces]).T
         contacts = places - [[0.0, 0.0, foot.radius] for foot in self.contacts]
         arms = contacts - motion[0, :3].T[:, None]
         weight = self.gravity * self.robot.mass
-        forces = shared_forces(base, arms, shares.reshape(len(times), len(frames), 3), weight, self.friction)
+        planned_forces = planned_forces.reshape(len(times), len(names), 3)
+        forces = shared_forces(base, arms, planned_forces, weight, self.friction)
         # What is left on the base: force and moment in its own axes, as RNEA has them.
         left = base - np.hstack((forces.sum(axis=1), np.cross(arms, forces).sum(axis=1)))
         torques = wrench.copy()
@@ -117,9 +118,9 @@ class SpatialStance:
             positions=read_only(continuous(q)),
             velocities=read_only(v),
             accelerations=read_only(a),
-            forces={frame: read_only(forces[:, column]) for column, frame in enumerate(frames)},
+            forces={name: read_only(forces[:, column]) for column, name in enumerate(names)},
             torques=read_only(torques),
-            points={frame: read_only(contacts[:, column]) for column, frame in enumerate(frames)},
+            points={name: read_only(contacts[:, column]) for column, name in enumerate(names)},
         )
 
     def inverse_dynamics(self, state: JumpState) -> tuple[Array, dict[str, tuple[Array, Array]]]:
@@ -131,11 +132,11 @@ class SpatialStance:
         """
         model = self.robot.model.copy()
         model.gravity.linear = np.array([0.0, 0.0, -self.gravity])
-        frames = {foot.name: _frame(model, foot) for foot in self.contacts}
+        frame_numbers = {foot.name: _frame_number(model, foot) for foot in self.contacts}
         data = model.createData()
         count = len(state.times)
         torques = np.empty_like(state.torques)
-        feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frames}
+        feet = {name: (np.empty((count, 3)), np.empty(count)) for name in frame_numbers}
         rolling = {foot.name: np.empty((count, 3)) for foot in self.contacts if foot.radius}  # angular velocities
         radii = self.mechanics.radii
         rows = zip(state.positions, state.velocities, state.accelerations, strict=True)
@@ -144,13 +145,13 @@ class SpatialStance:
             pin.computeJointJacobians(model, data, q)
             pin.updateFramePlacements(model, data)
             for name, (positions, speeds) in feet.items():
-                frame = model.frames[frames[name]]
+                frame = model.frames[frame_numbers[name]]
                 down = data.oMi[frame.parentJoint].rotation[2]  # the vertical in the joint's axes
                 lowest = pin.SE3(np.eye(3), frame.placement.translation - radii[name] * down)
                 aligned = pin.LOCAL_WORLD_ALIGNED
                 jacobian = pin.getFrameJacobian(model, data, frame.parentJoint, lowest, aligned)
                 torques[index] -= jacobian[:3].T @ state.forces[name][index]
-                positions[index] = data.oMf[frames[name]].translation
+                positions[index] = data.oMf[frame_numbers[name]].translation
                 speeds[index] = np.linalg.norm(jacobian[:3] @ v)
                 if name in rolling:
                     rolling[name][index] = jacobian[3:] @ v
@@ -207,30 +208,30 @@ class SpatialStance:
             pin.computeJointJacobians(mechanics.model, mechanics.data, configuration)
             pin.updateFramePlacements(mechanics.model, mechanics.data)
             for column, foot in enumerate(self.contacts):
-                number = mechanics.frames[foot.name]
+                number = mechanics.frame_numbers[foot.name]
                 jacobian = pin.getFrameJacobian(mechanics.model, mechanics.data, number, pin.LOCAL_WORLD_ALIGNED)
                 at_contact = of_contact(jacobian[:, BASE:], foot.radius)
                 carried[index] += at_contact.T @ forces[index, column]
         return carried
 
 
-def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float, friction: float) -> Array:
-    """Forces (N, F, 3) at points that make a wrench (N, 6), next to shares (N, F, 3): by least squares.
+def shared_forces(wrench: Array, arms: Array, planned_forces: Array, weight: float, friction: float) -> Array:
+    """Forces (N, F, 3) at points that make a wrench (N, 6), near to planned ones (N, F, 3): by least squares.
 
-    What bears little changes little: squares are over vertical shares, so that feet are released gently. Where a force
-    leaves the friction cone, the nearest forces inside it are taken.
+    What bears little changes little: squares are over planned vertical forces, so that feet are released gently. Where
+    a force leaves the friction cone, the nearest forces inside it are taken.
 
     Parameters
     ----------
     wrench : (N, 6) force, N, and moment about the base's origin, N m
     arms : (N, F, 3) of the points from that origin, m
-    shares : (N, F, 3) N
+    planned_forces : (N, F, 3) N
     weight : of the robot, N
     friction : coefficient
     """
     count, feet, _ = arms.shape
     lightest = 1e-6  # [-] of the weight: a foot that bears nothing takes next to nothing
-    loads = np.repeat(np.maximum(shares[:, :, 2], 0.0) / weight + lightest, 3, axis=1)
+    loads = np.repeat(np.maximum(planned_forces[:, :, 2], 0.0) / weight + lightest, 3, axis=1)
     arm_map = np.zeros((count, 6, 3 * feet))
     for foot in range(feet):
         arm_map[:, :3, 3 * foot : 3 * foot + 3] = np.eye(3)
@@ -241,7 +242,7 @@ def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float, fric
         arm_map[:, 4, 3 * foot + 2] = -x
         arm_map[:, 5, 3 * foot] = -y
         arm_map[:, 5, 3 * foot + 1] = x
-    flat = shares.reshape(count, -1)
+    flat = planned_forces.reshape(count, -1)
     missing = wrench - np.einsum("nij,nj->ni", arm_map, flat)
     scaled = arm_map * np.sqrt(loads)[:, None]
     change = np.sqrt(loads) * np.einsum("nij,nj->ni", np.linalg.pinv(scaled, rcond=1e-9), missing)
@@ -253,26 +254,26 @@ def shared_forces(wrench: Array, arms: Array, shares: Array, weight: float, fric
     return np.asarray(forces)
 
 
-def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight: float, friction: float) -> Array:
-    """Forces (F, 3) inside pyramids of 16 sides in the friction cones that make a wrench (6,), next to shares (3 F,).
+def _in_cones(arm_map: Array, wrench: Array, planned: Array, loads: Array, weight: float, friction: float) -> Array:
+    """Forces (F, 3) in pyramids of 16 sides in the friction cones that make a wrench (6,), near to planned ones (3 F,).
 
     They are sums of the pyramids' edges, with factors that are not negative.
     """
     sides = 16  # [-] the pyramid has 0.98 of the cone's width
-    heavier = 1e-5  # [-] of the nearness to the shares over the wrench
+    heavier = 1e-5  # [-] of the nearness to the planned forces over the wrench
     rounds = 6  # [-] at most; each leaves less of the wrench by orders of magnitude, if the cones have it at all
     angles = 2 * np.pi * np.arange(sides) / sides
     edges = np.stack((friction * np.cos(angles), friction * np.sin(angles), np.ones(sides)))
-    feet = len(share) // 3
+    feet = len(planned) // 3
     generators = np.kron(np.eye(feet), edges)
     nearness = heavier / np.sqrt(loads)
     rows = np.vstack((arm_map @ generators, nearness[:, None] * generators))
-    # Where light feet stay near their shares, least squares leave some of the wrench: it is required once more, as
-    # multipliers of the wrench's equations would (Hestenes 1969).
+    # Where light feet stay near their planned forces, least squares leave some of the wrench: it is required once more,
+    # as multipliers of the wrench's equations would (Hestenes 1969).
     target = wrench.copy()
-    forces = share
+    forces = planned
     for _ in range(rounds):
-        factors, _ = nnls(rows, np.concatenate((target, nearness * share)) / weight)
+        factors, _ = nnls(rows, np.concatenate((target, nearness * planned)) / weight)
         forces = generators @ factors * weight
         missing = wrench - arm_map @ forces
         if np.abs(missing).max() < 1e-10 * weight:
@@ -281,7 +282,7 @@ def _in_cones(arm_map: Array, wrench: Array, share: Array, loads: Array, weight:
     return np.asarray(forces.reshape(feet, 3))
 
 
-def _frame(model: Any, foot: Foot) -> int:
+def _frame_number(model: Any, foot: Foot) -> int:
     """Number of a foot's frame in a model; one more where it is a point of a sole."""
     if not foot.suffix:
         return int(model.getFrameId(foot.frame))

@@ -27,7 +27,7 @@ from floatplan.problem.jump import JumpRequest
 from floatplan.problem.problem import Problem
 
 # Of the first program.
-MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3, pressed=0.0, most_excess=1.0)
+MARGINS = NodeMargins(torque=0.95, velocity=0.97, friction=0.9, clearance=3e-3, least_force=0.0, most_excess=1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +103,12 @@ def stance_setup(
     mechanics = setup.mechanics
     motion = np.stack([end.motion for end in ends], axis=2)
     centres, _ = mechanics.centre(np.nan_to_num(motion))
-    motion[:, :3] = np.where(np.isfinite(motion[:, :3]), centres, np.nan)
+    com_motion = motion.copy()
+    com_motion[:, :3] = np.where(np.isfinite(motion[:, :3]), centres, np.nan)
     foot = setup.feet[0]
     origin = np.array([*centres[0, :2, 0], places[foot.name][2] - foot.depth])
-    motion[0, :3] -= origin[:, None]
-    y, v, a = motion.transpose(0, 2, 1)
+    com_motion[0, :3] -= origin[:, None]
+    y, v, a = com_motion.transpose(0, 2, 1)
     of_side = {}
     for name, position in places.items():
         of_side[name] = position - origin
@@ -136,7 +137,8 @@ def planned_stance(
     Parameters
     ----------
     setup : of :func:`stance_setup`
-    curve : a motion where the search begins, whose legs may miss their feet; a quintic between both ends if left out
+    curve : a motion of base and joints where the search begins, whose legs may miss their feet; a quintic between both
+        ends if left out
     is_reference : whether the stance is to be near to the curve's attitudes and joints
     begin : s, when it begins in the time of what is returned
     margins : of the program
@@ -178,29 +180,29 @@ def _program(setup: SpatialSetup, margins: NodeMargins, reference: Curve | None)
     if reference is None:
         return program
     motion = reference(program.times(_durations(setup)))
-    return replace(program, reference=_of_centre(setup, motion)[0])
+    return replace(program, reference=_com_motion(setup, motion)[0])
 
 
 def _durations(setup: SpatialSetup) -> Array:
     return np.array([phase.duration for phase in setup.phases])
 
 
-def _of_centre(setup: SpatialSetup, motion: Array) -> Array:
+def _com_motion(setup: SpatialSetup, motion: Array) -> Array:
     """A motion (3, 6+n, N) of the base's origin as one of the centre of mass, in the program's world."""
-    moved = motion.copy()
-    moved[:, :3] = setup.mechanics.centre(motion)[0]
-    moved[0, :3] -= setup.origin[:, None]
-    return moved
+    com_motion = motion.copy()
+    com_motion[:, :3] = setup.mechanics.centre(motion)[0]
+    com_motion[0, :3] -= setup.origin[:, None]
+    return com_motion
 
 
 def _between(setup: SpatialSetup) -> Curve:
     """Quintics from end to end."""
     ends = setup.ends
-    motion = np.nan_to_num(np.stack((ends.y, ends.v, ends.a)).transpose(0, 2, 1))
-    motion[0, :3] += setup.origin[:, None]
-    of_base = setup.mechanics.from_centre(motion)
+    com_motion = np.nan_to_num(np.stack((ends.y, ends.v, ends.a)).transpose(0, 2, 1))
+    com_motion[0, :3] += setup.origin[:, None]
+    motion = setup.mechanics.from_centre(com_motion)
     span = np.array([0.0, _durations(setup).sum()])
-    return lambda times: quintic(np.clip(times, *span), span, of_base[:, :, 0], of_base[:, :, 1])
+    return lambda times: quintic(np.clip(times, *span), span, motion[:, :, 0], motion[:, :, 1])
 
 
 def _guess(setup: SpatialSetup, program: SpatialProgram, curve: Curve) -> Array:
@@ -215,12 +217,12 @@ def _guess(setup: SpatialSetup, program: SpatialProgram, curve: Curve) -> Array:
         if np.abs(closed[0] - motion[0, :, nodes]).max() < farthest:
             motion[:, :, nodes] = closed
     wrench = mechanics.base_wrench(motion)
-    of_centre = _of_centre(setup, motion)
+    com_motion = _com_motion(setup, motion)
     n = program.model.size
     raw = np.zeros(program.size)
     for node, kind in enumerate(program.kinds):
         at = program.begins[node]
-        raw[at : at + 3 * n] = of_centre[:, :, node].ravel()
+        raw[at : at + 3 * n] = com_motion[:, :, node].ravel()
         if kind.bearing:
             names = [foot.name for foot in kind.bearing]
             points = mechanics.feet(motion[:, :, [node]], names)
@@ -234,7 +236,7 @@ def _guess(setup: SpatialSetup, program: SpatialProgram, curve: Curve) -> Array:
 
 
 def _places(setup: SpatialSetup, phase: SpatialPhase) -> dict[str, Array]:
-    """Where the feet of a phase stand, (3,) m, in the world."""
+    """Where the feet of a phase stand, by their names, (3,) m, in the world."""
     places = setup.ends.places[phase.side]
     return {name: places[name] + setup.origin for name in phase.names}
 

@@ -170,8 +170,8 @@ def _lowest_points(kinematics: Kinematics, link: str) -> Array:
         if solid.link == link:
             placement = kinematics.data.oMi[solid.body]
             below = float(np.linalg.norm(DOWN @ placement.rotation @ solid.axes))
-            placed = solid.points @ placement.rotation.T + placement.translation
-            points.append(placed + below * DOWN)
+            in_world = solid.points @ placement.rotation.T + placement.translation
+            points.append(in_world + below * DOWN)
     everything = np.concatenate(points)
     return np.asarray(everything[everything[:, 2] < everything[:, 2].min() + nearly])
 
@@ -377,7 +377,7 @@ def _far_points(
 
 def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearancePoint]:
     """The points without those that are within 3 cm of a larger one in every posture."""
-    near = 0.03  # [m]
+    same = 0.03  # [m]
     kinematics = Kinematics(robot)
     places = []
     for joints in np.random.default_rng(0).uniform(-1.0, 1.0, (3, len(robot.joints))):
@@ -388,7 +388,7 @@ def _distinct(robot: Robot, points: Sequence[ClearancePoint]) -> list[ClearanceP
     for index in sorted(range(len(points)), key=lambda index: -points[index].radius):
         distances = np.linalg.norm(positions[:, distinct] - positions[:, [index]], axis=2).max(axis=0)
         is_box = points[index].body == 1
-        if is_box or (distances > near).all():
+        if is_box or (distances > same).all():
             distinct.append(index)
     return [points[index] for index in distinct]
 
@@ -500,8 +500,8 @@ class StandingLegs:
         _, jacobian = self.points()
         upwards = np.zeros(len(jacobian))
         upwards[2] = 1.0
-        shares = np.abs(np.linalg.lstsq(jacobian, upwards, rcond=1e-6)[0][3:])
-        return float((rates[self.joints] / np.maximum(shares, 1e-9)).min())
+        of_joints = np.abs(np.linalg.lstsq(jacobian, upwards, rcond=1e-6)[0][3:])  # [rad/m] over its height
+        return float((rates[self.joints] / np.maximum(of_joints, 1e-9)).min())
 
     def points(self) -> tuple[Array, Array]:
         """The centre of mass and the feet's points (3+3F,), m, and their derivatives by the base and the legs."""
