@@ -267,7 +267,8 @@ class SpatialProgram:
         """
         ca = casadi()
         apart = 0.01  # [m] between their surfaces
-        feet = sorted({foot for phase in self.phases for foot in phase.feet if not foot.suffix}, key=lambda f: f.body)
+        of_points = {foot for phase in self.phases for foot in phase.feet if not foot.suffix}
+        feet = sorted(of_points, key=lambda foot: (foot.body, foot.name))
         rows = []
         for first, second in itertools.combinations(feet, 2):
             if first in kind.tracking and second in kind.tracking:
@@ -287,7 +288,7 @@ class SpatialProgram:
         heights += [(point, "corner") for point in self.corners]
         heights += [(point, "shank") for point in self.shank_points]
         in_the_air = {foot for phase in self.phases for foot in phase.feet if foot.name not in standing}
-        for foot in sorted(in_the_air, key=lambda foot: foot.body):
+        for foot in sorted(in_the_air, key=lambda foot: (foot.body, foot.name)):  # a sole's points are of one body
             heights.append((ClearancePoint(foot.name, foot.body, foot.local, foot.depth), "foot"))
         return heights
 

@@ -391,7 +391,7 @@ def _standing(
     kinematics = Kinematics(robot)
     kinematics.pose(np.array([0.0, 0.0, height]), attitude.matrix, joints)
     on_ground = 5e-3  # [m] above it: what is as low stands too
-    for link in {solid.link for solid in robot.solids} - feet_links(robot, feet):
+    for link in sorted({solid.link for solid in robot.solids} - feet_links(robot, feet)):
         if kinematics.lowest([link]) < on_ground:
             reason = f"{link!r} is on the ground too"
             raise InputError(reason, element=key, advice="name all feet in the outer phase, or bend that leg")
