@@ -101,7 +101,9 @@ FIGURES = {
         SEAM,
     ),
     "landing_seam": Figure(
-        "the landing's seam is {:z.2g}", "step of the motion there, as of takeoff_seam; of an impact, of places", SEAM
+        "the landing's seam is {:z.2g}",
+        "step of the motion there, as of takeoff_seam; of an impact, of places only",
+        SEAM,
     ),
     "impact": Figure(
         "feet come to the ground with {:z.2g} m/s",
@@ -435,7 +437,10 @@ def _touchdown(jump: JumpMotion, error: float) -> Iterator[float]:
 
 
 def _seams(jump: JumpMotion) -> Iterator[Value]:
-    """Steps of positions, rates and accelerations at the flight's ends and between stances; what moves at both ends."""
+    """Steps of positions, rates and accelerations at the flight's ends and between stances; what moves at both ends.
+
+    Where feet may land with speed, only places go on; rates change by impulses, and accelerations are others.
+    """
     limits = jump.problem.motor_torque_limits
     unit = float(np.sqrt(1.0 / jump.problem.flight.gravity))  # [s] of a fall by 1 m, but for a factor
     seams: list[tuple[str, Any, int, JumpState]] = []

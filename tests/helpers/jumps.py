@@ -42,6 +42,7 @@ STORED = {
     "go2_roll": COARSE,
     "g1_side_flip": replace(COARSE, range=0.12),
     "a1_down": replace(COARSE, refinement=0.7),
+    "a1_down_high": COARSE,
 }
 GO2 = "example-robot-data:go2_description/urdf/go2.urdf"
 

@@ -12,6 +12,7 @@ from places import PROBLEMS
 import floatplan as fp
 from floatplan.jumps.check import FIGURES
 from floatplan.jumps.motion import JumpState
+from floatplan.jumps.spatial.guess import guess_near
 from floatplan.jumps.spatial.impact import after_impact
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.setup import spatial_setup
@@ -143,6 +144,66 @@ def test_the_check_sees_what_no_impulses_explain(setup, stance, falling):
     for number in (np.nan, np.inf, 1e300):
         other = replace(landed, velocities=np.full_like(landed.velocities, number))
         assert not stance.impact(before, other, FRICTION)[1] < 1.0
+
+
+@pytest.fixture(scope="module")
+def landed():
+    """An A1 that jumps down, and lands with speed."""
+    return jumps.stored_jump("a1_down_high")
+
+
+def test_a_jump_lands_with_speed(landed):
+    """Its flight ends with other rates than those with which its landing begins; places are the same."""
+    assert landed.ok, landed.explanation
+    figures = landed.check.figures
+    assert 1.0 < figures["impact"] <= landed.request.landing.impact
+    assert figures["impulse"] < 1e-7
+    assert figures["landing_seam"] < 1e-8
+    before = landed.at([landed.flight_span[1]])
+    after = landed.after[0].at(np.array([landed.after[0].span[0]]))
+    np.testing.assert_allclose(after.positions[:, :3], before.positions[:, :3], atol=1e-9)
+    assert np.abs(after.velocities - before.velocities).max() > 1.0
+
+
+def changed_landing(jump, row, change):
+    """The jump with another rate at the first instant of its landing."""
+    stance = jump.after[0]
+    v = stance.grid.v.copy()
+    v[row, 0] += change
+    return replace(jump, after=(replace(stance, grid=replace(stance.grid, v=v)), *jump.after[1:]))
+
+
+@pytest.mark.parametrize(
+    ("figure", "spoil"),
+    [
+        ("impulse", lambda jump: changed_landing(jump, 2, 0.3)),
+        ("impulse", lambda jump: replace(jump, request=replace(jump.request, friction=0.1))),
+        ("impact", lambda jump: with_impact(jump, 1.0)),
+        ("landing_seam", lambda jump: with_impact(jump, 0.0)),
+    ],
+)
+def test_the_check_refuses_another_impact(landed, figure, spoil):
+    spoilt = spoil(landed)
+    assert not spoilt.check.ok
+    assert spoilt.check.figures[figure] > FIGURES[figure].limit_of(spoilt.request)
+
+
+def with_impact(jump, impact):
+    """The jump as if its feet might land with so much speed."""
+    return replace(jump, request=replace(jump.request, landing=replace(jump.request.landing, impact=impact)))
+
+
+def test_a_search_near_it_begins_with_its_rates_before_and_after(landed):
+    setup = jumps.setup_in_space("a1_down_high")
+    program = setup.program(jumps.COARSE)
+    raw = guess_near(program, setup.mechanics, landed)
+    solution = program.solution(jumps.stored_solution("a1_down_high"), 0, converged=True)
+    guessed = program.solution(raw, 0, converged=True)
+    touchdown = program.borders[program.flight + 1]
+    change = np.abs(solution.arrival[0] - solution.v[:, touchdown]).max()
+    assert change > 5.0  # rad/s, of which exact stances change a tenth between so few nodes
+    assert np.abs(guessed.v[:, touchdown] - solution.v[:, touchdown]).max() < 0.1 * change
+    assert np.abs(guessed.arrival[0] - solution.arrival[0]).max() < 0.1 * change
 
 
 def test_rates_before_the_impact_have_limits(setup):

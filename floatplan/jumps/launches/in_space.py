@@ -205,7 +205,7 @@ def _stance(plan: Plan, request: JumpRequest, end: End) -> SpatialLaunch | Launc
     for phase in side_phases(end, groups, unit, [None] * len(groups)):
         shortest = 0.3 * phase.duration  # since the flight is fixed, stances may have to be brief
         phases.append(replace(phase, bounds=(shortest, phase.bounds[1])))
-    # The leeway is of other angles than those here.
+    # The leeway is of other angles than those here, and a stance by itself is searched for with feet that are still.
     calm = replace(
         request,
         margin=dict.fromkeys(request.margin, 1.0),

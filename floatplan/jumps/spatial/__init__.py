@@ -20,6 +20,7 @@ name : of a foot's point, by which places and forces are listed: of a sole the f
 share : of a limit or another whole; forces over the weight are scaled, times over durations progress
 planned forces : N, of the program, linear between its nodes; the feet's are as near to them as the motion's wrench lets
 flight_end, fixed_end : index, 0 or -1, of the end of a motion next to the flight; of that from which it is integrated
+arrival, landed : rates and accelerations with which a flight ends; the motion after it: of an impact with other rates
 step : of the ground, from one height to another
 near : of values, to which others are to be near; of ``fp.jump`` the jump from whose motion its search begins
 World axes are those of the root link at the identity, z up; the origin of a program is below the centre of mass where

@@ -110,7 +110,7 @@ def _landed_on(
         landed = landing
     else:
         landed = landing.copy()  # with accelerations of the program's after the impact
-        landing[1:, :, 0] = solution.arrival
+        landing[1:, BASE:, 0] = solution.arrival[:, BASE:]  # those of the base follow
         landing = _moving(mechanics, landing, {}, velocity - fallen, momentum)
         landing = _falling(mechanics, landing, {})
         landed[1] = after_impact(mechanics, landing, list(places))[1]
@@ -502,10 +502,10 @@ class _RollingSide:
         bent = np.zeros(self.standing.shape)  # by how much the other legs differ from the program's where feet join
         tried: list[tuple[Array, Array]] = []
         for _ in range(30):
-            seam, arrival, motions = self._rolled(names, end_on(dict(zip(names, places, strict=True))), bent)
-            moved = self._centres(arrival, names) - self._centres(seam, names)
+            seam, outer_seam, motions = self._rolled(names, end_on(dict(zip(names, places, strict=True))), bent)
+            moved = self._centres(outer_seam, names) - self._centres(seam, names)
             missing = np.zeros(self.standing.shape)
-            missing[:, others] = (arrival - seam)[:, others]
+            missing[:, others] = (outer_seam - seam)[:, others]
             change = np.concatenate((moved.ravel(), (missing * scale).ravel()))
             if not np.isfinite(change).all():
                 break

@@ -6,6 +6,7 @@ from scipy.interpolate import CubicHermiteSpline
 from floatplan.arrays import Array
 from floatplan.errors import InputError
 from floatplan.jumps.jump import Jump
+from floatplan.jumps.motion import JumpState
 from floatplan.jumps.spatial.coordinates import Mechanics
 from floatplan.jumps.spatial.model import BASE
 from floatplan.jumps.spatial.program import SpatialProgram
@@ -80,10 +81,12 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
     first, last = program.ends.y
     angles = unwrapped_angles(mechanics.axes, of_quaternions(state.positions[:, 3 : BASE + 1]))
     angles += 2 * np.pi * np.round((first[3:BASE] - angles[0]) / (2 * np.pi))
-    motion = mechanics.from_coordinates(state.positions, state.velocities, state.accelerations, angles.T)
-    centres, _ = mechanics.centre(motion)
-    com_motion = motion.copy()
-    com_motion[:, :3] = centres
+    com_motion = _com_motion(mechanics, state, angles.T)
+    touchdown = int(program.borders[program.flight + 1])
+    arrival = com_motion[1:, :, touchdown].copy()
+    if program.arrival.feet:  # there the state is that before an impact, and the program's node that after it
+        landed = near.after[0].at(times[[touchdown]])
+        com_motion[1:, :, [touchdown]] = _com_motion(mechanics, landed, angles[[touchdown]].T)[1:]
     com_motion[0, :2] -= com_motion[0, :2, :1]
     com_motion[0, 2] -= near.ground
 
@@ -107,7 +110,17 @@ def guess_near(program: SpatialProgram, mechanics: Mechanics, near: Jump) -> Arr
     com_motion[0] += before[:, None]
     com_motion += (after - before)[:, None] * joining[:, None]
     durations = np.clip(of_near, *np.transpose([phase.bounds for phase in program.phases]))
-    return program.joined(com_motion, state.forces, durations)
+    raw = program.joined(com_motion, state.forces, durations)
+    if program.arrival.feet:
+        raw[program.arrival.derivatives] = arrival.ravel()
+    return raw
+
+
+def _com_motion(mechanics: Mechanics, state: JumpState, angles: Array) -> Array:
+    """The motion (3, 6+n, N) of a state, with the centre of mass, its angles next to some (3, N)."""
+    motion = mechanics.from_coordinates(state.positions, state.velocities, state.accelerations, angles)
+    motion[:, :3], _ = mechanics.centre(motion)
+    return motion
 
 
 def _refuse_unlike(program: SpatialProgram, near: Jump) -> None:

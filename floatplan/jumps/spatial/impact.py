@@ -24,7 +24,7 @@ from floatplan.jumps.spatial.standing import Foot
 
 
 class Arrival:
-    """With what a flight comes to the ground on feet that have speed there: variables of a program, and their rows.
+    """The end of a flight whose feet come to the ground with speed: its variables in a program, and their rows.
 
     Without such feet there are none.
 
@@ -58,7 +58,7 @@ class Arrival:
         ----------
         after : (2 (6+n),) variables of coordinates and rates after it
         height : of the centre of mass where the robot stands, m
-        expressions : of all programs
+        expressions : of programs so far, by what they are of, which this one joins or is taken from
         """
         ca = casadi()
         model = self.model
@@ -80,7 +80,7 @@ class Arrival:
         fastest = margin * bounds.impact * unit / height
         for foot in self.feet:
             velocity = model.foot(foot.name)[1][1] * unit / height
-            rows.append((ca.sumsqr(velocity), 0.0, fastest**2, f"impact of {foot.name}"))
+            rows.append((ca.sumsqr(velocity), -math.inf, fastest**2, f"impact of {foot.name}"))
             rows.append((velocity[2], -math.inf, 0.0, f"fall of {foot.name}"))
         rows += force_rows(self.feet, scaled_impulses, parameters.friction, parameters.inside)
         motor_rows, cost = torque_rows(model, bounds, {}, parameters.scales)
@@ -93,7 +93,7 @@ class Arrival:
             cost=cost + evenness * sum(map(ca.sumsqr, scaled_impulses.values()), ca.SX(0)),
         )
         return Piece(
-            expression=expressions.setdefault("impact", expression),
+            expression=expressions.setdefault(("impact", tuple(self.feet)), expression),
             indices=np.concatenate((after, self.variables))[:, None],
             parameter_values=np.concatenate(([bounds.friction, bounds.inside], bounds.scales))[:, None],
             low=np.array([row[1] for row in rows])[:, None],

@@ -258,7 +258,8 @@ def leverage_rows(model: SpatialModel, feet: Sequence[Foot], standing: Array, re
 def lifted_share(progress: float) -> float:
     """Share of the lift that feet have at a time over the flight's duration: all of it between its quarters.
 
-    Before and after, it grows with the square of the time, since feet are still when they leave and meet the ground.
+    Before and after, it grows with the square of the time, since feet are still when they leave the ground, and so they
+    are when they meet it, unless they land with speed.
     """
     quarter = 0.25
     growing = progress * (1 - progress) / (quarter * (1 - quarter))

@@ -2,11 +2,11 @@
 
 A border of two phases is one node, at which feet that leave or arrive bear no force. Between nodes accelerations are
 linear: ``y1 = y0 + h v0 + h^2 (a0 / 3 + a1 / 6)``, ``v1 = v0 + h (a0 + a1) / 2``; but in flight the rates of the base's
-angles are those with which the angular momentum is the same at all nodes. Feet that stand satisfy
-``acc + 50 vel + 625 (pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the
-other sign of the velocity, since there the motion's end is fixed. Of feet that roll, vel and acc are what they slip by,
-and pos is their height only. Where feet may land with speed, the flight arrives with rates and accelerations of its
-own, and impulses make of them the rates of its last node. The squares of the motors' shares of their torque limits are
+angles are those with which the angular momentum is the same at all nodes. Feet that stand satisfy ``acc + 50 vel + 625
+(pos - start) = 0`` at nodes, which brings back what the steps let drift; after landing with the other sign of the
+velocity, since there the motion's end is fixed. Of feet that roll, vel and acc are what they slip by, and pos is their
+height only. Where feet may land with speed, the flight arrives with rates and accelerations of its own, which impulses
+change into the rates of the landing's first node. The squares of the motors' shares of their torque limits are
 minimised, summed over nodes without the times between. Tight solves go on until all rows hold, four at most.
 """
 

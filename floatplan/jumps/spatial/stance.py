@@ -162,7 +162,7 @@ class SpatialStance:
         return torques, feet
 
     def impact(self, before: JumpState, after: JumpState, friction: float) -> tuple[float, float]:
-        """An impact with which its feet come to the ground: how fast they do, and what of it their impulses leave.
+        """Check an impact with which its feet come to the ground.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ class SpatialStance:
         float
             Speed of the fastest foot before it, m/s; after it feet that stand have none, as in any stance.
         float
-            The largest of what of the change of rates no such impulses make, m/s and rad/s.
+            Largest change of a rate that impulses inside these cones do not explain, m/s or rad/s.
         """
         without = {foot.name: np.zeros((1, 3)) for foot in self.contacts}
         feet = self.inverse_dynamics(replace(before, forces=without))[1]
@@ -196,7 +196,8 @@ class SpatialStance:
         change = np.linalg.lstsq(own, (after.velocities - before.velocities)[0], rcond=None)[0]
         try:
             left = unexplained(change, mass, effects, friction)
-        except (np.linalg.LinAlgError, ValueError, RuntimeError):  # of numbers beyond all sense, as files may hold
+        # Of numbers beyond all sense, as files may hold; or where least squares take too many iterations.
+        except (np.linalg.LinAlgError, ValueError, RuntimeError):
             return speed, np.inf
         return speed, float(np.abs(left).max())
 
