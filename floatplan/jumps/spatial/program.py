@@ -445,6 +445,8 @@ class SpatialProgram:
     def joined(self, com_motion: Array, forces: Mapping[str, Array], durations: Array) -> Array:
         """Variables (size,) of a motion, as :meth:`solution` has it; forces are of those that bear some at a node.
 
+        Those of an :class:`Arrival` are 0.
+
         Parameters
         ----------
         com_motion : (3, 6+n, K+1) y, v and a at the nodes, with the centre of mass from the program's origin
@@ -457,8 +459,6 @@ class SpatialProgram:
             scaled_forces = [forces[foot.name][node] / self.weight for foot in kind.bearing]
             own = slice(self.begins[node], self.begins[node + 1])
             raw[own] = np.concatenate((com_motion[:, :, node].ravel(), *scaled_forces))
-        if self.arrival.feet:
-            raw[self.arrival.derivatives] = com_motion[1:, :, self.borders[self.flight + 1]].ravel()
         return raw
 
     @property
