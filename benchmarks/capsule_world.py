@@ -235,6 +235,7 @@ def spec_of(jump: fp.Jump, friction: float) -> mujoco.MjSpec:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4  # with others momenta change by 1 % in a flight
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10  # at MuJoCo's own 1, feet creep while they push
+    spec.option.disableflags = mujoco.mjtDisableBit.mjDSBL_AUTORESET  # what is unstable has fallen, and stays so
     root = spec.worldbody.first_body()
     root.add_freejoint()
     touching = {"friction": [friction, 0, 0], "solref": list(CONTACT)}

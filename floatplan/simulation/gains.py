@@ -92,6 +92,34 @@ def fastest_bandwidth(delay: float, period: float) -> float:
     return float(np.arctan(2.0 * crossing) / crossing / (delay + period / 2))
 
 
+def ringing_joints(jump: JumpMotion, gains: Array, delay: float, period: float) -> tuple[str, ...]:
+    """Return the names of the joints that ring in flight, where gains are late by a delay and constant in a period, s.
+
+    About their paths the joints of a robot that floats move as ``M e'' = -exp(-s T) (kd e' + kp e)``, with T the delay
+    and half of the period, and M as the plan knows it, averaged over its flights. Of each mode of the damping alone,
+    s^2 + (a s + b) exp(-s T) with a and b the damping and the stiffness over its inertia. Its loop has a gain of 1 at
+    a frequency w, at which the damping leads by atan(a w / b), the delay lags by w T: it rings where this is more. That
+    is exact where stiffness and damping are in the same proportion at all joints.
+
+    Parameters
+    ----------
+    gains : (2, J) N m/rad and N m s/rad, of the joints that move
+    """
+    kp, kd = gains
+    least = 1e-9 * max(float(kd.max()), 1.0)  # N m s/rad: joints without damping are parts of modes too
+    damping = np.maximum(kd, least)
+    model = jump.problem.robot.model
+    mobility = np.mean([_joint_inverse(model, posture) for posture in _postures_in_flight(jump)], axis=0)
+    scale = np.sqrt(damping)
+    rates, modes = np.linalg.eigh(scale[:, None] * mobility * scale)
+    stiffness = rates * ((kp / damping) @ modes**2)
+    crossing = np.sqrt((rates**2 + np.sqrt(rates**4 + 4.0 * stiffness**2)) / 2.0)
+    rings = np.arctan2(rates * crossing, stiffness) < crossing * (delay + period / 2)
+    share = np.abs(modes[:, rings]).max(axis=1, initial=0.0)
+    moving = share > 0.5 * share.max()  # those that move most
+    return tuple(np.array(jump.robot.model_joints)[moving].tolist())
+
+
 def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:
     """Stiffness, N m/rad, and damping, N m s/rad, (P, 2, J) of all joints that move, in each phase of a jump.
 

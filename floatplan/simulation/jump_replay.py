@@ -17,7 +17,15 @@ from floatplan.jumps.reading import load_jump
 from floatplan.pool import one_thread
 from floatplan.robot.mjcf.compiled import import_mujoco
 from floatplan.simulation.contact.tracked_motion import PERIOD
-from floatplan.simulation.gains import FASTEST, Gains, fastest_bandwidth, gains_by_phase, gains_of_jump, joint_inertia
+from floatplan.simulation.gains import (
+    FASTEST,
+    Gains,
+    fastest_bandwidth,
+    gains_by_phase,
+    gains_of_jump,
+    joint_inertia,
+    ringing_joints,
+)
 from floatplan.simulation.jump_run import JumpControl
 from floatplan.simulation.limits import BUDGET, MOST_FLIGHTS
 from floatplan.simulation.perturbation import OF_TAKEOFF, Perturbation, given_perturbation
@@ -125,8 +133,7 @@ def replay_jump(
     seed = SEED(seed, "seed")
     budget = optional(positive(unit="s"))(budget, "budget")
     progress = optional(function)(progress, "progress")
-    perturbation = given_perturbation(perturb)
-    perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
+    perturbation = _perturbation_of_jump(perturb)
     jump = _jump_to_fly(jump)
     friction = jump.request.friction if friction is None else number("friction")(friction, "friction")
     control, tried = _control(jump, gains, replan, perturbation, progress)
@@ -153,6 +160,7 @@ def replay_jump(
         kd=read_only(control.gains[1]),
         phase_gains=control.phase_gains,
         tried=tried,
+        ringing=ringing_joints(jump, control.gains, _held_delay(perturbation), PERIOD),
         rate=replan,
         uncorrected=JumpLandings.of([run.landing for run in uncorrected]),
         corrected=JumpLandings.of([run.landing for run in corrected]) if corrected else None,
@@ -176,7 +184,7 @@ def _control(
         of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (gains_of_jump(jump, gains), 0)
         return JumpControl(jump, of_joints, rate), tried
     bandwidth = positive(FASTEST, "rad/s")(gains, "feedback")
-    delay = round(perturbation.delay / PERIOD) * PERIOD
+    delay = _held_delay(perturbation)
     most = fastest_bandwidth(delay, PERIOD)
     if bandwidth > most:
         reason = f"{bandwidth:g} rad/s ring where measurements are {1e3 * delay:g} ms late"
@@ -186,6 +194,18 @@ def _control(
     by_phase = gains_by_phase(jump, bandwidth)
     flight = [phase.kind for phase in jump.phases].index("flight")
     return JumpControl(jump, by_phase[flight], rate, by_phase), 0
+
+
+def _perturbation_of_jump(perturb: str | Perturbation) -> Perturbation:
+    """The perturbation; an error where it is one of takeoffs."""
+    perturbation = given_perturbation(perturb)
+    perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
+    return perturbation
+
+
+def _held_delay(perturbation: Perturbation) -> float:
+    """The delay of measurements in whole periods, s."""
+    return round(perturbation.delay / PERIOD) * PERIOD
 
 
 def _jump_to_fly(jump: Jump | str | Path) -> Jump:

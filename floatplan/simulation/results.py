@@ -272,6 +272,7 @@ class JumpReplay(Runs):
     kp, kd : (J,) N m/rad, N m s/rad; where gains differ by phase those of the flight
     phase_gains : (P, 2, J), stiffness and damping of each phase, with ``feedback``; else None
     tried : how many pairs of gains were tried, where none were requested; else 0
+    ringing : joints that ring in flight, late as measurements are, if they turn no more inertia than the plan knows
     rate : Hz of the corrections in flight, if there were any
     uncorrected, corrected : JumpLandings
         Of the same robots with the same noise; ``corrected`` where there is a rate.
@@ -287,6 +288,7 @@ class JumpReplay(Runs):
     kd: Array
     phase_gains: Array | None
     tried: int
+    ringing: Sequence[str]
     rate: float | None
     uncorrected: JumpLandings
     corrected: JumpLandings | None
@@ -310,7 +312,18 @@ class JumpReplay(Runs):
             stiffest = self.phase_gains.max(axis=0)
             most = f"kp {stiffest[0].max():.3g}, kd {stiffest[1].max():.3g} at most in stances"
             return f"{words} in flight, {most}: feedback of {self.feedback:g} rad/s"
-        return f"{words}, the best of {self.tried} tried" if self.tried else words
+        if self.tried:
+            words = f"{words}, the best of {self.tried} tried"
+        if self.ringing and not self.landed:
+            shown = 4  # of a robot's legs
+            names = ", ".join(self.ringing[:shown])
+            more = f" and {len(self.ringing) - shown} more" if len(self.ringing) > shown else ""
+            late = f"measured {1e3 * self.perturbation.delay:g} ms late, " if self.perturbation.delay else ""
+            advice = "state their rotors in [robot] armature, give a smaller --kd, or --feedback"
+            return (
+                f"{words}; {late}{names}{more} ring with these gains, as light as the robot's file has them: {advice}"
+            )
+        return words
 
     @property
     def landings(self) -> JumpLandings:
@@ -341,6 +354,7 @@ class JumpReplay(Runs):
                     "kd": self.kd,
                     "phase_gains": self.phase_gains,
                     "tried": self.tried,
+                    "ringing": list(self.ringing),
                 },
                 "replan": self.rate,
                 "uncorrected": self.uncorrected.to_dict(),

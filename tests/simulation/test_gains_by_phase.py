@@ -12,7 +12,13 @@ from jumps import backflip, roll
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.simulation.contact.shapes import feet_spheres
-from floatplan.simulation.gains import _bandwidth_inertia, _joint_inverse, fastest_bandwidth, gains_by_phase
+from floatplan.simulation.gains import (
+    _bandwidth_inertia,
+    _joint_inverse,
+    fastest_bandwidth,
+    gains_by_phase,
+    ringing_joints,
+)
 from floatplan.simulation.jump_run import PERIOD
 
 BANDWIDTH = 90.0  # [rad/s]
@@ -102,11 +108,56 @@ def test_faster_feedback_than_the_delay_allows_rings() -> None:
         assert (max(swing[-100:]) > max(swing[:100])) is rings
 
 
+@pytest.mark.parametrize("jump", [roll, backflip])
+@pytest.mark.parametrize("by_phase", [False, True])
+def test_joints_said_to_ring_do(jump: Callable[[], fp.Jump], by_phase: bool) -> None:
+    """Errors of the robot that floats, of its whole mass matrix, 4 ms late and constant in periods, grow or vanish."""
+    flown = jump()
+    flight = [phase.kind for phase in flown.phases].index("flight")
+    times = flown.takeoff_time + np.linspace(0.0, flown.timed_flights[0].plan.duration, 33)
+    masses = [mass_matrix(flown, posture) for posture in flown.at(times).positions]
+    count = len(flown.problem.robot.model_joints)
+    mobility = np.mean([np.linalg.inv(mass)[-count:, -count:] for mass in masses], axis=0)
+    of_phase = gains_by_phase(flown, 0.7 * fastest_bandwidth(4e-3, PERIOD))[flight]
+    gains = of_phase if by_phase else np.repeat([[40.0], [1.0]], count, axis=1)
+    told = []
+    for share in (0.05, 0.2, 0.5, 0.8, 1.0, 1.5, 2.0, 5.0):
+        ringing = ringing_joints(flown, share * gains, 4e-3, PERIOD)
+        growth, largest = simulated_growth(mobility, share * gains)
+        if abs(np.log(growth)) > 1.0:  # near the limit periods of 2 ms are no delay of 1 ms
+            assert (growth > 1.0) == bool(ringing), (share, growth, ringing)
+            told.append(bool(ringing))
+        if growth > 1e3:
+            assert flown.problem.robot.model_joints[largest] in ringing
+    assert True in told
+    assert False in told
+
+
+def simulated_growth(mobility: np.ndarray, gains: np.ndarray) -> tuple[float, int]:
+    """Of the largest error, from the first to the last fifth of 1.5 s; and the joint whose error is the largest then."""
+    late = round(4e-3 / PERIOD)
+    position = np.random.default_rng(0).standard_normal(len(mobility))
+    rate = np.zeros_like(position)
+    seen = [(position, rate)] * late
+    errors = []
+    for _ in range(round(1.5 / PERIOD)):
+        seen.append((position, rate))
+        old_position, old_rate = seen[-1 - late]
+        acceleration = -mobility @ (gains[0] * old_position + gains[1] * old_rate)
+        position = position + PERIOD * rate + PERIOD**2 / 2 * acceleration
+        rate = rate + PERIOD * acceleration
+        errors.append(np.abs(position))
+    sizes = np.max(errors, axis=1)
+    fifth = len(sizes) // 5
+    return float(sizes[-fifth:].max() / sizes[:fifth].max()), int(np.argmax(errors[-1]))
+
+
 @pytest.mark.parametrize(("jump", "feedback"), [pytest.param(roll, 100.0, marks=pytest.mark.long), (backflip, 50.0)])
 def test_a_robot_lands_with_gains_by_phase(jump: Callable[[], fp.Jump], feedback: float) -> None:
     """Late and noisy, with rotors that nobody knows and without; the gains are told."""
     flown = fp.replay_jump(jump(), 250.0, perturb="noise=0.1deg,delay=4ms", friction=0.85, gains=feedback)
     assert flown.landed
+    assert not flown.ringing
     assert flown.corrected is not None
     assert flown.corrected.clean.all()
     assert flown.corrected.torque.max() < 1  # nothing rings
@@ -127,3 +178,15 @@ def test_a_robot_lands_with_gains_by_phase(jump: Callable[[], fp.Jump], feedback
 def test_what_is_refused(options: dict[str, object], reason: str) -> None:
     with pytest.raises(InputError, match=reason):
         fp.replay_jump(roll(), **options)  # type: ignore[arg-type]
+
+
+def test_a_replay_that_falls_names_what_rings() -> None:
+    """With ten times the damping of a light shank; not where nothing is late."""
+    flown = fp.replay_jump(roll(), perturb="delay=4ms", friction=0.85, gains=(40.0, 4.0))
+    assert not flown.landed
+    assert {"FL_calf_joint", "RR_calf_joint"} <= set(flown.ringing)
+    assert "; measured 4 ms late, FL_hip_joint, " in flown.control
+    assert " more ring with these gains" in flown.control
+    assert "[robot] armature" in flown.control
+    assert flown.to_dict()["control"]["ringing"] == list(flown.ringing)
+    assert not fp.replay_jump(roll(), friction=0.85, gains=(40.0, 0.5)).ringing
