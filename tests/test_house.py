@@ -21,7 +21,7 @@ import floatplan
 PACKAGE = Path(floatplan.__file__).parent
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (46_250, 26_500),
+    "statements": (46_256, 26_500),
     "statements of the largest file": (404, 405),
     "packs `a, b = x, y` per 1000 lines": (0.95, 4),
     "comprehensions per 1000 lines": (24.4, 25),

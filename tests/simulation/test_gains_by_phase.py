@@ -134,7 +134,7 @@ def test_joints_said_to_ring_do(jump: Callable[[], fp.Jump], by_phase: bool) -> 
 
 
 def simulated_growth(mobility: np.ndarray, gains: np.ndarray) -> tuple[float, int]:
-    """Of the largest error, from the first to the last fifth of 1.5 s; and the joint whose error is the largest then."""
+    """Of the largest error, from the first to the last fifth of 1.5 s; and the joint whose error that is at the end."""
     late = round(4e-3 / PERIOD)
     position = np.random.default_rng(0).standard_normal(len(mobility))
     rate = np.zeros_like(position)
