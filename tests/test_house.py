@@ -21,12 +21,12 @@ import floatplan
 PACKAGE = Path(floatplan.__file__).parent
 
 LIMITS = {  # measure: (limit, goal)
-    "statements": (46_256, 26_500),
+    "statements": (46_284, 26_500),
     "statements of the largest file": (404, 405),
     "packs `a, b = x, y` per 1000 lines": (0.95, 4),
     "comprehensions per 1000 lines": (24.4, 25),
     "module constants": (584, 600),
-    "private words": (1_137, 2_514),
+    "private words": (1_142, 2_514),
     "lines that ask in_plane or in_space": (68, 70),
     "lines of the longest function": (80, 80),
     "parameters of a call": (9, 9),  # of a public one, whose options are keywords

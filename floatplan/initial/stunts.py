@@ -11,7 +11,7 @@ import numpy as np
 from floatplan.arguments import without
 from floatplan.errors import InputError
 from floatplan.initial.robots import chosen_robot
-from floatplan.initial.text import comment_lines, degrees_of, toml_value, without_rotors
+from floatplan.initial.text import comment_lines, degrees_of, rotors_comment, toml_value
 from floatplan.jumps.spatial.setup import SpatialSetup, spatial_setup
 from floatplan.problem.attitude import Attitude
 from floatplan.problem.file import file_of
@@ -137,7 +137,7 @@ def _text(robot: Robot, stunt: Stunt, setup: SpatialSetup, options: Mapping[str,
             f"{robot.kind} = {toml_value(file_of(robot, path))}",
             'base = "free-flyer"',
             *chosen,
-            *without_rotors(robot),
+            *rotors_comment(robot),
         ],
         ["[start]", _orientation((0.0, 0.0, 0.0), stunt.axes) + meaning, _positions(problem.start)],
         ["[goal]", _orientation(stunt.angles, stunt.axes), _positions(problem.goal)],

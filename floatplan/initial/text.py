@@ -97,7 +97,7 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
         lines.append(f"locked = {toml_value(positions)}")
     if robot.balance_inertias:
         lines.append("balance_inertias = true  # of links whose inertia no body can have")
-    lines += without_rotors(robot)
+    lines += rotors_comment(robot)
     sliding = [joint.name for joint in robot.layout.tree.joints if joint.name in robot.locked and not joint.turns]
     rotating = [name for name in robot.locked if name not in sliding]
     if rotating:
@@ -109,11 +109,12 @@ def _robot(chosen: ChosenRobot, path: Path) -> list[str]:
     return lines + _feet(chosen)
 
 
-def without_rotors(robot: Robot) -> list[str]:
-    """How to state the rotors of a robot whose file has none."""
+def rotors_comment(robot: Robot) -> list[str]:
+    """How to state rotors, where none are known."""
     if any(robot.armature.values()):
         return []
-    return ["# armature: the file gives none; a number is for all, kg m^2: the rotor's inertia times its gear squared"]
+    meaning = "a rotor's inertia times the square of its gear ratio"
+    return [f"# armature: no rotors are known; a number is for all, kg m^2: {meaning}"]
 
 
 def _coupled(coupled: Any, robot: Robot) -> list[str]:

@@ -9,11 +9,13 @@
 | `requested_gains` | what a user requests, of all joints or of some by name |
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+from scipy.linalg import expm
 
 from floatplan.arguments import by_name, number
 from floatplan.arrays import Array, read_only
@@ -86,38 +88,84 @@ def fastest_bandwidth(delay: float, period: float) -> float:
     """Return the bandwidth, rad/s, at which critical gains ring that are late by a delay and constant in a period, s.
 
     Of s^2 + (2 w s + w^2) exp(-s T), with T the delay and half of the period, roots cross the imaginary axis at
-    s = i w sqrt(2 + sqrt(5)), where w T is atan(2 sqrt(2 + sqrt(5))) over that root.
+    s = i w sqrt(2 + sqrt(5)), where w T is atan(2 sqrt(2 + sqrt(5))) over that root. Without a delay
+    torques that stay for a period ring before: from one over the period on.
     """
     crossing = np.sqrt(2.0 + np.sqrt(5.0))
-    return float(np.arctan(2.0 * crossing) / crossing / (delay + period / 2))
+    of_delay = float(np.arctan(2.0 * crossing) / crossing / (delay + period / 2))
+    return min(of_delay, 1.0 / period)
 
 
-def ringing_joints(jump: JumpMotion, gains: Array, delay: float, period: float) -> tuple[str, ...]:
-    """Return the names of the joints that ring in flight, where gains are late by a delay and constant in a period, s.
+def ringing_joints(jump: JumpMotion, gains: Array, late: int, period: float) -> tuple[str, ...]:
+    """Return the names of the joints that ring in flight with feedback that is late and constant in each period.
 
-    About their paths the joints of a robot that floats move as ``M e'' = -exp(-s T) (kd e' + kp e)``, with T the delay
-    and half of the period, and M as the plan knows it, averaged over its flights. Of each mode of the damping alone,
-    s^2 + (a s + b) exp(-s T) with a and b the damping and the stiffness over its inertia. Its loop has a gain of 1 at
-    a frequency w, at which the damping leads by atan(a w / b), the delay lags by w T: it rings where this is more. That
-    is exact where stiffness and damping are in the same proportion at all joints.
+    Errors ring in a flight if they grow over it as a whole, in the mean over its postures; each of these is taken as if
+    it stayed. The robot floats, with the inertia and the damping of joints that its model has.
 
     Parameters
     ----------
     gains : (2, J) N m/rad and N m s/rad, of the joints that move
+    late : periods between a measurement and the feedback on it; more than ten count as ten
+    period : s
     """
-    kp, kd = gains
-    least = 1e-9 * max(float(kd.max()), 1.0)  # N m s/rad: joints without damping are parts of modes too
-    damping = np.maximum(kd, least)
-    model = jump.problem.robot.model
-    mobility = np.mean([_joint_inverse(model, posture) for posture in _postures_in_flight(jump)], axis=0)
-    scale = np.sqrt(damping)
-    rates, modes = np.linalg.eigh(scale[:, None] * mobility * scale)
-    stiffness = rates * ((kp / damping) @ modes**2)
-    crossing = np.sqrt((rates**2 + np.sqrt(rates**4 + 4.0 * stiffness**2)) / 2.0)
-    rings = np.arctan2(rates * crossing, stiffness) < crossing * (delay + period / 2)
-    share = np.abs(modes[:, rings]).max(axis=1, initial=0.0)
-    moving = share > 0.5 * share.max()  # those that move most
-    return tuple(np.array(jump.robot.model_joints)[moving].tolist())
+    none = 1e-5  # [-] growth in a period that is rounding: 0.2 % in a flight
+    most_late = 10  # [-] feedback that rings so does so when it comes later, too
+    postures = 9  # [-] of a flight
+    robot = jump.problem.robot
+    names = jump.robot.model_joints
+    damping = np.array([robot.damping.get(name, 0.0) for name in names])
+    ringing = np.zeros(len(names), dtype=bool)
+    for flight in jump.timed_flights:
+        times = np.linspace(flight.begin, flight.end, postures)
+        growth = []
+        moving = np.zeros(len(names))
+        for posture in jump.at(times).positions:
+            mobility = _joint_inverse(robot.model, posture)
+            factors, motions = held_modes(mobility, damping, gains, min(late, most_late), period)
+            growth.append(math.log(max(factors.max(), np.finfo(np.float64).tiny)))
+            moving = np.maximum(moving, motions[:, factors > 1.0 + none].max(axis=1, initial=0.0))
+        if np.mean(growth) > none:
+            ringing |= moving > 0.5  # [-] of what the joint moves that moves most in such a mode
+    return tuple(name for name, rings in zip(names, ringing.tolist(), strict=True) if rings)
+
+
+def held_modes(mobility: Array, damping: Array, gains: Array, late: int, period: float) -> tuple[Array, Array]:
+    """Modes of joints whose feedback is constant in each period: ``e'' = mobility (u - damping e')``.
+
+    ``u`` is ``-(kp e + kd e')`` of so many periods ago, held for a period.
+
+    Parameters
+    ----------
+    mobility : (J, J) 1/(kg m^2)
+    damping : (J,) N m s/rad, of the joints themselves
+    gains : (2, J) N m/rad and N m s/rad
+    late : periods
+    period : s
+
+    Returns
+    -------
+    factors : (m,) by which each mode grows in a period
+    motions : (J, m) how far joints move in each, over the one that moves most
+    """
+    count = len(mobility)
+    rates = np.zeros((3 * count, 3 * count))  # of errors, their rates, and torques that stay
+    rates[:count, count : 2 * count] = np.eye(count)
+    rates[count : 2 * count, count : 2 * count] = -mobility * damping
+    rates[count : 2 * count, 2 * count :] = mobility
+    held = expm(period * rates)[: 2 * count]
+    feedback = -np.hstack([np.diag(gain) for gain in gains])
+    if late:
+        queued = late * count  # torques that are still to come, the next ones first
+        step = np.zeros((2 * count + queued, 2 * count + queued))
+        step[: 2 * count, : 3 * count] = held
+        step[2 * count : -count, 3 * count :] = np.eye(queued - count)
+        step[-count:, : 2 * count] = feedback
+    else:
+        step = held[:, : 2 * count] + held[:, 2 * count :] @ feedback
+    values, vectors = np.linalg.eig(step)
+    sizes = np.abs(vectors[:count])
+    largest = np.maximum(sizes.max(axis=0), np.finfo(np.float64).tiny)
+    return np.abs(values), sizes / largest
 
 
 def gains_by_phase(jump: JumpMotion, bandwidth: float) -> Array:

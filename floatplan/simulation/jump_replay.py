@@ -160,7 +160,7 @@ def replay_jump(
         kd=read_only(control.gains[1]),
         phase_gains=control.phase_gains,
         tried=tried,
-        ringing=ringing_joints(jump, control.gains, _held_delay(perturbation), PERIOD),
+        ringing=ringing_joints(jump, control.gains, round(perturbation.delay / PERIOD), PERIOD),
         rate=replan,
         uncorrected=JumpLandings.of([run.landing for run in uncorrected]),
         corrected=JumpLandings.of([run.landing for run in corrected]) if corrected else None,
@@ -184,7 +184,7 @@ def _control(
         of_joints, tried = search_gains(jump, progress) if gains == (None, None) else (gains_of_jump(jump, gains), 0)
         return JumpControl(jump, of_joints, rate), tried
     bandwidth = positive(FASTEST, "rad/s")(gains, "feedback")
-    delay = _held_delay(perturbation)
+    delay = round(perturbation.delay / PERIOD) * PERIOD
     most = fastest_bandwidth(delay, PERIOD)
     if bandwidth > most:
         reason = f"{bandwidth:g} rad/s ring where measurements are {1e3 * delay:g} ms late"
@@ -201,11 +201,6 @@ def _perturbation_of_jump(perturb: str | Perturbation) -> Perturbation:
     perturbation = given_perturbation(perturb)
     perturbation.refuse(OF_TAKEOFF, "is for plans: a jump's takeoff is what its stance makes of it", "leave it out")
     return perturbation
-
-
-def _held_delay(perturbation: Perturbation) -> float:
-    """The delay of measurements in whole periods, s."""
-    return round(perturbation.delay / PERIOD) * PERIOD
 
 
 def _jump_to_fly(jump: Jump | str | Path) -> Jump:

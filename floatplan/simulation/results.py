@@ -272,7 +272,7 @@ class JumpReplay(Runs):
     kp, kd : (J,) N m/rad, N m s/rad; where gains differ by phase those of the flight
     phase_gains : (P, 2, J), stiffness and damping of each phase, with ``feedback``; else None
     tried : how many pairs of gains were tried, where none were requested; else 0
-    ringing : joints that ring in flight, late as measurements are, if they turn no more inertia than the plan knows
+    ringing : joints that ring in flight, late as measurements are, with the inertia and damping that the plan knows
     rate : Hz of the corrections in flight, if there were any
     uncorrected, corrected : JumpLandings
         Of the same robots with the same noise; ``corrected`` where there is a rate.
@@ -315,14 +315,13 @@ class JumpReplay(Runs):
         if self.tried:
             words = f"{words}, the best of {self.tried} tried"
         if self.ringing and not self.landed:
-            shown = 4  # of a robot's legs
+            shown = 4  # names, and how many more
             names = ", ".join(self.ringing[:shown])
             more = f" and {len(self.ringing) - shown} more" if len(self.ringing) > shown else ""
-            late = f"measured {1e3 * self.perturbation.delay:g} ms late, " if self.perturbation.delay else ""
-            advice = "state their rotors in [robot] armature, give a smaller --kd, or --feedback"
-            return (
-                f"{words}; {late}{names}{more} ring with these gains, as light as the robot's file has them: {advice}"
-            )
+            delay = round(self.perturbation.delay / self.period) * self.period
+            late = f" where measurements are {1e3 * delay:g} ms late" if delay else ""
+            advice = "give other --kp and --kd, or --feedback; rotors that are not known belong in [robot] armature"
+            return f"{words}; these ring in flight{late}: {names}{more}; {advice}"
         return words
 
     @property

@@ -50,6 +50,7 @@ def test_the_file_of_a_jump(floatplan, monkeypatch):
     text = Path("go2.toml").read_text()
     assert text.startswith("# go2 stands, flips backwards and stands again: floatplan jump go2.toml\n")
     assert len(text.splitlines()) < 70
+    assert "# armature: no rotors are known; " in text.partition("[start]")[0]
     content = tomllib.loads(text)
     for table in ("start", "goal"):
         assert {"positions", "velocities", "accelerations"} < set(content[table])

@@ -14,7 +14,7 @@ from long_cases import cases
 import floatplan as fp
 from floatplan.errors import InputError
 from floatplan.initial.stunts import STUNTS, stunt_file_text
-from floatplan.initial.text import without_rotors
+from floatplan.initial.text import rotors_comment
 from floatplan.jumps.spatial.setup import spatial_setup
 
 A1 = "example-robot-data:a1_description/urdf/a1.urdf"
@@ -91,7 +91,7 @@ def test_every_other_stunt_is_written(tmp_path: Path) -> None:
         assert fp.load_problem(path).jump is not None
 
 
-def test_where_a_file_has_no_rotors_it_says_how_to_state_them(root: Path, tmp_path: Path) -> None:
+def test_where_no_rotors_are_known_it_says_how_to_state_them(root: Path, tmp_path: Path) -> None:
     """The line that it writes becomes the key when its sentence is a number; with rotors there is none."""
     path = tmp_path / "jump.toml"
     text = stunt_file_text(GO2, "side", {}, path)
@@ -100,7 +100,7 @@ def test_where_a_file_has_no_rotors_it_says_how_to_state_them(root: Path, tmp_pa
     with_rotors = fp.load_problem(path).robot
     assert set(with_rotors.armature.values()) == {0.002}
     talos = fp.load_problem(root / "problems" / "jumps" / "space" / "talos_side.toml").robot
-    assert without_rotors(with_rotors) == without_rotors(talos) == []
+    assert rotors_comment(with_rotors) == rotors_comment(talos) == []
 
 
 def test_the_command(floatplan: Command) -> None:
