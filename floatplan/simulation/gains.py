@@ -111,8 +111,8 @@ def ringing_joints(jump: JumpMotion, gains: Array, late: int, period: float) -> 
     none = 1e-5  # [-] growth in a period that is rounding: 0.2 % in a flight
     most_late = 10  # [-] feedback that rings so does so when it comes later, too
     postures = 9  # [-] of a flight
-    robot = jump.problem.robot
-    names = jump.robot.model_joints
+    robot = jump.robot
+    names = robot.model_joints
     damping = np.array([robot.damping.get(name, 0.0) for name in names])
     ringing = np.zeros(len(names), dtype=bool)
     for flight in jump.timed_flights:
